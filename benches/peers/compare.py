@@ -59,11 +59,11 @@ class Worker:
 
     def waited(self) -> float:
         """The share of the time its threads were ready in which they had to wait. Threads that wait for
-        each other make that worse than it looks: far above 0, the clock says little."""
+        each other make that worse than it looks: far above 0, the clock has little meaning."""
         return sum(self.waited_ms) / (sum(self.waited_ms) + sum(self.cpu_ms))
 
     def forget(self) -> None:
-        """Leaves out what was measured until now."""
+        """Discards the measurements so far."""
         for blocks in (self.ms, self.cpu_ms, self.waited_ms):
             blocks.clear()
 

@@ -1,6 +1,6 @@
 """The pretraining model in eager PyTorch: the same layers, names and losses as the `learn` crate's.
 
-Knows nothing of where batches come from or of what a step costs.
+Does not depend on the source of batches or on the measurement of a step.
 """
 
 from dataclasses import dataclass

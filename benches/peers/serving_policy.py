@@ -1,6 +1,6 @@
 """A finetuned policy in eager PyTorch as a policy server runs it: each request encodes its whole window.
 
-Knows nothing of how requests come. Frames are made tensors once, when they come; as in LeRobot's policies, the
+Does not depend on the protocol of requests. Frames are made tensors once, when they come; as in LeRobot's policies, the
 window is a queue of them, and the network sees all of it each time.
 """
 

@@ -134,7 +134,7 @@ def generate(protos: Path, into: Path) -> None:
     includes = [f"-I{protos}", f"-I{files('grpc_tools') / '_proto'}"]
     with tempfile.TemporaryDirectory() as made:
         if protoc.main(["protoc", *includes, f"--python_out={made}", f"--pyi_out={made}", *sources]) != 0:
-            raise RuntimeError("protoc failed; what it said is above")
+            raise RuntimeError("protoc failed; its output is above")
         shutil.rmtree(into, ignore_errors=True)
         (into / "v1").mkdir(parents=True)
         for folder in (into, into / "v1"):

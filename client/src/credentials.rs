@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn no_secret_shows_in_a_debug_print() {
+    fn debug_output_hides_secrets() {
         let identity = Some((b"certificate".to_vec(), b"private".to_vec()));
         let shown = format!("{:?}", Credentials { token: Some("secret123".parse().unwrap()), ca: None, identity });
         assert!(!shown.contains("secret123") && !shown.contains("private") && !shown.contains("112"), "{shown}");

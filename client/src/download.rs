@@ -65,7 +65,9 @@ fn relative(name: &str) -> Result<&Path> {
     if stays && !name.is_empty() {
         return Ok(path);
     }
-    Err(ClientError::Invalid(format!("the export holds a file named {name:?}, which leaves the folder; not written")))
+    Err(ClientError::Invalid(format!(
+        "the export contains a file named {name:?}, which is outside the folder; it was not written"
+    )))
 }
 
 async fn save(
@@ -112,7 +114,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_whole_file_appears_and_a_damaged_one_does_not() {
+    async fn a_complete_download_is_renamed_and_a_damaged_one_is_not() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("deep/er/a.mcap");
         let digest = blake3::hash(b"hello world").to_hex().to_string();
@@ -131,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_leave_the_folder_are_refused() {
+    fn names_outside_the_folder_are_rejected() {
         for name in ["", "/etc/passwd", "../up", "a/../../up"] {
             assert!(relative(name).is_err(), "{name}");
         }

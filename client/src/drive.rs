@@ -132,7 +132,7 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
         let sent = Instant::now();
         let answer = tokio::time::timeout(PATIENCE, session.act(observation)).await.map_err(|_| {
             ClientError::Invalid(format!(
-                "{} gave no action in {} s; see the server's log",
+                "{} returned no action within {} s; see the server's log",
                 plan.deployment,
                 PATIENCE.as_secs()
             ))
@@ -142,7 +142,7 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
         let first = answer.actions.first().ok_or(ClientError::Contract { missing: "an action" })?;
         let action = first.values.as_slice().try_into().map_err(|_| {
             ClientError::Invalid(format!(
-                "the policy of {} gives {} action values, the simulator takes 7; was it trained on this task?",
+                "the policy of {} gives {} action values, the simulator takes 7; was the policy trained on this task?",
                 plan.deployment,
                 first.values.len()
             ))

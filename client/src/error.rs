@@ -42,7 +42,7 @@ pub enum ClientError {
     #[error(transparent)]
     Recording(#[from] RecordingError),
     /// Received bytes differ from the announced digest.
-    #[error("{what} arrived damaged: its BLAKE3 is {found}, expected {expected}; fetch it again")]
+    #[error("{what}: expected BLAKE3 {expected}, got {found}: the download is damaged; download it again")]
     Damaged {
         /// What was fetched.
         what: String,
@@ -121,7 +121,7 @@ fn describe(status: &tonic::Status) -> String {
     let message = status.message();
     match (message.is_empty(), std::error::Error::source(status)) {
         (_, Some(source)) if reason::is_lasting(source) => {
-            format!("cannot talk to the server: {}", reason::reason(source))
+            format!("cannot connect to the server: {}", reason::reason(source))
         }
         (_, Some(source)) => {
             format!("the connection to the server broke ({}); is it still running? try again", reason::reason(source))
@@ -136,7 +136,7 @@ fn describe_job(job: &Job) -> String {
         JobState::Failed => format!("job {} failed: {}", job.id, job.error),
         JobState::Cancelled => format!("job {} was cancelled", job.id),
         JobState::Unspecified | JobState::Queued | JobState::Running | JobState::Succeeded => {
-            format!("job {} has not ended as expected ({})", job.id, job.state().as_str_name())
+            format!("job {} ended in an unexpected state ({})", job.id, job.state().as_str_name())
         }
     }
 }

@@ -92,7 +92,7 @@ impl Search {
         let named = path.extension().is_some_and(|extension| extension == "mcap");
         let kind = match entry.file_type() {
             Ok(kind) => kind,
-            Err(error) => return self.skip(&path, format!("cannot be looked at: {error}")),
+            Err(error) => return self.skip(&path, format!("cannot be inspected: {error}")),
         };
         if kind.is_dir() {
             let before = (self.recordings.len(), self.skipped.len());

@@ -40,7 +40,7 @@ pub fn outcome_from_word(word: &str) -> std::result::Result<Outcome, String> {
         "success" => Ok(Outcome::Success),
         "failure" => Ok(Outcome::Failure),
         "unknown" => Ok(Outcome::Unknown),
-        _ => Err(format!("outcome {word:?}: write success, failure or unknown")),
+        _ => Err(format!("outcome {word:?}: unknown value; supported: success, failure, unknown")),
     }
 }
 
@@ -58,7 +58,7 @@ pub fn read_labels(csv_path: &Path) -> Result<Vec<LabelledFile>> {
     for needed in ["file", "outcome"] {
         if !headers.iter().any(|header| header == needed) {
             return Err(wrong(format!(
-                "there is no column {needed:?}; the first line must be file,task,outcome,cohort (task and cohort may be left out)"
+                "column {needed:?} is missing; the first line must be file,task,outcome,cohort (task and cohort may be left out)"
             )));
         }
     }
@@ -123,7 +123,7 @@ mod tests {
         for (text, part) in [
             ("file,outcome\na.mcap,success\nb.mcap,maybe\n", "line 3: outcome \"maybe\""),
             ("file,outcome\na.mcap,success\na.mcap,failure\n", "line 3: a.mcap is listed twice"),
-            ("file,cohort\na.mcap,x\n", "no column \"outcome\""),
+            ("file,cohort\na.mcap,x\n", "column \"outcome\" is missing"),
             ("file,outcome\n,success\n", "line 2: the file is empty"),
             ("file,outcome\na.mcap\n", "line: 2"),
         ] {

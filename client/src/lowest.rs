@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lowest_is_found_with_its_time() {
+    fn the_lowest_score_is_found_with_its_time() {
         let score =
             |q, w, stamp| LiveScore { q, w, observation_stamp_ns: stamp, match_step: 7, ..LiveScore::default() };
         let mut lowest = Lowest::default();

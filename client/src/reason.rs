@@ -28,15 +28,9 @@ const FIXES: [(&str, &str); 10] = [
          `gleaner-server tls client NAME`)",
     ),
     ("fatal alert: UnknownCA", "the server's --client-ca has not signed the certificate given with --client-cert"),
-    (
-        "NoApplicationProtocol",
-        "the server there does not speak gRPC; give the address of --listen, not that of the pages",
-    ),
+    ("NoApplicationProtocol", "this server does not speak gRPC; use the address of --listen, not that of the pages"),
     // What a client that encrypts gets from a server that does not.
-    (
-        "InvalidContentType",
-        "the server there does not encrypt; write http://, or start it with --tls-cert and --tls-key",
-    ),
+    ("InvalidContentType", "this server does not use TLS; use http://, or start it with --tls-cert and --tls-key"),
 ];
 
 /// The cause of an error and, where it is known, what to do about it.
@@ -81,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cause_without_a_known_fix_stands_alone_and_may_pass() {
+    fn an_unknown_cause_is_shown_alone_and_may_be_retried() {
         let error = Transport(std::io::Error::other("connection reset"));
         assert_eq!(reason(&error), "connection reset");
         assert!(!is_lasting(&error));

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 /// The remaining retries of calls that are safe to repeat.
 #[derive(Debug)]
-pub(crate) struct Patience {
+pub(crate) struct Backoff {
     failures: u32,
     endless: bool,
 }
@@ -14,7 +14,7 @@ const TRIES: u32 = 7;
 // Endless retries pause for at most 1.6 s, so that a server is soon found again.
 const LONGEST: u32 = 4;
 
-impl Patience {
+impl Backoff {
     pub(crate) fn new() -> Self {
         Self { failures: 0, endless: false }
     }
@@ -43,18 +43,18 @@ mod tests {
 
     #[test]
     fn pauses_grow_end_and_start_again_after_progress() {
-        let mut patience = Patience::new();
-        let waits: Vec<u128> = std::iter::from_fn(|| patience.next_wait()).map(|wait| wait.as_millis()).collect();
+        let mut backoff = Backoff::new();
+        let waits: Vec<u128> = std::iter::from_fn(|| backoff.next_wait()).map(|wait| wait.as_millis()).collect();
         assert_eq!(waits, [100, 200, 400, 800, 1600, 3200, 6400]);
-        assert_eq!(patience.next_wait(), None);
-        patience.restore();
-        assert_eq!(patience.next_wait(), Some(Duration::from_millis(100)));
+        assert_eq!(backoff.next_wait(), None);
+        backoff.restore();
+        assert_eq!(backoff.next_wait(), Some(Duration::from_millis(100)));
     }
 
     #[test]
     fn endless_pauses_grow_to_a_bound() {
-        let mut patience = Patience::endless();
-        let waits: Vec<u128> = (0..7).filter_map(|_| patience.next_wait()).map(|wait| wait.as_millis()).collect();
+        let mut backoff = Backoff::endless();
+        let waits: Vec<u128> = (0..7).filter_map(|_| backoff.next_wait()).map(|wait| wait.as_millis()).collect();
         assert_eq!(waits, [100, 200, 400, 800, 1600, 1600, 1600]);
     }
 }

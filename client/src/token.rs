@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_token_never_shows_itself() {
+    fn a_token_is_hidden_in_debug_output() {
         let token: Token = "secret123".parse().unwrap();
         assert!(!format!("{token:?}").contains("secret123"));
         assert!(!format!("{:?}", token.header()).contains("secret123"));

@@ -16,7 +16,7 @@ use crate::connection::{Client, Transport};
 use crate::digest::digest_file;
 use crate::error::{ClientError, Result};
 use crate::file::name_to_send;
-use crate::retry::Patience;
+use crate::retry::Backoff;
 use pieces::{Pieces, ReadFailure};
 
 pub(crate) mod pieces;
@@ -84,7 +84,7 @@ impl Client {
 #[derive(Clone, Debug)]
 enum Stage {
     Unopened,
-    // After a failure the size on the server's disk is unknown until the server is asked.
+    // After a failure the size on the server's disk is unknown until the server returns it.
     Open { id: String, committed: Option<u64> },
 }
 
@@ -109,7 +109,7 @@ struct Upload {
 
 impl Upload {
     async fn run(&mut self) -> Result<Uploaded> {
-        let mut patience = Patience::new();
+        let mut backoff = Backoff::new();
         let mut furthest = 0;
         loop {
             match self.advance().await? {
@@ -122,10 +122,10 @@ impl Upload {
                         && committed > furthest
                     {
                         furthest = committed;
-                        patience.restore();
+                        backoff.restore();
                     }
                 }
-                Step::Back(error) => match patience.next_wait() {
+                Step::Back(error) => match backoff.next_wait() {
                     Some(wait) => tokio::time::sleep(wait).await,
                     None => return Err(error),
                 },
@@ -137,7 +137,7 @@ impl Upload {
         let size = self.start.size_bytes;
         match self.stage.clone() {
             Stage::Unopened => self.open().await,
-            Stage::Open { id, committed: None } => self.ask(id).await,
+            Stage::Open { id, committed: None } => self.query_committed(id).await,
             Stage::Open { id, committed: Some(committed) } if committed < size => self.write(id, committed).await,
             Stage::Open { id, committed: Some(_) } => self.finish(id).await,
         }
@@ -155,7 +155,7 @@ impl Upload {
         Ok(Step::Forward)
     }
 
-    async fn ask(&mut self, id: String) -> Result<Step> {
+    async fn query_committed(&mut self, id: String) -> Result<Step> {
         match self.service.get_upload(GetUploadRequest { upload_id: id.clone() }).await {
             Ok(reply) => {
                 self.stage = Stage::Open { id, committed: Some(reply.into_inner().committed_size) };
@@ -185,7 +185,7 @@ impl Upload {
                 Ok(Step::Forward)
             }
             Ok(_) => Err(ClientError::Invalid(format!(
-                "{}: the file became shorter while it was sent; push it again once it is complete",
+                "{}: the file was truncated during the upload; push it again once it is complete",
                 self.path.display()
             ))),
             // InvalidArgument: an older stream of this client was still being written when this one began.

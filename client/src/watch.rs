@@ -4,7 +4,7 @@ use gleaner_proto::v1::{Job, JobState, WatchJobRequest, WatchJobResponse};
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
-use crate::retry::Patience;
+use crate::retry::Backoff;
 
 /// Whether a job in this state will never change again.
 #[must_use]
@@ -22,16 +22,16 @@ impl Client {
     /// # Errors
     /// [`ClientError::Rejected`] when there is no such job, or the last error once retries are exhausted.
     pub async fn watch(&self, job_id: &str, mut on_event: impl FnMut(&WatchJobResponse)) -> Result<Job> {
-        let mut patience = Patience::new();
+        let mut backoff = Backoff::new();
         loop {
-            let error = match self.watch_once(job_id, &mut on_event, &mut patience).await {
+            let error = match self.watch_once(job_id, &mut on_event, &mut backoff).await {
                 Ok(Some(job)) => return Ok(job),
                 // The stream ended before the job: the server is stopping.
                 Ok(None) => ClientError::Contract { missing: "the job's end" },
                 Err(error) if error.is_transient() => error,
                 Err(error) => return Err(error),
             };
-            match patience.next_wait() {
+            match backoff.next_wait() {
                 Some(wait) => tokio::time::sleep(wait).await,
                 None => return Err(error),
             }
@@ -51,13 +51,13 @@ impl Client {
         &self,
         job_id: &str,
         on_event: &mut impl FnMut(&WatchJobResponse),
-        patience: &mut Patience,
+        backoff: &mut Backoff,
     ) -> Result<Option<Job>> {
         let request = WatchJobRequest { job_id: job_id.to_owned() };
         let mut events = self.jobs().watch_job(request).await?.into_inner();
         let mut last = None;
         while let Some(event) = events.message().await? {
-            patience.restore();
+            backoff.restore();
             on_event(&event);
             last = event.job.or(last);
         }

@@ -73,7 +73,8 @@ pub struct ServeConfig {
     /// read traffic or use the server.
     #[arg(long, env = "GLEANER_INSECURE")]
     pub insecure: bool,
-    /// Let open calls and sessions finish for this many seconds after the signal to stop (0: close them at once).
+    /// Give open calls and sessions this many seconds to finish after the signal to stop, at most 3600 (0: close them
+    /// at once).
     #[arg(long, env = "GLEANER_DRAIN_SECONDS", default_value_t = 20, value_name = "SECONDS")]
     pub drain_seconds: u64,
     /// Tokens and TLS.
@@ -107,10 +108,10 @@ pub struct ServeConfig {
 #[command(next_help_heading = "Limits")]
 pub struct LimitConfig {
     /// Maximum size of a gRPC message in bytes, at least 4194304. A job's input is one message, so a lower limit bounds
-    /// the size of jobs; a higher one lets a single call use more memory.
+    /// the size of jobs; with a higher one a single call can use more memory.
     #[arg(long, env = "GLEANER_MAX_MESSAGE_BYTES", default_value_t = 32 << 20, value_name = "BYTES")]
     pub max_message_bytes: usize,
-    /// Maximum size of a recording in bytes.
+    /// Maximum size of a recording in bytes. Larger recordings are rejected before their upload.
     #[arg(long, env = "GLEANER_MAX_UPLOAD_BYTES", default_value_t = 8 << 30, value_name = "BYTES")]
     pub max_upload_bytes: u64,
     /// Maximum memory of one inspection in bytes. Recordings that need more are rejected.
@@ -221,7 +222,7 @@ mod tests {
     fn public_pages_require_tls_or_web_insecure() {
         let open = ["--web-listen", "0.0.0.0:7401"];
         assert!(serve(&open).validate().unwrap_err().contains("--web-insecure"));
-        assert!(serve(&[&open[..], &["--insecure"]].concat()).validate().is_err(), "it is about callers");
+        assert!(serve(&[&open[..], &["--insecure"]].concat()).validate().is_err(), "--insecure applies to calls only");
         let config = serve(&[&open[..], &["--web-insecure"]].concat());
         assert_eq!(config.validate(), Ok(()));
         assert!(!config.insecure && config.access.tokens_required(false, config.insecure));

@@ -47,11 +47,11 @@ pub(crate) fn client(connection: &ConnectionState) -> Client {
 pub(crate) fn refused(refusal: EdgeError) -> Error {
     match refusal {
         EdgeError::CallRate { limit, retry_after } => Error::exhausted(format!(
-            "more than {limit} calls a second (--calls-per-second); try again in {} ms",
+            "more than {limit} calls a second (--calls-per-second); retry in {} ms",
             retry_after.as_millis()
         )),
         EdgeError::CallsAtOnce { limit } => {
-            Error::exhausted(format!("{limit} calls run already (--calls-at-once); end one, then try again"))
+            Error::exhausted(format!("{limit} calls run already (--calls-at-once); end one, then retry"))
         }
         EdgeError::SlowRequest => Error::late(
             "the request comes in too slowly (--min-bytes-per-second); send it again, an upload from its committed \
@@ -83,7 +83,7 @@ mod tests {
             (
                 EdgeError::CallRate { limit: 7, retry_after: Duration::from_millis(3) },
                 Kind::Exhausted,
-                ["--calls-per-second", "try again in 3 ms"],
+                ["--calls-per-second", "retry in 3 ms"],
             ),
             (EdgeError::CallsAtOnce { limit: 7 }, Kind::Exhausted, ["--calls-at-once", "7 calls"]),
             (EdgeError::SlowRequest, Kind::Late, ["--min-bytes-per-second", "send it again"]),

@@ -77,7 +77,7 @@ impl Listeners {
     /// # Errors
     /// Internal when the system does not return it.
     pub fn address(&self) -> Result<SocketAddr> {
-        self.calls.local_addr().map_err(|error| Error::internal("asking the address", error))
+        self.calls.local_addr().map_err(|error| Error::internal("reading the address of calls", error))
     }
 
     /// The address for calls, as a URL for clients.
@@ -100,12 +100,12 @@ impl Listeners {
 
     /// The address for the server's own workers.
     fn for_workers(&self) -> Result<SocketAddr> {
-        self.workers.local_addr().map_err(|error| Error::internal("asking the workers' address", error))
+        self.workers.local_addr().map_err(|error| Error::internal("reading the workers' address", error))
     }
 
     fn pages(&self) -> Result<Option<SocketAddr>> {
         let pages = self.pages.as_ref().map(TcpListener::local_addr).transpose();
-        pages.map_err(|error| Error::internal("asking the pages' address", error))
+        pages.map_err(|error| Error::internal("reading the pages' address", error))
     }
 }
 

@@ -29,7 +29,7 @@ const ENDING: Duration = Duration::from_secs(10);
 /// Time for work on other threads after the server has ended.
 const LEFT_OVER: Duration = Duration::from_secs(1);
 
-#[expect(clippy::print_stderr, reason = "logging may not be up when these are told")]
+#[expect(clippy::print_stderr, reason = "logging may not be set up when these are reported")]
 fn main() -> ExitCode {
     data_folder::access::keep_private();
     let cli = match Cli::try_parse() {
@@ -40,7 +40,7 @@ fn main() -> ExitCode {
             return ExitCode::from(ARGUMENTS);
         }
         // `--help` or `--version`.
-        Err(asked) => asked.exit(),
+        Err(error) => error.exit(),
     };
     let stage = match cli.arm_fail_point().and_then(|()| Stage::set(&cli)) {
         Ok(stage) => stage,
@@ -78,7 +78,7 @@ fn main() -> ExitCode {
 
 #[tokio::main(flavor = "current_thread")]
 async fn keep(command: MaintenanceCommand) -> Result<bool> {
-    survive_file_limit();
+    ignore_file_limit_signal();
     let escape = match &command {
         MaintenanceCommand::Check(config) if config.json => Escape::Json,
         MaintenanceCommand::Check(_) | MaintenanceCommand::Backup(_) => Escape::Lines,
@@ -89,13 +89,13 @@ async fn keep(command: MaintenanceCommand) -> Result<bool> {
 
 #[tokio::main(flavor = "current_thread")]
 async fn token(config: TokenConfig) -> Result<()> {
-    survive_file_limit();
+    ignore_file_limit_signal();
     gleaner_server::access::command::token(config, &mut output(Escape::Lines)).await
 }
 
 #[tokio::main(flavor = "current_thread")]
 async fn audit(config: AuditConfig) -> Result<()> {
-    survive_file_limit();
+    ignore_file_limit_signal();
     gleaner_server::access::command::audit(config, &mut output(Escape::Lines)).await
 }
 
@@ -108,7 +108,7 @@ fn output(escape: Escape) -> EscapingWriter<Stdout> {
     EscapingWriter::new(stdout(), escape)
 }
 
-fn survive_file_limit() {
+fn ignore_file_limit_signal() {
     if let Err(error) = file_limit::survive_limit() {
         tracing::warn!(%error, "a write beyond the file size limit would end the process");
     }
@@ -127,8 +127,10 @@ impl Stage {
             Command::Serve(config) => Some(config),
             Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) => None,
         };
-        let runtime =
-            serving.map(|config| threads(config)).transpose().map_err(|error| format!("no threads: {error}"))?;
+        let runtime = serving
+            .map(|config| threads(config))
+            .transpose()
+            .map_err(|error| format!("cannot start the threads of the runtime: {error}"))?;
         let _entered = runtime.as_ref().map(Runtime::enter);
         let otlp_endpoint = serving.and_then(|config| config.telemetry.otlp_endpoint.as_deref());
         let traces = telemetry::start(&cli.log, otlp_endpoint)?;
@@ -151,13 +153,13 @@ fn threads(config: &ServeConfig) -> std::io::Result<Runtime> {
 
 #[expect(clippy::print_stdout, reason = "scripts that start a server on port 0 read this line")]
 async fn serve(config: ServeConfig) -> Result<()> {
-    if let Err(error) = shutdown::outlive_hangups() {
+    if let Err(error) = shutdown::ignore_hangups() {
         tracing::warn!(%error, "SIGHUP would end the server");
     }
-    survive_file_limit();
+    ignore_file_limit_signal();
     // Before the first printed line: its reader may stop the server at once, and must not wait for one that cannot
     // serve.
-    let asked = shutdown::requested().map_err(|error| Error::internal("listening to signals", error))?;
+    let stop_requested = shutdown::requested().map_err(|error| Error::internal("listening to signals", error))?;
     program::all_installed()?;
     let lock = DataLock::take(&config.data_dir)?;
     let listeners = Listeners::bind(&config).await?;
@@ -167,9 +169,9 @@ async fn serve(config: ServeConfig) -> Result<()> {
     println!("listening on {}", listeners.url()?);
     let limit = Duration::from_secs(config.drain_seconds) + ENDING;
     gleaner_server::run(config, lock, listeners, async move {
-        asked.await;
+        stop_requested.await;
         if let Err(error) = shutdown::must_end_within(limit) {
-            tracing::error!(%error, "the end has no limit");
+            tracing::error!(%error, "the time limit of the shutdown cannot be set");
         }
     })
     .await

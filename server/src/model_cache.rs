@@ -58,7 +58,7 @@ impl<K: Clone + Eq + Hash, M> ModelCache<K, M> {
     /// Unavailable after [`Self::stop`].
     pub(crate) fn get(&mut self, key: &K) -> Result<Option<Arc<M>>> {
         if self.stopped {
-            return Err(Error::unavailable("the server is stopping; try again"));
+            return Err(Error::unavailable("the server is stopping; retry"));
         }
         let Some(entry) = self.entries.get_mut(key) else { return Ok(None) };
         self.uses += 1;
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_model_in_use_is_not_removed_until_its_last_holder_parts() {
+    fn a_model_in_use_is_not_removed_until_its_last_holder_drops_it() {
         let mut cache = ModelCache::new(0);
         let model = load(&mut cache, 'a');
         assert_eq!(removed(&mut cache, 0, None), "");

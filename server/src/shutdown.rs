@@ -27,7 +27,7 @@ pub fn requested() -> io::Result<impl Future<Output = ()>> {
 ///
 /// # Errors
 /// When the signal handler cannot be installed.
-pub fn outlive_hangups() -> io::Result<()> {
+pub fn ignore_hangups() -> io::Result<()> {
     // Once handled, a signal no longer ends the process by default.
     signal(SignalKind::hangup()).map(drop)
 }
@@ -41,7 +41,7 @@ pub fn must_end_within(limit: Duration) -> io::Result<()> {
     let again = requested()?;
     tokio::spawn(async {
         again.await;
-        end("asked to stop a second time")
+        end("a second request to stop arrived")
     });
     let begun = Instant::now();
     // A thread, because the runtime itself may be stuck.
@@ -56,9 +56,9 @@ pub fn must_end_within(limit: Duration) -> io::Result<()> {
 
 /// Ends the process without `exit`, whose handlers may wait for a stuck thread.
 fn end(reason: &str) -> ! {
-    tracing::error!(reason, "the server is ending at once");
+    tracing::error!(reason, "the server exits immediately");
     if let Err(error) = kill_process(getpid(), Signal::KILL) {
-        tracing::error!(%error, "the server cannot kill itself");
+        tracing::error!(%error, "SIGKILL cannot be sent to this process");
     }
     // SIGKILL has no effect on the first process of a container when it comes from within the container.
     std::process::abort();

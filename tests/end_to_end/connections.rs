@@ -92,7 +92,7 @@ async fn call_above_the_rate_fails_with_the_time_to_retry() {
     }
     let rejected = rejected.expect("twenty calls at once are more than one a second");
     assert_eq!(rejected.code(), Code::ResourceExhausted, "{rejected}");
-    let words = rejected.message().split("try again in ").nth(1).unwrap();
+    let words = rejected.message().split("retry in ").nth(1).unwrap();
     let wait: u64 = words.split(' ').next().unwrap().parse().unwrap();
     assert!((1..=1000).contains(&wait), "{rejected}");
     assert!(rejected.metadata().contains_key("request-id"), "{rejected:?}");

@@ -79,7 +79,7 @@ async fn conflicting_label_is_shown_before_it_is_overwritten() {
     label_as_ada(&mut api, &id, Outcome::Success).await;
     browser.keys("u").await;
     let text = browser.text("#message .note.bad p").await;
-    assert!(text.contains("ada") && text.contains("success") && text.contains("Nothing was changed"), "{text}");
+    assert!(text.contains("ada") && text.contains("success") && text.contains("No label was changed"), "{text}");
     browser.keep("conflict").await;
     let newest = async |api: &mut Api| {
         let request = ListLabelsRequest { episode_id: id.clone() };
@@ -97,7 +97,7 @@ async fn conflicting_label_is_shown_before_it_is_overwritten() {
     label_as_ada(&mut api, &id, Outcome::Failure).await;
     browser.keys("s").await;
     let text = browser.text("#message .note.bad p").await;
-    assert!(text.contains("ada") && text.contains("failure") && text.contains("Nothing was changed"), "{text}");
+    assert!(text.contains("ada") && text.contains("failure") && text.contains("No label was changed"), "{text}");
     assert_eq!(newest(&mut api).await, ("ada".to_owned(), Outcome::Failure));
     browser.close().await;
 }
@@ -210,7 +210,7 @@ async fn page_of_a_deployment_shows_live_images() {
     };
     api.policies.deploy(deploy).await.unwrap();
     browser.open(&format!("{}/deployments/{name}", shared.server.pages())).await;
-    assert!(browser.text("#live").await.contains("No session"));
+    assert!(browser.text("#live").await.contains("No open sessions"));
     let mut robot = Robot::open(&mut api, name).await.unwrap();
     for _ in 0..3 {
         robot.act(observe(&start_sim())).await.unwrap();
@@ -220,7 +220,9 @@ async fn page_of_a_deployment_shows_live_images() {
     browser.until("its pictures, and three answers", seen).await;
     browser.keep("live").await;
     drop(robot);
-    browser.until("it is gone", "return document.querySelector('#live').textContent.includes('No session')").await;
+    browser
+        .until("it is gone", "return document.querySelector('#live').textContent.includes('No open sessions')")
+        .await;
     browser.close().await;
 }
 

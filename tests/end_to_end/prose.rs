@@ -1,14 +1,18 @@
-//! The word lists of the project's prose and names, applied to Markdown, to doc comments (which include help texts) and to
-//! names of the folders that follow them; and the sources that Markdown names. CONTRIBUTING.md has the rules behind them.
+//! The word lists of the project's prose and names, applied to Markdown, to doc comments (which include help texts), to
+//! texts of the programs (errors, logs, pages) and to names; and the sources that Markdown names. CONTRIBUTING.md has the
+//! rules behind them.
 
 use std::path::PathBuf;
 
-use crate::support::files::{root, source, sources};
+use crate::support::{
+    files::{root, source, sources},
+    rust_source::{joined, parts},
+};
 
 /// A phrase that the prose avoids, and what to write in its place.
 type Phrase = (&'static str, &'static str);
 
-const PHRASES: [Phrase; 44] = [
+const PHRASES: [Phrase; 56] = [
     ("nobody", "state what holds: \"Files without an image are rejected.\""),
     ("so many", "up to N, at most N"),
     ("so much of", "up to N, at most N"),
@@ -53,6 +57,18 @@ const PHRASES: [Phrase; 44] = [
     ("by itself", "automatically, alone"),
     ("of one's own", "its own, a separate"),
     ("holds nothing up", "does not delay others"),
+    ("nothing was", "name the subject: no file was, the folder is unchanged"),
+    ("deleted for good", "permanently deleted"),
+    ("removed for good", "permanently removed"),
+    ("gave up", "failed, was cancelled, stopped waiting"),
+    ("gives up", "fails, stops waiting"),
+    ("given up", "failed, released, closed"),
+    ("taken back", "restored"),
+    ("takes back", "restores, releases"),
+    ("comes twice", "is duplicated"),
+    ("is there twice", "is duplicated"),
+    ("does not come to", "is busy, has no time for"),
+    ("is not ours", "is not valid, is not from this server"),
 ];
 
 /// Words that no name has as a part between underscores: functions do not speak, and subjects are nouns.
@@ -67,29 +83,14 @@ const MARKDOWN: [&str; 8] = ["benches", "client", "crates", "docs", "examples", 
 /// Reports that `gleaner experiment` wrote; their text is in its sources.
 const REPORTS: [&str; 2] = ["docs/experiments/", "client/command/src/experiment/testdata/"];
 
-/// Rust files and folders whose doc comments and help texts follow the list of phrases. Add a folder once it does.
-const SOURCES: [&str; 7] =
-    ["benches/", "client/command/src/", "client/src/", "crates/", "fuzz/", "server/src/", "tests/end_to_end/"];
+/// Folders whose sources follow both lists.
+const SOURCES: [&str; 7] = ["benches", "client", "crates", "fuzz", "proto", "server", "tests"];
 
-/// Folders whose names follow the list of names too. Add a folder once it does.
-const NAMED: [&str; 16] = [
-    "benches/",
-    "crates/",
-    "fuzz/",
-    "server/src/config.rs",
-    "server/src/config/",
-    "server/src/curation/",
-    "server/src/ingest/",
-    "server/src/jobs/",
-    "server/src/pages/",
-    "server/src/policies/",
-    "server/src/rollouts/",
-    "server/src/scorers/",
-    "server/src/service/",
-    "server/src/telemetry/",
-    "server/src/wire/",
-    "tests/end_to_end/",
-];
+/// Sources that need no list: this one, which has them.
+const LISTS: &str = "tests/end_to_end/prose.rs";
+
+/// Names that are given: a column of the database.
+const GIVEN: [(&str, &str); 1] = [("server/src/store/audit.rs", "who")];
 
 /// Every Markdown file of the project.
 fn markdown() -> Vec<(String, String)> {
@@ -99,11 +100,12 @@ fn markdown() -> Vec<(String, String)> {
     paths.iter().map(|path| source(path)).collect()
 }
 
-/// Every Rust file of these folders.
-fn rust_files(folders: &[&str]) -> Vec<(String, String)> {
-    let paths: Vec<PathBuf> = folders.iter().flat_map(|folder| sources(folder, "rs")).collect();
-    assert!(paths.len() > 35, "the walk found too little: {}", paths.len());
-    paths.iter().map(|path| source(path)).collect()
+/// Every source of the folders with this extension.
+fn files(extension: &str) -> Vec<(String, String)> {
+    let paths = SOURCES.iter().flat_map(|folder| sources(folder, extension));
+    let files: Vec<_> = paths.map(|path| source(&path)).filter(|(name, _)| name != LISTS).collect();
+    assert!(files.len() > 5, "the walk found too little: {}", files.len());
+    files
 }
 
 /// A line without its code spans.
@@ -181,28 +183,55 @@ fn modules_and_tests_named_in_reliability_exist() {
 }
 
 #[test]
-fn doc_comments_of_clean_folders_avoid_the_phrases_of_the_list() {
+fn doc_comments_avoid_the_phrases_of_the_list() {
     let is_doc = |line: &str| line.trim_start().starts_with("///") || line.trim_start().starts_with("//!");
-    let broken: Vec<String> = rust_files(&SOURCES).iter().flat_map(|(name, text)| found(name, text, is_doc)).collect();
+    let broken: Vec<String> = files("rs").iter().flat_map(|(name, text)| found(name, text, is_doc)).collect();
     assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
 
-/// The names in a line of code that have a word of the list. Comments and texts are not code.
-fn names_found(line: &str) -> Vec<String> {
-    let line = line.replace("\\\"", "");
-    let code = line.split("//").next().unwrap_or_default().split('"').step_by(2);
-    let names = code.flat_map(|part| part.split(|c: char| !c.is_alphanumeric() && c != '_'));
-    let broken = names.filter(|name| name.split('_').any(|word| NAMES.contains(&word.to_lowercase().as_str())));
-    broken.map(str::to_owned).collect()
+/// The rpcs are documented in comments of the protos; Python has docstrings.
+#[test]
+fn protos_and_python_avoid_the_phrases_of_the_list() {
+    let texts = files("proto").into_iter().chain(files("py"));
+    let broken: Vec<String> = texts.flat_map(|(name, text)| found(&name, &text, |_| true)).collect();
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+/// Errors, logs, pages, and the messages of assertions.
+#[test]
+fn texts_of_the_programs_avoid_the_phrases_of_the_list() {
+    let mut broken = Vec::new();
+    for (file, text) in files("rs") {
+        for (line, _, literal) in parts(&text).into_iter().filter(|(_, is_literal, _)| *is_literal) {
+            broken.extend(found(&format!("{file}:{line}"), &joined(&literal), |_| true));
+        }
+    }
+    for (file, text) in files("js") {
+        broken.extend(found(&file, &text, |_| true));
+    }
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+/// The names in a piece of code that have a word of the list.
+fn names_found(code: &str) -> Vec<&str> {
+    let names = code.split(|c: char| !c.is_alphanumeric() && c != '_');
+    names.filter(|name| name.split('_').any(|word| NAMES.contains(&word.to_lowercase().as_str()))).collect()
 }
 
 #[test]
-fn names_of_clean_folders_avoid_the_words_of_the_list() {
+fn names_avoid_the_words_of_the_list() {
     let mut broken = Vec::new();
-    for (file, text) in rust_files(&NAMED) {
-        for (at, line) in text.lines().enumerate() {
-            broken.extend(names_found(line).into_iter().map(|name| format!("{file}:{}: {name}", at + 1)));
+    for (file, text) in files("rs") {
+        for (line, _, code) in parts(&text).into_iter().filter(|(_, is_literal, _)| !is_literal) {
+            let names = names_found(&code).into_iter().filter(|name| !GIVEN.contains(&(file.as_str(), name)));
+            broken.extend(names.map(|name| format!("{file}, after line {line}: {name}")));
         }
+    }
+    for (file, text) in files("py") {
+        let definitions =
+            text.lines().map(str::trim_start).filter(|line| line.starts_with("def ") || line.starts_with("class "));
+        let names = definitions.flat_map(names_found);
+        broken.extend(names.map(|name| format!("{file}: {name}")));
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
@@ -213,5 +242,16 @@ fn a_phrase_is_found_as_words_outside_of_code() {
     let lines = found("x.md", text, |_| true);
     assert_eq!(lines.len(), 2, "{lines:?}");
     assert!(lines[0].starts_with("x.md:1: \"nobody\": ") && lines[1].starts_with("x.md:3: \"mend\": "), "{lines:?}");
-    assert_eq!(names_found("let who_calls = is_told(\"said\"); // says"), ["who_calls", "is_told"]);
+    assert_eq!(names_found("let who_calls = is_told(saying);"), ["who_calls", "is_told"]);
+}
+
+#[test]
+fn code_and_texts_of_a_source_are_separated_by_quotation_marks() {
+    let source = "let a = '\"'; // \"who\"\nfail(\"a \\\"b\\\" \\\n    c\", r#\"d \"e\"\"#);\nlet bar = \"\";";
+    let parts = parts(source);
+    let texts = |wanted: bool| parts.iter().filter(move |(_, is, _)| *is == wanted);
+    let literals: Vec<_> = texts(true).map(|(line, _, text)| (*line, joined(text))).collect();
+    assert_eq!(literals, [(2, "a \\\"b\\\" c".into()), (3, "d \"e\"".into()), (4, String::new())]);
+    let code: String = texts(false).map(|(_, _, text)| text.as_str()).collect();
+    assert_eq!(code, "let a = '\"'; \nfail(, );\nlet bar = ;");
 }

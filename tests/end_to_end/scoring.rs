@@ -1,4 +1,4 @@
-//! Scores of recordings and steps that are not stored: equal to those of stored episodes, and nothing is stored.
+//! Scores of recordings and steps that are not stored: equal to those of stored episodes, and without a stored row.
 
 use std::{
     io::Cursor,

@@ -15,6 +15,7 @@ pub mod process;
 pub mod robot;
 pub mod rollouts;
 pub mod rpc;
+pub mod rust_source;
 pub mod secure;
 pub mod server;
 pub mod shared;

@@ -153,7 +153,7 @@ fn crates_depend_downwards_only() {
 }
 
 #[test]
-fn the_client_library_needs_nothing_of_a_command_line() {
+fn the_client_library_does_not_depend_on_command_line_crates() {
     let manifest = files::root().join("client/Cargo.toml");
     let manifest: toml::Table = std::fs::read_to_string(manifest).unwrap().parse().unwrap();
     for name in ["clap", "comfy-table", "indicatif", "jiff", "plotters", "prost-reflect", "statrs", "toml"] {

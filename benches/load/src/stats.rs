@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn limits_are_no_failures_and_phases_are_separate() {
+    fn rejections_by_limits_are_not_failures_and_phases_are_separate() {
         let stats = Stats::default();
         stats.begin(Phase::Load);
         let now = stats.now();

@@ -55,7 +55,7 @@ pub async fn beside_training(
     let trained = busy.done().await?.saturating_sub(before);
     busy.end().await?;
     if trained == 0 {
-        return Err("the concurrent training job took no step, so nothing was measured; increase --seconds".into());
+        return Err("the concurrent training job took no step, so the load was not measured; increase --seconds".into());
     }
     for mut row in rows {
         row.beside_training = true;

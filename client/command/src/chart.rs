@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_curve_reads_as_drawn() {
+    fn a_curve_is_drawn() {
         let values: Vec<f32> = vec![0.0, 0.125, 0.25, 0.5, 0.75, 0.9, 1.0, f32::NAN, 0.3];
         let drawn = curve(&values, 7 + 18, 4, Some(0.6));
         let lines: Vec<&str> = drawn.lines().collect();
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn no_steps_and_no_room_are_no_panic() {
+    fn zero_steps_or_zero_width_do_not_panic() {
         assert_eq!(curve(&[], 3, 0, Some(2.0)), "β2.00 │\n 0.00 └\n       0");
     }
 

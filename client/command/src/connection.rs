@@ -81,8 +81,8 @@ impl ConnectionArgs {
         }
         let address = server.trim_start_matches("http://");
         Failure::message(format!(
-            "cannot talk to {server}: the server there encrypts; write https://{address} and name its authority with \
-             --ca FILE"
+            "cannot connect to {server}: this server requires encryption; use https://{address} and name its authority \
+             with --ca FILE"
         ))
     }
 

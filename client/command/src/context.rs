@@ -34,7 +34,7 @@ impl Context {
         let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
         let mut names: Vec<String> = tasks.into_iter().filter_map(|task| Some(task.spec?.name)).collect();
         match names.len() {
-            0 => Err(Failure::message("there is no task yet; create one: gleaner task create SPEC.toml")),
+            0 => Err(Failure::message("no tasks yet; create one with `gleaner task create SPEC.toml`")),
             1 => Ok(names.remove(0)),
             _ => Err(Failure::message(format!(
                 "the server has several tasks; add --task with one of: {}",
@@ -55,7 +55,9 @@ impl Context {
                 return Ok(job.task_id);
             }
             if page.next_page_token.is_empty() {
-                return Err(Failure::message(format!("{result}: no job has this result; gleaner jobs lists the jobs")));
+                return Err(Failure::message(format!(
+                    "{result}: no job has this result; `gleaner jobs` lists the jobs"
+                )));
             }
             request.page_token = page.next_page_token;
         }

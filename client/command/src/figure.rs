@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spread_of_nothing_is_no_division_by_nothing() {
+    fn a_spread_of_zero_does_not_divide_by_zero() {
         assert!(spread(&[]).unwrap().starts_with("<svg"));
         assert!(spread(&[[0, 0], [3, 1]]).unwrap().contains("rect"));
     }

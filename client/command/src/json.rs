@@ -130,7 +130,7 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn every_message_we_show_has_a_descriptor() {
+    fn every_shown_message_has_a_descriptor() {
         let pool = POOL.as_ref().unwrap();
         for name in NAMES {
             assert!(pool.get_message_by_name(name).is_some(), "{name}");
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_job_keeps_the_apis_names_and_shows_every_field() {
+    fn a_job_has_the_field_names_of_the_api_and_shows_every_field() {
         let job = v1::Job {
             id: "job_1".into(),
             kind: v1::JobKind::Score.into(),

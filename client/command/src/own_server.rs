@@ -46,7 +46,7 @@ impl Address {
     }
 
     /// Asks the server to stop; returns before it has stopped.
-    pub(crate) fn ask_to_stop(&self) {
+    pub(crate) fn request_stop(&self) {
         if let Some(pid) = Pid::from_raw(self.pid) {
             // It may have ended meanwhile.
             let _ = kill_process(pid, Signal::TERM);
@@ -69,15 +69,19 @@ impl ServerProcess {
             .kill_on_drop(true)
             .spawn()
             .map_err(ClientError::io(binary))?;
-        let stdout = child.stdout.take().ok_or_else(|| Failure::message("the server has no output"))?;
+        let stdout = child.stdout.take().ok_or_else(|| Failure::message("the server's output cannot be read"))?;
         let mut lines = BufReader::new(stdout).lines();
         let url = match tokio::time::timeout(START_PATIENCE, ready(&mut lines)).await {
             Ok(Some(url)) => url,
             Ok(None) => {
-                return Err(Failure::message(format!("{} ended before it listened; {}", binary.display(), tail(log))));
+                return Err(Failure::message(format!(
+                    "{} ended before it was listening; {}",
+                    binary.display(),
+                    tail(log)
+                )));
             }
             Err(_) => {
-                return Err(Failure::message(format!("{} did not listen in time; {}", binary.display(), tail(log))));
+                return Err(Failure::message(format!("{} was not listening in time; {}", binary.display(), tail(log))));
             }
         };
         // Later output must not fill the pipe.
@@ -112,12 +116,12 @@ impl ServerProcess {
 
     /// Asks the server to end, and ends it when it does not.
     pub(crate) async fn stop(mut self) -> Result<()> {
-        self.address().ask_to_stop();
+        self.address().request_stop();
         match tokio::time::timeout(STOP_PATIENCE, self.child.wait()).await {
             Ok(ended) => well(ended?),
             Err(_) => {
                 self.child.kill().await?;
-                Err(Failure::message("the server did not end when asked to, and was killed"))
+                Err(Failure::message("the server did not stop on request and was killed"))
             }
         }
     }
@@ -137,7 +141,7 @@ pub(crate) async fn unless_interrupted<T>(
 }
 
 fn well(status: ExitStatus) -> Result<()> {
-    if status.success() { Ok(()) } else { Err(Failure::message(format!("the server ended badly: {status}"))) }
+    if status.success() { Ok(()) } else { Err(Failure::message(format!("the server failed: {status}"))) }
 }
 
 async fn ready(lines: &mut Lines<BufReader<ChildStdout>>) -> Option<String> {
@@ -172,7 +176,7 @@ mod tests {
 
     // One test: a script that is written while another test forks could not be executed ("text file busy").
     #[tokio::test]
-    async fn a_server_is_started_and_asked_to_stop_and_one_that_does_not_start_says_why() {
+    async fn a_server_starts_and_stops_and_a_failed_start_reports_its_log() {
         let folder = tempfile::tempdir().unwrap();
         let log = folder.path().join("log");
         let body =

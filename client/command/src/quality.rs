@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_selection_keeps_what_its_rule_says() {
+    fn a_selection_keeps_the_segments_of_its_rule() {
         let half = select(&episodes(), above(0.5));
         assert_eq!((half.kept, half.of, half.precision, half.recall), (3, 7, Some(2.0 / 3.0), Some(0.5)));
         assert!((half.share - 3.0 / 7.0).abs() < 1e-12);

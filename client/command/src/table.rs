@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_lean_to_their_side() {
+    fn columns_are_aligned_to_their_side() {
         let drawn = table(
             [Column::Left("id"), Column::Right("steps")],
             [["ep_1".into(), "7".into()], ["ep_20".into(), "1204".into()]],
@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_and_a_fact_stay_on_their_line_and_show_what_they_hide() {
+    fn cells_and_facts_stay_on_one_line_with_escapes_visible() {
         let hostile = "\u{1b}[2J\u{202e}a\nep_2  9";
         let shown = "\\u{1b}[2J\\u{202e}a\\nep_2  9";
         let drawn = table([Column::Left("name"), Column::Right("n")], [[hostile.into(), "1".into()]]);
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn facts_line_up() {
+    fn facts_are_aligned() {
         assert_eq!(facts([("id", "a".into()), ("steps", "7".into())]), "id     a\nsteps  7\n");
     }
 }

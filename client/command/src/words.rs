@@ -95,19 +95,19 @@ mod tests {
     use gleaner_proto::v1::{JobState, Outcome};
 
     #[test]
-    fn enum_values_read_as_words() {
+    fn enum_values_are_shown_as_words() {
         assert_eq!(outcome(Outcome::Success), "success");
         assert_eq!(job_state(JobState::Queued), "queued");
     }
 
     #[test]
-    fn durations_read_in_the_fitting_unit() {
+    fn durations_are_shown_in_a_fitting_unit() {
         let message: Vec<String> = [0.25, 42.7, 61.0, 7322.0].map(|s| duration(Duration::from_secs_f64(s))).into();
         assert_eq!(message, ["0.2 s", "42 s", "1 min 01 s", "2 h 02 min"]);
     }
 
     #[test]
-    fn nothing_is_not_divided_by() {
+    fn empty_evaluations_do_not_divide_by_zero() {
         assert_eq!(percent(0, 0), "-");
         assert_eq!(percent(1, 8), "12.5 %");
         assert!(rate(5, Duration::ZERO).abs() < f64::EPSILON);

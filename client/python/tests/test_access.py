@@ -64,7 +64,7 @@ def connect(guarded: Guarded, token: str | None) -> gleaner.Client:
     return gleaner.connect(guarded.server.address, token, 10.0, ca=guarded.ca, cert=guarded.cert, key=guarded.key)
 
 
-def test_a_token_opens_what_its_role_allows(guarded: Guarded) -> None:
+def test_token_permits_the_calls_of_its_role(guarded: Guarded) -> None:
     assert guarded.server.address.startswith("https://")
     with connect(guarded, guarded.admin) as client:
         assert TASK in [task.spec.name for task in client.tasks.list()]
@@ -73,14 +73,14 @@ def test_a_token_opens_what_its_role_allows(guarded: Guarded) -> None:
         with pytest.raises(gleaner.Unauthorized, match="needs the role viewer") as refused:
             client.tasks.list()
         assert refused.value.code is grpc.StatusCode.PERMISSION_DENIED
-    for shown in (None, "gleaner_of_nobody"):
+    for shown in (None, "gleaner_unknown_token"):
         with connect(guarded, shown) as client, pytest.raises(gleaner.Unauthorized, match="token") as refused:
             client.tasks.list()
         assert refused.value.code is grpc.StatusCode.UNAUTHENTICATED
-        assert "gleaner_of_nobody" not in str(refused.value)
+        assert "gleaner_unknown_token" not in str(refused.value)
 
 
-def test_who_is_not_trusted_does_not_connect(guarded: Guarded, tmp_path: Path) -> None:
+def test_untrusted_client_does_not_connect(guarded: Guarded, tmp_path: Path) -> None:
     stranger = tmp_path / "stranger.pem"
     trustme.CA().cert_pem.write_to_path(stranger)
     own: dict[str, Any] = {"cert": guarded.cert, "key": guarded.key}
@@ -90,7 +90,7 @@ def test_who_is_not_trusted_does_not_connect(guarded: Guarded, tmp_path: Path) -
             gleaner.connect(guarded.server.address, guarded.admin, **shown)
 
 
-def test_what_cannot_be_used_is_said_before_connecting(guarded: Guarded) -> None:
+def test_unusable_credentials_are_named_before_connecting(guarded: Guarded) -> None:
     for shown, said in (
         ({"ca": "no/such/file.pem"}, "ca: cannot be read"),
         ({"cert": guarded.cert}, "give both"),
@@ -102,13 +102,13 @@ def test_what_cannot_be_used_is_said_before_connecting(guarded: Guarded) -> None
         gleaner.connect("127.0.0.1:7400", ca=guarded.ca)
 
 
-def test_a_loaders_worker_gets_everything_and_prints_no_secret() -> None:
+def test_worker_of_a_loader_gets_the_connection_and_prints_no_secret() -> None:
     endpoint = Endpoint("https://lab:7400", "gleaner_secret", 1.0, "ca.pem", "cert.pem", "key.pem")
     assert pickle.loads(pickle.dumps(endpoint)) == endpoint
     assert "gleaner_secret" not in repr(endpoint)
 
 
-def test_the_command_line_speaks_it_too(guarded: Guarded) -> None:
+def test_command_line_accepts_the_certificate(guarded: Guarded) -> None:
     own = ["--ca", str(guarded.ca), "--client-cert", str(guarded.cert), "--client-key", str(guarded.key)]
     command = [binary("gleaner"), "--server", guarded.server.address, *own]
 

@@ -24,7 +24,7 @@ def free_port() -> int:
     return port
 
 
-def test_nobody_there_is_said_with_the_mend() -> None:
+def test_unreachable_server_raises_with_the_fix() -> None:
     port = free_port()
     with pytest.raises(gleaner.Unavailable, match=rf"127\.0\.0\.1:{port}.*gleaner-server serve") as raised:
         gleaner.connect(f"127.0.0.1:{port}", timeout=0.3)
@@ -32,7 +32,7 @@ def test_nobody_there_is_said_with_the_mend() -> None:
 
 
 @pytest.mark.parametrize("address", ["localhost", "https://lab", "127.0.0.1:", ":7400", "http://lab:7400/x"])
-def test_addresses_that_are_none_are_refused(address: str) -> None:
+def test_malformed_addresses_are_rejected(address: str) -> None:
     with pytest.raises(gleaner.InvalidArgument, match="address"):
         gleaner.connect(address, timeout=0.1)
 
@@ -43,7 +43,7 @@ def test_a_token_is_never_repeated() -> None:
     assert "secret" not in str(raised.value)
 
 
-def test_what_may_be_repeated_outlives_a_restart(
+def test_repeatable_calls_survive_a_restart(
     tmp_path: Path, client: gleaner.Client, task: str, recordings: dict[str, list[Path]]
 ) -> None:
     spec = client.tasks.get(task).spec

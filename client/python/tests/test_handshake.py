@@ -92,7 +92,7 @@ def test_grpcio_and_tritonclient_accept_the_certificates_of_tls_init(encrypted: 
     infer.close()
 
 
-def test_a_strict_verifier_accepts_them_too(encrypted: Server, tls: Path) -> None:
+def test_strict_verifier_accepts_the_certificates(encrypted: Server, tls: Path) -> None:
     context = ssl.create_default_context(cafile=tls / "ca.pem")
     context.verify_flags |= ssl.VERIFY_X509_STRICT
     context.set_alpn_protocols(["h2"])
@@ -102,7 +102,7 @@ def test_a_strict_verifier_accepts_them_too(encrypted: Server, tls: Path) -> Non
         assert line.selected_alpn_protocol() == "h2"
 
 
-def test_an_authority_that_has_not_signed_is_named(encrypted: Server, tmp_path: Path) -> None:
+def test_untrusted_authority_is_named(encrypted: Server, tmp_path: Path) -> None:
     stranger = tmp_path / "stranger.pem"
     trustme.CA().cert_pem.write_to_path(stranger)
     with fails("not trusted", str(stranger), "`ca`"):
@@ -115,7 +115,7 @@ def test_an_authority_that_has_not_signed_is_named(encrypted: Server, tmp_path: 
         gleaner.connect(encrypted.address, ca=nothing)
 
 
-def test_another_name_is_said(tmp_path: Path) -> None:
+def test_certificate_for_another_name_is_named(tmp_path: Path) -> None:
     authority = trustme.CA()
     authority.cert_pem.write_to_path(tmp_path / "ca.pem")
     server = encrypting(tmp_path / "data", *write(tmp_path, authority.issue_cert("lab7.example", "10.0.0.7")))
@@ -128,7 +128,7 @@ def test_another_name_is_said(tmp_path: Path) -> None:
         server.stop()
 
 
-def test_a_certificate_of_another_time_is_said(tmp_path: Path) -> None:
+def test_certificate_outside_its_validity_is_named(tmp_path: Path) -> None:
     authority = trustme.CA()
     authority.cert_pem.write_to_path(tmp_path / "ca.pem")
     later = DAY.replace(year=2037)
@@ -145,18 +145,14 @@ def test_a_certificate_of_another_time_is_said(tmp_path: Path) -> None:
             server.stop()
 
 
-def test_a_server_that_does_not_encrypt_and_one_that_does_are_told_apart(
-    running: Server, encrypted: Server, tls: Path
-) -> None:
+def test_encrypted_and_unencrypted_servers_are_distinguished(running: Server, encrypted: Server, tls: Path) -> None:
     with fails("does not encrypt", "http://"):
         gleaner.connect(running.address.replace("http://", "https://"), ca=tls / "ca.pem")
     with fails("the server encrypts", "https://", "`ca`"):
         gleaner.connect(encrypted.address.replace("https://", "http://"))
 
 
-def test_a_certificate_of_ones_own_that_is_missing_or_of_another_authority_is_said(
-    demanding: Server, tls: Path, tmp_path: Path
-) -> None:
+def test_missing_or_untrusted_client_certificate_is_named(demanding: Server, tls: Path, tmp_path: Path) -> None:
     ca, cert, key = tls / "ca.pem", tls / "client-arm1.pem", tls / "client-arm1.key"
     with gleaner.connect(demanding.address, ca=ca, cert=cert, key=key) as client:
         assert client.tasks.list() == []
@@ -169,7 +165,7 @@ def test_a_certificate_of_ones_own_that_is_missing_or_of_another_authority_is_sa
         gleaner.connect(demanding.address, ca=ca, cert=cert, key=tls / "server.key")
 
 
-def test_the_address_of_the_pages_is_said(tls: Path, tmp_path: Path) -> None:
+def test_address_of_the_pages_is_named(tls: Path, tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
@@ -186,7 +182,7 @@ def test_the_address_of_the_pages_is_said(tls: Path, tmp_path: Path) -> None:
             server.stop()
 
 
-def test_calls_of_a_client_that_is_connected_end_in_seconds_too(tls: Path, tmp_path: Path) -> None:
+def test_calls_of_a_connected_client_have_a_time_limit(tls: Path, tmp_path: Path) -> None:
     """The server restarts with a certificate that the client does not trust."""
     server = encrypting(tmp_path / "data", tls / "server.pem", tls / "server.key")
     try:
@@ -208,7 +204,7 @@ def test_calls_of_a_client_that_is_connected_end_in_seconds_too(tls: Path, tmp_p
         server.stop()
 
 
-def test_an_ed25519_certificate_is_said(tmp_path: Path) -> None:
+def test_ed25519_certificate_is_named(tmp_path: Path) -> None:
     """Python's own TLS accepts it, grpc does not."""
     pem = tmp_path / "lab.pem"
     key = tmp_path / "lab.key"
@@ -246,7 +242,7 @@ def ed25519(pem: Path, key: Path) -> None:
     )
 
 
-def test_nobody_there_is_no_failed_handshake() -> None:
+def test_unreachable_server_is_not_a_failed_handshake() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
@@ -257,7 +253,7 @@ def test_nobody_there_is_no_failed_handshake() -> None:
         assert not isinstance(raised.value, gleaner.HandshakeFailed)
 
 
-def test_messages_of_a_server_reach_no_terminal_raw(running: Server) -> None:
+def test_messages_of_a_server_are_escaped(running: Server) -> None:
     hostile = "\x1b[2J\u202e"
     with gleaner.connect(running.address) as client, pytest.raises(gleaner.NotFound) as raised:
         client.tasks.get(hostile)
@@ -266,7 +262,7 @@ def test_messages_of_a_server_reach_no_terminal_raw(running: Server) -> None:
     assert printable("Größe 抓取\n\t🤖") == "Größe 抓取\n\t🤖"
 
 
-def test_a_fifo_is_refused_and_names_are_sent_escaped(running: Server, tmp_path: Path) -> None:
+def test_fifo_is_rejected_and_names_are_sent_escaped(running: Server, tmp_path: Path) -> None:
     fifo = tmp_path / "fifo.mcap"
     os.mkfifo(fifo)
     with gleaner.connect(running.address) as client:

@@ -54,7 +54,7 @@ def test_an_episode_has_a_history_and_reset_forgets_it(client: gleaner.Client, d
     assert not np.array_equal(first[2], alone)
 
 
-def test_what_was_executed_is_told(client: gleaner.Client, deployment: str) -> None:
+def test_executed_action_is_sent(client: gleaner.Client, deployment: str) -> None:
     with gleaner.Policy(client, deployment) as policy:
         seen = [observation(policy.spec, seed) for seed in range(2)]
         given = policy(seen[0])
@@ -62,11 +62,11 @@ def test_what_was_executed_is_told(client: gleaner.Client, deployment: str) -> N
         for executed, same in ((given, True), (given + 1, False)):
             policy.reset()
             policy(seen[0])
-            told = policy({**seen[1], "executed_action": executed})
-            assert np.array_equal(told, plain) == same
+            acted = policy({**seen[1], "executed_action": executed})
+            assert np.array_equal(acted, plain) == same
 
 
-def test_two_policies_do_not_touch_each_other(client: gleaner.Client, deployment: str) -> None:
+def test_two_policies_are_independent(client: gleaner.Client, deployment: str) -> None:
     with gleaner.Policy(client, deployment) as one, gleaner.Policy(client, deployment) as other:
         seen = [observation(one.spec, seed) for seed in range(4)]
         one(seen[0])
@@ -77,7 +77,9 @@ def test_two_policies_do_not_touch_each_other(client: gleaner.Client, deployment
         np.testing.assert_array_equal(one(seen[1]), mixed)
 
 
-def test_wrong_observations_are_refused_here_and_the_episode_goes_on(client: gleaner.Client, deployment: str) -> None:
+def test_invalid_observations_are_rejected_locally_and_the_episode_continues(
+    client: gleaner.Client, deployment: str
+) -> None:
     with gleaner.Policy(client, deployment) as policy:
         right = observation(policy.spec)
         policy(right)
@@ -101,7 +103,7 @@ def test_wrong_observations_are_refused_here_and_the_episode_goes_on(client: gle
         assert policy.last.stamp_ns == round(1e9 / policy.spec.rate_hz)
 
 
-def test_what_only_the_server_can_refuse_ends_the_episode(client: gleaner.Client, deployment: str) -> None:
+def test_rejection_by_the_server_ends_the_episode(client: gleaner.Client, deployment: str) -> None:
     with gleaner.Policy(client, deployment) as policy:
         right = observation(policy.spec)
         name = policy.spec.cameras[0].name
@@ -110,7 +112,7 @@ def test_what_only_the_server_can_refuse_ends_the_episode(client: gleaner.Client
         assert policy(right).shape == (size(policy.spec.action),)
 
 
-def test_wrong_policies_are_refused(client: gleaner.Client, deployment: str) -> None:
+def test_invalid_policies_are_rejected(client: gleaner.Client, deployment: str) -> None:
     with pytest.raises(gleaner.NotFound, match=f"no deployment nothing; existing: .*{deployment}"):
         gleaner.Policy(client, "nothing")
     with pytest.raises(gleaner.InvalidArgument, match="deadline"):
@@ -144,7 +146,7 @@ def test_a_deployment_is_rolled_back(client: gleaner.Client, lab: Lab) -> None:
         client.rollback("rolled")
 
 
-def test_the_server_answers_in_time_or_not_at_all(client: gleaner.Client, deployment: str) -> None:
+def test_late_actions_are_missed(client: gleaner.Client, deployment: str) -> None:
     with gleaner.Policy(client, deployment, deadline=1e-6) as policy:
         for _ in range(2):
             with pytest.raises(gleaner.Missed, match=deployment):
@@ -155,7 +157,7 @@ def test_the_server_answers_in_time_or_not_at_all(client: gleaner.Client, deploy
         assert policy.missed == 0
 
 
-def test_a_server_that_stops_says_so_and_lets_the_episode_finish(
+def test_stopping_server_announces_the_drain_and_the_episode_finishes(
     client: gleaner.Client, deployment: str, running: Server
 ) -> None:
     with gleaner.Policy(client, deployment) as policy:

@@ -26,7 +26,7 @@ def block(beginning: str, server: str, deployment: str) -> str:
     return code.replace("127.0.0.1:7400", server).replace("pick_cube@prod", deployment).replace("=50", "=2")
 
 
-def test_the_five_lines_work(
+def test_five_line_example_of_the_readme_works(
     client: gleaner.Client, server: str, deployment: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = block("import gleaner\n\nwith", server, deployment)
@@ -76,7 +76,7 @@ class MySim(gymnasium.Env[Any, NDArray[np.float32]]):
         return {name: self.np_random.normal(size=count) for name, count in self.fields.items()}
 
 
-def test_a_simulator_of_ones_own_takes_twenty_lines(
+def test_adapter_of_a_simulator_takes_twenty_lines(
     client: gleaner.Client, server: str, deployment: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = block("class MySim", server, deployment)

@@ -16,7 +16,7 @@ from test_policy import Reach, ReachAdapter, observation
 
 WATCHED = "pick_small@watched"
 STEPS = 6
-NOBODY = "run_01ARZ3NDEKTSV4RRFFQ69G5FAV"
+ABSENT = "run_01ARZ3NDEKTSV4RRFFQ69G5FAV"
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_a_recorded_session_is_an_episode_of_its_task(client: gleaner.Client, de
     assert kept.id in [episode.id for episode in client.episodes.list(TASK, cohort="tuesday")]
 
 
-def test_nothing_is_kept_unasked(client: gleaner.Client, deployment: str) -> None:
+def test_episodes_are_recorded_on_request_only(client: gleaner.Client, deployment: str) -> None:
     before = len(list(client.episodes.list(TASK)))
     with gleaner.Policy(client, deployment) as policy:
         policy(observation(policy.spec))
@@ -98,8 +98,8 @@ def test_steps_are_scored_one_by_one_and_all_together(client: gleaner.Client, de
     assert ((together.q >= 0) & (together.q <= 1)).all()
     with pytest.raises(gleaner.InvalidArgument, match="action: expected 7 values, got 1"):
         client.score_steps(lab.run, [(seen[0][0], [0.0])])
-    with pytest.raises(gleaner.NotFound, match=NOBODY):
-        client.score_steps(NOBODY, seen)
+    with pytest.raises(gleaner.NotFound, match=ABSENT):
+        client.score_steps(ABSENT, seen)
 
 
 def test_a_recording_is_scored_as_the_run_scored_it_and_not_kept(
@@ -117,14 +117,14 @@ def test_a_recording_is_scored_as_the_run_scored_it_and_not_kept(
     assert len(list(client.episodes.list(TASK))) == before
 
 
-def test_what_cannot_be_scored_is_refused(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:
+def test_invalid_scoring_requests_are_rejected(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(b"no recording at all")
     with pytest.raises(gleaner.InvalidArgument, match="recording"):
         client.score_recording(lab.run, broken)
     with pytest.raises(FileNotFoundError):
         client.score_recording(lab.run, tmp_path / "nowhere.mcap")
-    with pytest.raises(gleaner.NotFound, match=NOBODY):
-        client.score_recording(NOBODY, broken)
-    with pytest.raises(gleaner.NotFound, match=NOBODY):
-        client.deploy("odd", lab.policy, score_run=NOBODY)
+    with pytest.raises(gleaner.NotFound, match=ABSENT):
+        client.score_recording(ABSENT, broken)
+    with pytest.raises(gleaner.NotFound, match=ABSENT):
+        client.deploy("odd", lab.policy, score_run=ABSENT)

@@ -41,7 +41,7 @@ def test_a_task_is_made_from_plain_values(client: gleaner.Client) -> None:
         client.tasks.create(SPEC)
 
 
-def test_the_servers_own_words_are_kept(client: gleaner.Client) -> None:
+def test_message_of_the_server_is_unchanged(client: gleaner.Client) -> None:
     with pytest.raises(gleaner.NotFound, match='no task "nothing"') as raised:
         client.tasks.get("nothing")
     assert isinstance(raised.value, gleaner.GleanerError)
@@ -66,7 +66,7 @@ def test_pushed_episodes_are_listed_and_pushed_again_they_are_the_same(
     assert client.episodes.report(again.id).steps == again.steps > 0
 
 
-def test_an_upload_goes_on_where_it_stopped(
+def test_interrupted_upload_resumes(
     client: gleaner.Client, task: str, recordings: dict[str, list[Path]], tmp_path: Path
 ) -> None:
     spec = client.tasks.get(task).spec
@@ -80,7 +80,7 @@ def test_an_upload_goes_on_where_it_stopped(
     assert [path.name for path in tmp_path.iterdir()] == [upload.path.name]
 
 
-def test_what_is_no_recording_is_refused(client: gleaner.Client, task: str, tmp_path: Path) -> None:
+def test_file_that_is_not_a_recording_is_rejected(client: gleaner.Client, task: str, tmp_path: Path) -> None:
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(b"no recording at all")
     with pytest.raises(gleaner.InvalidArgument, match="recording"):
@@ -102,9 +102,7 @@ def test_labels_change_and_are_kept(client: gleaner.Client, lab: Lab) -> None:
     assert client.episodes.get(episode).cohort == "wrong_goal"
 
 
-def test_what_is_deleted_can_be_taken_back(
-    client: gleaner.Client, task: str, recordings: dict[str, list[Path]]
-) -> None:
+def test_deleted_episode_can_be_restored(client: gleaner.Client, task: str, recordings: dict[str, list[Path]]) -> None:
     spec = client.tasks.get(task).spec
     spec.name = "deleted"
     name = client.tasks.create(spec).id
@@ -120,7 +118,7 @@ def test_what_is_deleted_can_be_taken_back(
         client.episodes.delete("ep_01ARZ3NDEKTSV4RRFFQ69G5FAV")
 
 
-def test_what_a_snapshot_holds_is_deleted_by_force_only(client: gleaner.Client, lab: Lab) -> None:
+def test_episode_of_a_snapshot_is_deleted_by_force_only(client: gleaner.Client, lab: Lab) -> None:
     with pytest.raises(gleaner.FailedPrecondition, match="snap_"):
         client.episodes.delete(lab.experts[0])
     client.episodes.delete(lab.experts[0], force=True)
@@ -148,12 +146,12 @@ def test_a_job_with_a_key_is_queued_once_and_can_be_cancelled(client: gleaner.Cl
     assert raised.value.job.id == job.id
 
 
-def test_wrong_settings_of_a_job_are_named(client: gleaner.Client, lab: Lab) -> None:
+def test_invalid_settings_of_a_job_are_named(client: gleaner.Client, lab: Lab) -> None:
     with pytest.raises(
         gleaner.InvalidArgument, match=r"settings\.preset: unknown value \"huge\"; supported: tiny, small, base"
     ):
         client.jobs.pretrain(TASK, preset="huge")  # type: ignore[arg-type]
-    with pytest.raises(gleaner.InvalidArgument, match=r"pretrain\.stepps: is not known; there are .*steps"):
+    with pytest.raises(gleaner.InvalidArgument, match=r"pretrain\.stepps: is unknown; supported: .*steps"):
         client.jobs.pretrain(TASK, stepps=3)  # type: ignore[call-arg]
     with pytest.raises(gleaner.InvalidArgument, match="encoder_id"):
         client.jobs.score(TASK, "enc_missing")
@@ -226,16 +224,14 @@ def test_a_snapshot_freezes_roles(client: gleaner.Client, lab: Lab) -> None:
         client.snapshots.create(TASK, {"expert_cohorts": ["a"], "imperfect_cohorts": ["a"]})
 
 
-def test_without_torch_it_is_said_what_to_install(
-    client: gleaner.Client, lab: Lab, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_torch_is_named_with_the_fix(client: gleaner.Client, lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "gleaner.torch", raising=False)
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(ImportError, match="install torch"):
         client.datasets.torch_dataset(lab.dataset)
 
 
-def test_an_export_is_fetched_whole(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:
+def test_export_is_downloaded_completely(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:
     job = client.jobs.submit(TASK, {"export": {"dataset_id": lab.dataset, "format": "mcap"}}, key="export")
     client.jobs.wait(job, timeout=120)
     paths = client.datasets.download_export(job.result_id, tmp_path / "out")
@@ -244,15 +240,15 @@ def test_an_export_is_fetched_whole(client: gleaner.Client, lab: Lab, tmp_path: 
     assert "manifest.jsonl" in {path.name for path in paths}
 
 
-def test_what_arrives_damaged_is_not_kept(tmp_path: Path) -> None:
-    with pytest.raises(gleaner.Damaged, match="fetch it again"):
+def test_damaged_download_is_removed(tmp_path: Path) -> None:
+    with pytest.raises(gleaner.Damaged, match="download it again"):
         save([b"some", b"thing"], tmp_path / "x.mcap", "0" * 64)
     assert list(tmp_path.iterdir()) == []
     assert inside(tmp_path, "../..", "y") == tmp_path / "y"
     assert inside(tmp_path, "../../etc/passwd", "y") == tmp_path / "passwd"
 
 
-def test_a_dataset_wants_one_rule(client: gleaner.Client, lab: Lab) -> None:
+def test_dataset_requires_one_rule(client: gleaner.Client, lab: Lab) -> None:
     with pytest.raises(gleaner.InvalidArgument, match="selection"):
         client.datasets.create(lab.run)
     with pytest.raises(ValueError, match="give one of the two"):

@@ -114,7 +114,7 @@ def _reply(request: type[Message], reply: Message) -> Any:
 Start = Callable[[Answer], tuple[Play, gleaner.Client]]
 
 
-def test_a_missed_step_is_answered_from_the_chunk_that_reaches_it(play: Start) -> None:
+def test_missed_step_uses_the_chunk_that_covers_it(play: Start) -> None:
     chunk = action(1.0, 2.0)
     shown, client = play(lambda number, seen: (chunk if number == 0 else missed)(number, seen))
     with gleaner.Policy(client, "d", deadline=0.05, rate_hz=20.0) as policy:
@@ -168,7 +168,7 @@ def test_each_answer_carries_the_newest_score(play: Start) -> None:
 def test_a_recorded_episode_is_labelled_at_its_end(play: Start) -> None:
     shown, client = play(action(1.0))
     with gleaner.Policy(client, "d", record=True, cohort="tuesday") as policy:
-        assert policy.reset("success") == "", "nothing was done yet"
+        assert policy.reset("success") == "", "no session is open yet"
         policy(SEEN)
         policy(SEEN)
         assert policy.reset("success") == "ep_1"
@@ -185,7 +185,7 @@ def test_a_recorded_episode_is_labelled_at_its_end(play: Start) -> None:
     assert second - first == 100_000_000
 
 
-def test_what_could_not_be_kept_is_said_but_not_over_what_went_wrong_before(play: Start) -> None:
+def test_failed_close_does_not_hide_an_earlier_error(play: Start) -> None:
     lost = pb.SessionResponse(closed=pb.SessionClosed())
     _, client = play(lambda number, seen: lost if number == 1 else action(1.0)(number, seen))
     for record in (True, False):
@@ -205,7 +205,7 @@ def test_what_could_not_be_kept_is_said_but_not_over_what_went_wrong_before(play
         raise ZeroDivisionError
 
 
-def test_a_lost_session_is_said_and_not_quietly_begun_anew(play: Start) -> None:
+def test_lost_session_raises_and_is_not_restarted(play: Start) -> None:
     lost = pb.SessionResponse(closed=pb.SessionClosed())
     shown, client = play(lambda number, seen: lost if number == 1 else action(1.0)(number, seen))
     with gleaner.Policy(client, "d") as policy:
@@ -219,7 +219,7 @@ def test_a_lost_session_is_said_and_not_quietly_begun_anew(play: Start) -> None:
         assert not shown.heard[-1].executed_action
 
 
-def test_silence_has_an_end(play: Start) -> None:
+def test_silent_server_raises_after_the_time_limit(play: Start) -> None:
     import threading
 
     silent = threading.Event()

@@ -24,7 +24,7 @@ def test_items_are_padded_to_one_size_and_collate(client: gleaner.Client, lab: L
     assert batch["weight"].shape == (8,)
 
 
-def test_workers_share_the_segments_out(client: gleaner.Client, lab: Lab) -> None:
+def test_workers_share_the_segments(client: gleaner.Client, lab: Lab) -> None:
     dataset = client.datasets.torch_dataset(lab.dataset, kept_only=True)
     alone = sorted(item["weight"].item() for item in dataset)
     loader = torch.utils.data.DataLoader(dataset, batch_size=None, num_workers=2, multiprocessing_context="spawn")

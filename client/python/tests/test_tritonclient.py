@@ -102,7 +102,7 @@ def test_one_request_gives_actions(
     np.testing.assert_allclose(again, action, atol=1e-4)
 
 
-def test_a_sequence_is_remembered(
+def test_sequence_keeps_its_history(
     infer_client: triton.InferenceServerClient, deployment: str, specs: dict[str, Any]
 ) -> None:
     first, second = observation(specs, 1), observation(specs, 2)
@@ -121,7 +121,9 @@ def test_a_sequence_is_remembered(
             act(second, sequence_id=sequence)
 
 
-def test_mistakes_are_named(infer_client: triton.InferenceServerClient, deployment: str, specs: dict[str, Any]) -> None:
+def test_invalid_arguments_are_named(
+    infer_client: triton.InferenceServerClient, deployment: str, specs: dict[str, Any]
+) -> None:
     seen = observation(specs, 1)
     camera = next(name for name, array in seen.items() if array.ndim == 3)
 
@@ -141,8 +143,8 @@ def test_mistakes_are_named(infer_client: triton.InferenceServerClient, deployme
         "ceiling": seen | {"ceiling": seen[camera]},
     }
     for words, arrays in cases.items():
-        told = refused(arrays)
-        assert "INVALID_ARGUMENT" in told
-        assert words in told
+        error = refused(arrays)
+        assert "INVALID_ARGUMENT" in error
+        assert words in error
     assert "NOT_FOUND" in refused(seen, "missing")
     assert "priority" in refused(seen, priority=1)

@@ -7,7 +7,7 @@ use rustix::fs::{CWD, FileType, mknodat};
 use super::*;
 
 #[test]
-fn folders_are_searched_and_files_stand_for_themselves() {
+fn folders_are_searched_and_files_are_taken_as_they_are() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     std::fs::create_dir_all(at("sub/empty")).unwrap();
@@ -22,7 +22,7 @@ fn folders_are_searched_and_files_stand_for_themselves() {
 }
 
 #[test]
-fn what_is_not_a_regular_file_is_skipped_with_its_reason() {
+fn irregular_files_are_skipped_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     std::fs::write(at("good.mcap"), b"x").unwrap();
@@ -66,7 +66,7 @@ fn what_is_not_a_regular_file_is_skipped_with_its_reason() {
 }
 
 #[test]
-fn a_fifo_that_is_named_is_refused_and_a_folder_of_nothing_else_says_what_it_holds() {
+fn a_named_fifo_is_rejected_and_a_folder_of_irregular_files_lists_them() {
     let folder = tempfile::tempdir().unwrap();
     let fifo = folder.path().join("fifo.mcap");
     mknodat(CWD, &fifo, FileType::Fifo, 0o600.into(), 0).unwrap();

@@ -56,10 +56,10 @@ impl ActionBuffer {
         self.chunks.push(stamp_ns, actions).map_err(|error| {
             problem(match error {
                 ChunkError::Empty => {
-                    "the answer has none; check that the deployment's policy is a gleaner policy".into()
+                    "the response has no actions; check that the deployment's policy is a gleaner policy".into()
                 }
-                ChunkError::Width { found, width, .. } => format!("one has {found} values, the others {width}"),
-                ChunkError::Order { last } => format!("those of stamp {stamp_ns} came after those of {last}"),
+                ChunkError::Width { found, width, .. } => format!("an action has {found} values, the others {width}"),
+                ChunkError::Order { last } => format!("the actions of stamp {stamp_ns} arrived after those of {last}"),
             })
         })
     }
@@ -149,11 +149,11 @@ mod tests {
         let mut buffer = ActionBuffer::new(PERIOD, Ensembling::ByClient);
         buffer.push(1000, chunk(&[1.0, 2.0])).unwrap();
         for (stamp, actions, message) in [
-            (1100, vec![], "the answer has none"),
+            (1100, vec![], "has no actions"),
             (1100, vec![vec![1.0], vec![1.0, 2.0]], "2 values, the others 1"),
             (1100, vec![vec![1.0, 2.0]], "2 values, the others 1"),
             (1100, chunk(&[f32::NAN]), "not finite"),
-            (1000, chunk(&[1.0]), "came after"),
+            (1000, chunk(&[1.0]), "arrived after"),
         ] {
             let error = buffer.push(stamp, actions).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");

@@ -19,7 +19,7 @@ use super::latest::Latest;
 use super::plan::ControlPlan;
 use super::{Link, SessionChannel};
 use crate::error::{ClientError, Result};
-use crate::retry::Patience;
+use crate::retry::Backoff;
 
 // A server may first have to load the policy.
 const OPEN_WITHIN: Duration = Duration::from_secs(30);
@@ -39,7 +39,7 @@ pub(super) enum Event {
     Draining,
     /// The session is lost, or could not be opened; the task retries.
     Lost,
-    /// The task has given up with this error.
+    /// The task has ended with this error.
     Ended(ClientError),
 }
 
@@ -82,7 +82,7 @@ impl SessionTask {
 
     /// Waits for the next event.
     pub(super) async fn next(&mut self) -> Event {
-        let ended = || Event::Ended(ClientError::SessionLost("its task ended early".into()));
+        let ended = || Event::Ended(ClientError::SessionLost("its background task ended early".into()));
         self.events.recv().await.unwrap_or_else(ended)
     }
 
@@ -122,7 +122,7 @@ impl<L: Link> Worker<L> {
 
     /// Reopens the session whenever it is lost, with pauses that grow until an observation is answered.
     async fn keep_open(&mut self) {
-        let mut patience = Patience::endless();
+        let mut backoff = Backoff::endless();
         let mut alive = Instant::now();
         loop {
             let (error, answered) = match self.open_session().await {
@@ -134,19 +134,20 @@ impl<L: Link> Worker<L> {
             };
             self.channel = None;
             if answered {
-                patience.restore();
+                backoff.restore();
                 alive = Instant::now();
             }
             if !may_reopen(&error) || alive.elapsed() >= self.give_up_after {
                 return send_event(&self.events, Event::Ended(error)).await;
             }
             send_event(&self.events, Event::Lost).await;
-            sleep(patience.next_wait().unwrap_or_default()).await;
+            sleep(backoff.next_wait().unwrap_or_default()).await;
         }
     }
 
     async fn open_session(&mut self) -> Result<SessionChannel> {
-        let late = || ClientError::SessionLost(format!("it was not opened within {} s", OPEN_WITHIN.as_secs()));
+        let late =
+            || ClientError::SessionLost(format!("the session was not opened within {} s", OPEN_WITHIN.as_secs()));
         let channel = timeout(OPEN_WITHIN, self.link.open(&self.open)).await.map_err(|_| late())??;
         send_event(&self.events, Event::Opened(channel.opened.clone())).await;
         Ok(channel)
@@ -160,9 +161,9 @@ async fn serve(
     events: &mpsc::Sender<Event>,
     lost_after: Duration,
 ) -> (ClientError, bool) {
-    let (mut answered, mut asked) = (false, None);
+    let (mut answered, mut pending_since) = (false, None);
     loop {
-        let silent = sleep_until(asked.unwrap_or_else(Instant::now) + lost_after);
+        let silent = sleep_until(pending_since.unwrap_or_else(Instant::now) + lost_after);
         tokio::select! {
             biased;
             response = channel.responses.next() => {
@@ -174,20 +175,20 @@ async fn serve(
                 match event {
                     Ok(event) => {
                         answered |= matches!(event, Event::Action(_) | Event::Missed(_));
-                        asked = None;
+                        pending_since = None;
                         send_event(events, event).await;
                     }
                     Err(error) => return (error, answered),
                 }
             }
-            () = silent, if asked.is_some() => {
+            () = silent, if pending_since.is_some() => {
                 let problem = format!("the server sent no response for {lost_after:?}");
                 return (ClientError::SessionLost(problem), answered);
             }
-            sent = send(&channel.requests, latest), if !channel.requests.is_closed() || asked.is_none() => {
+            sent = send(&channel.requests, latest), if !channel.requests.is_closed() || pending_since.is_none() => {
                 // A failed send needs no handling: the reason arrives as a response, or the silence is timed out.
                 let _ = sent;
-                asked.get_or_insert_with(Instant::now);
+                pending_since.get_or_insert_with(Instant::now);
             }
         }
     }

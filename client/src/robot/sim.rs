@@ -44,7 +44,7 @@ impl Robot for SimRobot {
     fn command(&mut self, action: &[f32]) -> Result<()> {
         let action = action.try_into().map_err(|_| {
             ClientError::Invalid(format!(
-                "the policy gives {} action values, the simulator takes {ACTION_SIZE}; was it trained on this task?",
+                "the policy gives {} action values, the simulator takes {ACTION_SIZE}; was the policy trained on this task?",
                 action.len()
             ))
         })?;

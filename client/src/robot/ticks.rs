@@ -66,18 +66,18 @@ mod tests {
     async fn ticks_keep_their_schedule_and_missed_ones_are_skipped() {
         let begin = Instant::now();
         let mut ticks = Ticks::new(Duration::from_millis(10));
-        let mut beat = async || {
+        let mut next_tick = async || {
             let tick = ticks.next().await;
             assert_eq!(Instant::now(), tick.at);
             (tick.at.duration_since(begin).as_millis(), tick.skipped)
         };
-        assert_eq!(beat().await, (0, 0));
+        assert_eq!(next_tick().await, (0, 0));
         advance(Duration::from_millis(4)).await;
-        assert_eq!(beat().await, (10, 0));
+        assert_eq!(next_tick().await, (10, 0));
         advance(Duration::from_millis(10)).await;
-        assert_eq!(beat().await, (20, 0));
+        assert_eq!(next_tick().await, (20, 0));
         advance(Duration::from_millis(25)).await;
-        assert_eq!(beat().await, (50, 2));
-        assert_eq!(beat().await, (60, 0));
+        assert_eq!(next_tick().await, (50, 2));
+        assert_eq!(next_tick().await, (60, 0));
     }
 }

@@ -196,7 +196,7 @@ async fn a_lost_upload_is_restarted() {
 }
 
 #[tokio::test]
-async fn a_lost_answer_finds_the_stored_episode() {
+async fn a_retry_after_a_lost_response_finds_the_stored_episode() {
     let (uploaded, _) = upload_through(&[Fault::FinishAnswerLost]).await;
     assert!(uploaded.unwrap().existed);
 }

@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn roles_are_a_ladder_with_robots_beside_it() {
+    fn roles_are_ordered_and_robots_are_separate() {
         let ladder = [Role::Viewer, Role::Contributor, Role::Trainer, Role::Admin];
         for (place, role) in ladder.into_iter().enumerate() {
             for (other, least) in ladder.into_iter().enumerate() {

@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn options_become_settings_and_what_is_left_out_stays_out() {
+    fn given_options_become_settings_and_omitted_ones_do_not() {
         let values = parse::<Train>("--policy act --chunk-length 4 --lr 0.5 --shift-pixels 2").unwrap();
         let expected = json!({"policy": "act", "chunk_length": 4, "learning_rate": 0.5, "shift_pixels": 2});
         assert_eq!(Value::Object(values), expected);
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pipelines_training_has_an_optimiser_of_its_own() {
+    fn the_training_of_a_pipeline_has_a_separate_optimiser() {
         let given = parse::<Pipeline>("--steps 7 --train-steps 9 --train-lr 0.1").unwrap();
         assert_eq!(
             (&given["steps"], &given["train_steps"], &given["train_learning_rate"]),

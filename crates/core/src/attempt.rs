@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_input_fails_at_once_and_a_cancel_beats_everything() {
+    fn invalid_input_fails_without_a_retry_and_a_cancel_takes_precedence() {
         let wrong = AttemptEnd::Permanent("episode ep_1: action is not finite".to_owned());
         assert_eq!(wrong.next(Standing { attempt: 1, ..SECOND_OF_THREE }).state, JobState::Failed);
         for end in [AttemptEnd::Stopped, killed(), wrong] {
@@ -130,7 +130,7 @@ mod tests {
         /// For any sequence of attempt ends, each move is legal and the number of attempts stays within the job's
         /// limit.
         #[test]
-        fn a_job_never_gets_more_attempts_than_it_may(
+        fn a_job_has_at_most_its_maximum_of_attempts(
             max_attempts in 1..6_u32,
             ends in proptest::collection::vec((0..3_u8, prop::bool::weighted(0.1)), 1..40),
         ) {

@@ -184,7 +184,7 @@ pub enum Standing {
     Present,
     /// In the trash: available, and restorable.
     InTrash,
-    /// Its recording was deleted for good, so no job can use the episode.
+    /// Its recording was permanently deleted, so no job can use the episode.
     Deleted,
 }
 

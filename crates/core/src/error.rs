@@ -146,15 +146,15 @@ impl StdError for Error {
 
 /// The caller's message when a disk is full or cannot be written.
 pub const DISK_FULL: &str =
-    "the server's disk is full: nothing was kept of this request. Free some space there, then try again";
+    "the server's disk is full: no part of this request was stored. Free some space there, then retry";
 /// The caller's message when a disk is read-only.
 pub const DISK_READ_ONLY: &str =
-    "the server's disk cannot be written: nothing was kept of this request. Once that is mended, try again";
+    "the server's disk cannot be written: no part of this request was stored. Repair or remount it, then retry";
 
 /// The message for a write beyond the largest file that the process or the file system allows.
 pub const FILE_TOO_LARGE: &str = "a file of the server has reached the largest size that its process or its file \
-     system allows: nothing was kept of this request. Raise the limit (`ulimit -f`, LimitFSIZE= of its service) or use \
-     another file system, then try again";
+     system allows: no part of this request was stored. Raise the limit (`ulimit -f`, LimitFSIZE= of its service) or \
+     use another file system, then retry";
 
 /// The message for a disk that rejected a write, if such an error is among the causes.
 fn refusal(error: &(dyn StdError + Send + Sync + 'static)) -> Option<&'static str> {
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn other_faults_are_ours() {
+    fn other_faults_are_internal() {
         for number in [5, 13, 2] {
             let error = Error::internal("reading a file", io::Error::from_raw_os_error(number));
             assert_eq!((error.kind(), error.message()), (Kind::Internal, "reading a file"));

@@ -173,7 +173,7 @@ mod tests {
     proptest! {
         /// An accepted text round-trips, and is usable as a file name but not as a path.
         #[test]
-        fn any_text_is_refused_or_comes_back(prefix in "(ep|task|EP|)", rest in "(_[0-9A-Za-z]{26}|\\PC{0,40}|_[0-7][0-9A-HJKMNP-TV-Z]{25})") {
+        fn parsed_ids_equal_their_text(prefix in "(ep|task|EP|)", rest in "(_[0-9A-Za-z]{26}|\\PC{0,40}|_[0-7][0-9A-HJKMNP-TV-Z]{25})") {
             let text = format!("{prefix}{rest}");
             if let Ok(id) = EpisodeId::parse("episode_id", &text) {
                 prop_assert_eq!(id.as_str(), &text);
@@ -186,7 +186,7 @@ mod tests {
         }
 
         #[test]
-        fn any_digest_is_refused_or_comes_back_in_lower_case(text in "([0-9a-fA-F]{64}|\\PC{0,70})") {
+        fn parsed_digests_are_lower_case(text in "([0-9a-fA-F]{64}|\\PC{0,70})") {
             if let Ok(blob) = BlobId::parse("blake3", &text) {
                 prop_assert_eq!(blob.as_str(), text.to_lowercase());
             }

@@ -234,7 +234,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_has_ended_stays_ended() {
+    fn an_ended_job_does_not_change_its_state() {
         for state in JobState::ALL {
             for next in JobState::ALL {
                 if state.ended() {

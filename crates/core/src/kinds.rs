@@ -152,10 +152,14 @@ pub fn jobs() -> Vec<Kind> {
         settings,
     };
     vec![
-        job("pretrain", "Makes an encoder, self-supervised.", PretrainSpec::schema()),
-        job("score", "Makes a score run of every imperfect segment.", ScoreSpec::schema()),
-        job("train", "Makes a policy by weighted behaviour cloning.", TrainSpec::schema()),
-        job("evaluate", "Makes closed-loop trials of a policy.", EvaluateSpec::schema()),
+        job(
+            "pretrain",
+            "Pretrains an encoder without labels, on experts and imperfect episodes.",
+            PretrainSpec::schema(),
+        ),
+        job("score", "Scores every imperfect segment of a snapshot: a score run.", ScoreSpec::schema()),
+        job("train", "Trains a policy by weighted behaviour cloning.", TrainSpec::schema()),
+        job("evaluate", "Evaluates a policy in closed-loop trials in the embedded simulator.", EvaluateSpec::schema()),
     ]
 }
 

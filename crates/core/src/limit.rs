@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn another_server_takes_the_same_recordings() {
+    fn samples_do_not_depend_on_ids() {
         let rule = RoleRule { max_experts: 3, imperfect_per_expert: 2.0, ..RoleRule::default() };
         let recordings = || {
             let mut taken: Vec<_> = limited(members(), &rule).into_iter().map(|member| member.recording).collect();
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn no_limit_takes_all_in_order() {
+    fn zero_limits_select_all_in_order() {
         let members = members();
         assert_eq!(limited(members.clone(), &RoleRule::default()), members);
     }
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn another_seed_takes_others() {
+    fn another_seed_selects_others() {
         let members = members();
         let of = |seed| {
             taken(&members, &RoleRule { imperfect_per_expert: 1.0, seed, ..RoleRule::default() }, Role::Imperfect)

@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_have_no_clock() {
+    fn label_triggers_have_no_next_time() {
         assert_eq!(Trigger::LabelledEpisodes(3).next_run("cron", Millis::now()).unwrap(), None);
     }
 }

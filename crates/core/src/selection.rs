@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_are_those_of_looking_at_each_segment() {
+    fn counts_equal_those_of_a_scan_of_all_segments() {
         let candidates = [candidate("b", &[0.1, 0.9, 0.95]), candidate("a", &[0.5, 0.2]), candidate("b", &[])];
         let counts = count(&[Selection::Beta(0.9), Selection::TopFraction(0.6), Selection::Beta(1.0)], &candidates);
         let kept = |segments, of_segments, episodes, of_episodes| Kept { segments, of_segments, episodes, of_episodes };
@@ -228,7 +228,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn counts_add_up_and_are_those_of_the_filter(candidates in candidates(), selection in selection()) {
+        fn counts_add_up_and_match_the_filter(candidates in candidates(), selection in selection()) {
             let counted = count(&[selection], &candidates).remove(0);
             let filter = Filter::new(selection, &ranked(&candidates));
             let kept = |one: &Candidate| one.w.iter().zip(&one.q).filter(|&(&w, &q)| filter.keeps(w, q)).count() as u64;

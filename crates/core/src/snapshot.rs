@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rule_from_before_limits_still_reads() {
+    fn a_rule_stored_before_limits_is_read() {
         let rule = serde_json::from_str::<RoleRule>(r#"{"expert_cohorts":["a"],"imperfect_cohorts":["b"]}"#);
         let expected =
             RoleRule { expert_cohorts: vec!["a".into()], imperfect_cohorts: vec!["b".into()], ..RoleRule::default() };

@@ -100,7 +100,7 @@ mod armed {
     /// Kills this process at the n-th passing of `name=n`, and before it the server that started it.
     pub(super) fn arm(which: &str, server: Option<Pid>) -> Result<(), String> {
         let (name, count) = which.split_once('=').unwrap_or((which, "1"));
-        let count: u64 = count.parse().map_err(|_| format!("fail point {which}: {count} is no number"))?;
+        let count: u64 = count.parse().map_err(|_| format!("fail point {which}: {count} is not a number"))?;
         if !NAMES.contains(&name) {
             return Err(format!("fail point {name}: unknown name; `fail_point::NAMES` lists them"));
         }
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn every_name_is_one_place_of_the_sources() {
+    fn every_fail_point_occurs_once_in_the_sources() {
         let mut text = String::new();
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         sources(&root.join("server/src"), &mut text);
@@ -148,7 +148,7 @@ mod tests {
 
     #[cfg(feature = "fail-points")]
     #[test]
-    fn only_a_point_that_there_is_can_be_named() {
+    fn unknown_fail_points_are_rejected() {
         for wrong in ["blob.cut", "blob.synced=x", ""] {
             assert!(super::armed::arm(wrong, None).unwrap_err().starts_with("fail point "), "{wrong}");
         }

@@ -38,8 +38,9 @@ pub fn beside_database(data_dir: &Path, suffix: &str) -> PathBuf {
 pub fn ways_out(data_dir: &Path) -> String {
     let shown = data_dir.display();
     format!(
-        "Nothing was changed. `gleaner-server restore BACKUP --data-dir NEW` restores a backup into a new folder; \
-         `gleaner-server rebuild --data-dir {shown}` completes or rebuilds the database from the sidecars beside the blobs"
+        "The data folder is unchanged. `gleaner-server restore BACKUP --data-dir NEW` restores a backup into a new \
+         folder; `gleaner-server rebuild --data-dir {shown}` completes or rebuilds the database from the sidecars \
+         beside the blobs"
     )
 }
 

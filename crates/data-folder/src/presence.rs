@@ -107,7 +107,7 @@ mod tests {
     use gleaner_core::error::Kind;
 
     #[test]
-    fn deleted_and_replaced_files_are_noticed_for_good() {
+    fn deleted_and_replaced_files_are_detected_permanently() {
         let dir = tempfile::tempdir().unwrap();
         let (place, aside) = (database(dir.path()), dir.path().join("aside"));
         fs::write(&place, b"rows").unwrap();

@@ -35,10 +35,10 @@ pub fn raise_descriptor_limit() {
     }
 }
 
-/// Number of connections, at most `asked`, that the limit on descriptors has room for; `None` is no limit.
-pub(crate) fn affordable(asked: usize, descriptors: Option<u64>) -> usize {
+/// Number of connections, at most `requested`, that the limit on descriptors has room for; `None` is no limit.
+pub(crate) fn affordable(requested: usize, descriptors: Option<u64>) -> usize {
     let room = descriptors.map_or(u64::MAX, |limit| limit.saturating_sub(SPARED).max(1));
-    asked.min(usize::try_from(room).unwrap_or(usize::MAX))
+    requested.min(usize::try_from(room).unwrap_or(usize::MAX))
 }
 
 /// The limits of a listener and its open connections; clones share them. `K` identifies the client of a call.
@@ -60,7 +60,7 @@ impl<K: ClientKey> Connections<K> {
         if most < config.max_connections {
             tracing::warn!(
                 connections.most = most,
-                connections.asked = config.max_connections,
+                connections.requested = config.max_connections,
                 "the limit on open files (ulimit -n) leaves no room for max-connections"
             );
         }

@@ -57,12 +57,12 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn silence_is_accepted_until_the_patience_ends() {
+    async fn silence_is_accepted_within_the_allowed_time() {
         let begun = Instant::now();
         let mut rate = MinimumRate::new(PATIENCE, 1000, 0);
         assert_eq!(rate.wait(0), begun + PATIENCE);
         after(5).await;
-        assert_eq!(rate.wait(0), begun + PATIENCE, "asking again gives no more time");
+        assert_eq!(rate.wait(0), begun + PATIENCE, "a repeated request gives no more time");
     }
 
     #[tokio::test(start_paused = true)]
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_burst_buys_at_most_the_patience() {
+    async fn a_burst_extends_the_time_by_at_most_the_allowed_time() {
         let mut rate = MinimumRate::new(PATIENCE, 1000, 0);
         let now = after(4).await;
         assert_eq!(rate.wait(u64::MAX), now + PATIENCE);

@@ -98,7 +98,7 @@ async fn a_connection_with_a_call_may_be_silent_and_its_bytes_are_counted() {
     let mut read = [0; 3];
     ours.read_exact(&mut read).await.unwrap();
     assert_eq!(ours.state().received(), 3);
-    assert!(timeout(LONG, ours.read_u8()).await.is_err(), "the transport's pings find out whether it is there");
+    assert!(timeout(LONG, ours.read_u8()).await.is_err(), "the pings of the transport detect a lost peer");
 }
 
 #[tokio::test(start_paused = true)]

@@ -128,14 +128,14 @@ impl Tls {
         let mut seen = self.first.clone();
         let mut problem: Option<String> = None;
         loop {
-            let asked = async {
+            let on_hangup = async {
                 match &mut hangup {
                     Some(hangup) => hangup.recv().await,
                     None => std::future::pending().await,
                 }
             };
             tokio::select! {
-                _ = asked => {}
+                _ = on_hangup => {}
                 // An unreadable file may have become readable without a change of any file.
                 () = tokio::time::sleep(CHECK_EVERY) => {
                     if problem.is_none() && self.files.stamps() == seen {

@@ -77,7 +77,7 @@ mod tests {
             seconds: 1,
             limits: RecordingsConfig { max_records: 3, ..gleaner_recording::Limits::ADMITTED.into() },
         };
-        for order in [Order { salvage: Some("mended".into()), ..order.clone() }, order] {
+        for order in [Order { salvage: Some("repaired".into()), ..order.clone() }, order] {
             let words = [vec!["x".into()], order.arguments()].concat();
             assert_eq!(Flags::try_parse_from(words).unwrap().order, order);
         }

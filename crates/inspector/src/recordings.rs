@@ -7,25 +7,26 @@ use gleaner_recording::{Limits, MOST_JSON_DEPTH};
 #[derive(Debug, Clone, PartialEq, Eq, Args)]
 #[command(next_help_heading = "Limits on recordings")]
 pub struct RecordingsConfig {
-    /// Maximum size of a chunk in bytes, both compressed and decompressed.
+    /// Maximum size of a chunk in bytes, both compressed and decompressed, at least 1. Larger chunks take more memory
+    /// in an inspection.
     #[arg(long, env = "GLEANER_MAX_CHUNK_BYTES", value_name = "BYTES", default_value_t = Limits::default().chunk_bytes)]
     pub max_chunk_bytes: usize,
-    /// Maximum size of a record in bytes.
+    /// Maximum size of a record in bytes, at least 1. Larger records take more memory in an inspection.
     #[arg(long, env = "GLEANER_MAX_RECORD_BYTES", value_name = "BYTES", default_value_t = Limits::default().record_bytes)]
     pub max_record_bytes: usize,
-    /// Maximum number of records.
+    /// Maximum number of records, at least 1. More records take more time in an inspection.
     #[arg(long, env = "GLEANER_MAX_RECORDS", value_name = "N", default_value_t = Limits::default().records)]
     pub max_records: u64,
-    /// Maximum number of channels, and of schemas.
+    /// Maximum number of channels, and of schemas, at least 1.
     #[arg(long, env = "GLEANER_MAX_CHANNELS", value_name = "N", default_value_t = Limits::default().channels)]
     pub max_channels: usize,
-    /// Maximum length in bytes of the name of a topic, a schema or an encoding.
+    /// Maximum length in bytes of the name of a topic, a schema or an encoding, at least 1.
     #[arg(long, env = "GLEANER_MAX_NAME_BYTES", value_name = "BYTES", default_value_t = Limits::default().name_bytes)]
     pub max_name_bytes: usize,
-    /// Maximum nesting depth of a JSON message.
+    /// Maximum nesting depth of a JSON message, at least 1. Deeper messages take more stack in an inspection.
     #[arg(long, env = "GLEANER_MAX_JSON_DEPTH", value_name = "N", default_value_t = Limits::default().json_depth)]
     pub max_json_depth: usize,
-    /// Maximum number of pixels of an image.
+    /// Maximum number of pixels of an image, at least 1. Larger images take more memory in an inspection.
     #[arg(long, env = "GLEANER_MAX_IMAGE_PIXELS", value_name = "PIXELS", default_value_t = Limits::default().image_pixels)]
     pub max_image_pixels: u64,
 }

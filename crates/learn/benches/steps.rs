@@ -150,7 +150,7 @@ fn run(
     let left = next(&Block::default());
     let mut paced = Paced { next, left, block: Block::default() };
     let ended = pretrain(shape, data, spec, Some(first), &mut paced);
-    assert!(matches!(ended, Err(LearnError::Cancelled)), "the run ended by itself: {:?}", ended.err());
+    assert!(matches!(ended, Err(LearnError::Cancelled)), "the run ended early: {:?}", ended.err());
 }
 
 fn main() {

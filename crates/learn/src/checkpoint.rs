@@ -84,7 +84,7 @@ pub fn inspect(bytes: &[u8]) -> Result<CheckpointInfo, LearnError> {
         .metadata()
         .as_ref()
         .and_then(|all| all.get(HEADER))
-        .ok_or_else(|| LearnError::Checkpoint("has no gleaner header; not written here".into()))?;
+        .ok_or_else(|| LearnError::Checkpoint("has no gleaner header: it was not written by gleaner".into()))?;
     let unreadable = |error| LearnError::Checkpoint(format!("header: {error}"));
     let version: AnyVersion = serde_json::from_str(header).map_err(unreadable)?;
     if version.format_version != FORMAT_VERSION {

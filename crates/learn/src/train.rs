@@ -118,8 +118,7 @@ impl<N: Learner> Training<N> {
         if let Some((field, _)) = same.iter().find(|(_, same)| !same) {
             return Err(LearnError::invalid(
                 *field,
-                "differs from the run the checkpoint is of; \
-                 resume with the same settings or start anew",
+                "differs from the run the checkpoint is of; resume with the same settings or start from the beginning",
             ));
         }
         if stored.finished {

@@ -114,7 +114,11 @@ impl Trajectory {
             None => Ok(()),
             Some(at) => Err(self.invalid(
                 field,
-                &format!("dimension {} of step {} is not finite; cut or mend the step", at % width, at / width),
+                &format!(
+                    "dimension {} of step {} is not finite; correct the step or leave it out",
+                    at % width,
+                    at / width
+                ),
             )),
         }
     }

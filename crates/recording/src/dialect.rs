@@ -44,7 +44,7 @@ impl Decoder {
             ("cdr", "ros2msg") => cdr::Decoder::new(schema.name, schema.data).map(Self::Cdr),
             ("json", _) => Ok(Self::Json { depth: limits.json_depth }),
             (message, schema) => Err(format!(
-                "messages are encoded as `{message}` with a `{schema}` schema, which can't be read; record with \
+                "messages are encoded as `{message}` with a `{schema}` schema, which cannot be read; record with \
                  protobuf (protobuf schema), cdr (ros2msg schema) or json"
             )),
         }

@@ -59,7 +59,7 @@ pub enum RecordingError {
         problem: String,
     },
     /// The recording was read and has findings of severity error: the report names each.
-    #[error("the recording can't be used: {}", .0.error_summary())]
+    #[error("the recording cannot be used: {}", .0.error_summary())]
     Rejected(Box<Report>),
     /// An image does not have the size of the task.
     #[error(

@@ -67,7 +67,7 @@ impl Episode {
         for (what, found, per_step) in lengths {
             if stamps.len().checked_mul(per_step) != Some(found) {
                 let problem = format!(
-                    "{what} has {found} elements, but {} steps of {per_step} are wanted; give every step all of them",
+                    "{what} has {found} elements, but {} steps of {per_step} are expected; fill every step",
                     stamps.len()
                 );
                 return Err(RecordingError::Step { step: stamps.len() as u64, problem });

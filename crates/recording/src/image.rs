@@ -47,7 +47,7 @@ pub fn decode_color(bytes: &[u8], format: PixelFormat, height: u32, width: u32) 
         PixelFormat::Png => Some(ImageFormat::Png),
         PixelFormat::Rgb8 => None,
         PixelFormat::Depth16 => {
-            return Err(broken("depth pixels are given where color is wanted; send RGB8, JPEG or PNG"));
+            return Err(broken("expected a color image, got depth; send RGB8, JPEG or PNG"));
         }
         PixelFormat::Auto => codec_of(bytes),
     };
@@ -65,7 +65,7 @@ pub fn decode_depth(bytes: &[u8], format: PixelFormat, height: u32, width: u32) 
     let bytes = if format == PixelFormat::Auto { without_ros_prefix(bytes) } else { bytes };
     match format {
         PixelFormat::Jpeg | PixelFormat::Rgb8 => {
-            return Err(broken("color pixels are given where depth is wanted; send 16-bit millimetres raw or as PNG"));
+            return Err(broken("expected a depth image, got color; send 16-bit millimetres raw or as PNG"));
         }
         PixelFormat::Auto if !bytes.starts_with(PNG_MAGIC) && codec_of(bytes).is_some() => {
             return Err(broken("depth is compressed with loss; record it raw or as 16-bit PNG"));

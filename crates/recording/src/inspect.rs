@@ -37,11 +37,12 @@ pub(crate) fn failures(tracks: &Tracks, spec: &TaskSpec, mapping: usize, report:
                 let detail = format!("{place}: {first} ({count} messages alike); correct the mapping or the recording");
                 report.add(Severity::Error, *code, &source.field, None, detail);
             } else if let (true, Some(absent)) = (field.messages.is_empty(), &field.absent) {
-                let detail =
-                    format!("{place}: no message has all the wanted names: {absent}; correct the mapping's names");
+                let detail = format!(
+                    "{place}: no message has all the names of the mapping: {absent}; correct the mapping's names"
+                );
                 report.add(Severity::Error, FindingCode::MissingField, &source.field, None, detail);
             } else if field.messages.is_empty() && track.failure.is_none() {
-                let detail = format!("{place}: no message carries it; correct the mapping or the recording");
+                let detail = format!("{place}: no message has this field; correct the mapping or the recording");
                 report.add(Severity::Error, FindingCode::MissingField, &source.field, None, detail);
             }
         }
@@ -59,8 +60,8 @@ pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
     }
     if stamps.len() < 2 {
         let detail = format!(
-            "{} of {} messages of the clock have every stream beside them, at least 2 are needed; record longer, or check \
-             that all streams run at the same time",
+            "only {} of {} messages of the clock have a message of every other stream in time, at least 2 are needed; \
+             record longer, or check that all streams run at the same time",
             stamps.len(),
             steps.clock.stamps.len()
         );
@@ -71,7 +72,7 @@ pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
     for (subject, line) in streams.chain([("clock", &steps.clock)]) {
         if let Some(at) = line.first_reversed {
             let detail = format!(
-                "message {at} is stamped before the one before it; the messages were put in order of their stamps"
+                "the stamp of message {at} is before that of its predecessor; messages were sorted by their stamps"
             );
             report.add(Severity::Warning, FindingCode::TimeReversed, subject, None, detail);
         }
@@ -99,8 +100,8 @@ fn gaps(steps: &Steps<'_>, report: &mut Report) {
         let count = distances.iter().filter(|distance| is_gap(distance)).count();
         let longest = distances.iter().max().copied().unwrap_or_default();
         let detail = format!(
-            "nothing for more than {GAP_PERIODS} periods at {count} steps, at most {:.0} ms; the last message was held. \
-             Look for a dropped connection, or leave these steps out",
+            "no message for more than {GAP_PERIODS} periods at {count} steps, the longest gap is {:.0} ms; the last \
+             message was held. Look for a dropped connection, or leave these steps out",
             longest as f64 / 1e6
         );
         report.add(Severity::Warning, FindingCode::Gap, subject, Some(first as u64), detail);

@@ -46,7 +46,7 @@ impl Path {
         for part in text.split('.') {
             let (name, brackets) = part.find('[').map_or((part, ""), |at| part.split_at(at));
             if name.is_empty() || !name.chars().all(|c| c.is_alphanumeric() || "_-/".contains(c)) {
-                return Err(explain("a field name is missing or has a strange character"));
+                return Err(explain("a field name is missing or has an unsupported character"));
             }
             segments.push(Segment::Field(name.to_owned()));
             let mut rest = brackets;

@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn a_video_packet_or_another_message_is_named() {
+    fn messages_without_an_image_are_rejected_by_name() {
         let video = Value::Message(vec![
             ("format".into(), Value::Text("h264".into())),
             ("data".into(), Value::Bytes(vec![0, 0, 0, 1].into())),

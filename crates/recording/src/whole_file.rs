@@ -10,7 +10,7 @@ use crate::error::RecordingError;
 /// Distinguishes the partial files of one process.
 static NEXT_PARTIAL: AtomicU64 = AtomicU64::new(0);
 
-/// Writes a file beside its name, syncs it and renames it; after an error nothing is left.
+/// Writes a file beside its name, syncs it and renames it; after an error no file is left.
 ///
 /// # Errors
 /// The errors of `write`, and [`RecordingError::Io`].

@@ -150,7 +150,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
 
     fn check_size(&self, what: &str, found: usize, wanted: usize) -> Result<(), RecordingError> {
         if found != wanted {
-            return Err(self.wrong(format!("{what} has {found} elements, the task's steps have {wanted}")));
+            return Err(self.wrong(format!("{what} has {found} elements, a step of the task has {wanted}")));
         }
         Ok(())
     }

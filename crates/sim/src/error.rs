@@ -8,7 +8,7 @@ use gleaner_recording::RecordingError;
 #[derive(Debug, thiserror::Error)]
 pub enum SimError {
     /// An unknown task name.
-    #[error("task: {0:?} is not known; use one of {names}", names = crate::Task::ALL.map(crate::Task::name).join(", "))]
+    #[error("task: {0:?} is unknown; use one of {names}", names = crate::Task::ALL.map(crate::Task::name).join(", "))]
     UnknownTask(String),
     /// A task specification that differs from the simulated task.
     #[error("task.{field}: {given} cannot be simulated as {task}; it needs {wanted}")]

@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_browser_comes_back_by_its_cookie() {
+    fn a_browser_is_identified_by_its_cookie() {
         let browser = Browser::new();
         let name = Browser::cookie_name(7401);
         let cookie = browser.cookie(&name, true);

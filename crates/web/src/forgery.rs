@@ -62,7 +62,7 @@ impl AppState {
             return Ok(());
         }
         Err(Error::forbidden(format!(
-            "these pages are served at localhost and 127.0.0.1, not at {}; configure the proxy to request one of those",
+            "pages are served at localhost and 127.0.0.1 only, not at {}; configure the proxy to use one of them",
             name.escape_debug()
         )))
     }

@@ -196,7 +196,7 @@ fn error_response(status: StatusCode, text: &ErrorText, data: bool) -> Response 
 /// The response to an unknown address.
 pub(super) async fn not_found(state: Arc<AppState>, connection: ConnectionState, request: Request) -> Response {
     connection.note_call();
-    let text = ErrorText("There is no such page here. Ids are written as the lists show them.".to_owned());
+    let text = ErrorText("Page not found. Check the address; copy ids from the lists.".to_owned());
     let mut response = error_response(StatusCode::NOT_FOUND, &text, wants_data(&request));
     finish(&state, &mut response, None);
     response

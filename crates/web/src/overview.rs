@@ -60,7 +60,7 @@ pub(super) async fn show(request: PageRequest) -> Answer {
         } @else {
             @if pages.1 > 1 || !text.is_empty() { (search(text, found)) }
             @if tasks.is_empty() {
-                p.panel.empty { "No task name contains this text. " a href="/" { "Show all" } }
+                p.panel.empty { "No tasks have this text in their name. " a href="/" { "Show all" } }
             } @else {
                 div.cards { @for task in &tasks { (card(task)) } }
                 (sheet::links(&request))
@@ -69,10 +69,10 @@ pub(super) async fn show(request: PageRequest) -> Answer {
         }
         h2 { "Latest jobs" }
         @if jobs.is_empty() {
-            p.panel.empty { "No job was submitted yet." }
+            p.panel.empty { "No jobs yet." }
         } @else {
             div.scroll { table {
-                thead { tr { th { "State" } th { "Kind" } th { "Job" } th { "What it does" } th.number { "Submitted (UTC)" } } }
+                thead { tr { th { "State" } th { "Kind" } th { "Job" } th { "Summary" } th.number { "Submitted (UTC)" } } }
                 tbody { @for job in &jobs { (job_row(job)) } }
             } }
             p.formats { a href="/jobs" { "All jobs" } ", and as " a href="/jobs?format=json" { "JSON" } " or "
@@ -90,9 +90,9 @@ fn figures(backend: &dyn Backend, totals: &Totals, disk: &Disk) -> Markup {
             div { dt { "Tasks" } dd { (text::count(totals.tasks)) } }
             div { dt { "Episodes" } dd { (text::count(totals.episodes)) } }
             div { dt { "Recorded" } dd { (text::seconds(totals.hours * 3600.0)) } }
-            div { dt { "Recordings take" } dd { (text::bytes(totals.bytes)) } }
+            div { dt { "Size of recordings" } dd { (text::bytes(totals.bytes)) } }
             div { dt { "Live sessions" } dd { a href="/deployments" { (text::count(sessions)) } } }
-            div { dt { "Disk left" } dd { (text::bytes(disk.free)) " " small { "of " (text::bytes(disk.size)) } } }
+            div { dt { "Free disk space" } dd { (text::bytes(disk.free)) " " small { "of " (text::bytes(disk.size)) } } }
         }
     }
 }
@@ -100,7 +100,7 @@ fn figures(backend: &dyn Backend, totals: &Totals, disk: &Disk) -> Markup {
 /// The search form, for tasks on several pages.
 fn search(text: &str, found: u64) -> Markup {
     html! {
-        form.filters method="get" action="/" role="search" aria-label="Which tasks" {
+        form.filters method="get" action="/" role="search" aria-label="Filter tasks" {
             label { "Name" input type="search" name="text" value=(text) maxlength="128"; }
             button.primary type="submit" { "Find" }
             @if !text.is_empty() { a.button href="/" { "Clear" } }

@@ -38,7 +38,7 @@ pub(super) fn page(request: &PageRequest, head: &Head, body: &Markup) -> Markup 
         html! { a href=(to) aria-current=[(head.tab == tab).then_some("page")] { (name) } }
     };
     let top = html! {
-        a.skip href="#main" { "To the content" }
+        a.skip href="#main" { "Skip to content" }
         header.top {
             a.brand href="/" { img src=(assets::path("gleaner.svg")) alt=""; "gleaner" }
             nav aria-label="Pages" {

@@ -57,7 +57,7 @@ impl Client {
             .map_err(|error| Error::unavailable(format!("the server {} does not answer: {error}", config.server)))?;
         let mut bearer: MetadataValue<Ascii> = format!("Bearer {}", config.token.reveal())
             .parse()
-            .map_err(|_| Error::invalid("GLEANER_JOB_TOKEN", "is no token"))?;
+            .map_err(|_| Error::invalid("GLEANER_JOB_TOKEN", "is not a token"))?;
         bearer.set_sensitive(true);
         let client = WorkerServiceClient::with_interceptor(channel, Bearer(bearer))
             .max_decoding_message_size(config.max_message_bytes)
@@ -133,17 +133,17 @@ impl Client {
 
 /// Retries a call until the server accepts it, for up to [`PATIENCE`]: a full or slow disk must not end a job. Each
 /// call also shows the server that the worker is alive.
-async fn with_retries<T>(mut ask: impl AsyncFnMut() -> tonic::Result<T>) -> tonic::Result<T> {
+async fn with_retries<T>(mut call: impl AsyncFnMut() -> tonic::Result<T>) -> tonic::Result<T> {
     let (begun, mut pause) = (Instant::now(), FIRST_PAUSE);
     loop {
-        let status = match ask().await {
+        let status = match call().await {
             Err(status) if matches!(status.code(), Code::ResourceExhausted | Code::Unavailable) => status,
             answer => return answer,
         };
         if begun.elapsed() >= RETRY_FOR {
             return Err(status);
         }
-        tracing::warn!(code = ?status.code(), reason = status.message(), "the server does not take it; asking again");
+        tracing::warn!(code = ?status.code(), reason = status.message(), "the server did not accept a message; retrying");
         sleep(pause).await;
         pause = LONGEST_PAUSE.min(pause * 2);
     }
@@ -158,31 +158,31 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn what_the_server_cannot_take_now_is_asked_again_and_nothing_else_is() {
+    async fn only_unavailable_and_exhausted_errors_are_retried() {
         for refused in [|| Status::resource_exhausted("no room"), || Status::unavailable("not now")] {
             let mut refusals = 5;
-            let asked = with_retries(async || match refusals {
+            let reply = with_retries(async || match refusals {
                 0 => Ok("taken"),
                 _ => {
                     refusals -= 1;
                     Err(refused())
                 }
             });
-            assert_eq!(asked.await.ok(), Some("taken"));
+            assert_eq!(reply.await.ok(), Some("taken"));
         }
-        let (mut asked, begun) = (0, Instant::now());
+        let (mut calls, begun) = (0, Instant::now());
         let answer: tonic::Result<()> = with_retries(async || {
-            asked += 1;
+            calls += 1;
             Err(Status::unavailable("never"))
         })
         .await;
-        assert!(answer.is_err() && begun.elapsed() >= RETRY_FOR && asked > 100, "{asked} times");
-        let mut asked = 0;
+        assert!(answer.is_err() && begun.elapsed() >= RETRY_FOR && calls > 100, "{calls} times");
+        let mut calls = 0;
         let answer: tonic::Result<()> = with_retries(async || {
-            asked += 1;
+            calls += 1;
             Err(Status::invalid_argument("step: is wrong"))
         })
         .await;
-        assert_eq!((answer.err().map(|status| status.code()), asked), (Some(Code::InvalidArgument), 1));
+        assert_eq!((answer.err().map(|status| status.code()), calls), (Some(Code::InvalidArgument), 1));
     }
 }

@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_may_go_better_is_tried_again() {
+    fn only_transient_failures_are_retried() {
         let diverged = Failure::from(LearnError::Diverged { step: 3 });
         assert!(matches!(&diverged, Failure::Permanent(message) if message.contains("step 3")), "{diverged:?}");
         let memory = Failure::from(LearnError::Torch("not enough memory".into()));

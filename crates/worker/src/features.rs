@@ -85,7 +85,7 @@ impl FeatureStore for KeptFeatures<'_> {
         let mut bytes = std::fs::read(&place.path).ok()?;
         let (digest, features) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>()?;
         if place.digest(features) != *digest {
-            tracing::warn!(episode.id = episode, "its kept features are not what they were; making them again");
+            tracing::warn!(episode.id = episode, "its kept features are damaged; computing them again");
             return None;
         }
         bytes.drain(..blake3::OUT_LEN);
@@ -98,7 +98,7 @@ impl FeatureStore for KeptFeatures<'_> {
             return;
         }
         if let Err(error) = self.write(place, bytes) {
-            tracing::warn!(%error, "no more features are kept");
+            tracing::warn!(%error, "features cannot be written; further ones are not kept");
             self.full.set(true);
         }
     }
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_put_is_there_for_the_same_encoder_and_kind_alone() {
+    fn features_are_found_for_the_same_encoder_and_kind_only() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         std::fs::create_dir_all(dir.path().join("cache")).unwrap();
@@ -139,9 +139,9 @@ mod tests {
         let (one, two) = (inputs.experts[0].id.as_str(), inputs.imperfect[0].id.as_str());
         let store = KeptFeatures::new(dir.path(), &blobs, &inputs, "last");
         store.put(one, b"features of one");
-        store.put("somebody else's", b"features");
+        store.put("another episode", b"features");
         assert_eq!(store.get(one).unwrap(), b"features of one");
-        assert_eq!((store.get(two), store.get("somebody else's")), (None, None));
+        assert_eq!((store.get(two), store.get("another episode")), (None, None));
         assert_eq!(KeptFeatures::new(dir.path(), &blobs, &inputs, "segment").get(one), None);
         let other = Inputs { encoder: Some(blake3::hash(b"other").into()), ..inputs.clone() };
         assert_eq!(KeptFeatures::new(dir.path(), &blobs, &other, "last").get(one), None);
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn without_room_nothing_is_kept_and_nothing_fails() {
+    fn a_full_disk_keeps_no_features_and_fails_no_job() {
         let dir = tempfile::tempdir().unwrap();
         std::fs::create_dir_all(dir.path().join("cache")).unwrap();
         // Enough for all other writes.

@@ -66,7 +66,7 @@ async fn serve(config: WorkerConfig) -> Result<()> {
     reporter::report(&mut client, events, &stop).await?;
     let made = match working.await {
         Ok(made) => made,
-        Err(error) => Err(Failure::Retryable(format!("the job's code gave up: {error}"))),
+        Err(error) => Err(Failure::Retryable(format!("the job's code panicked: {error}"))),
     };
     match made {
         Ok(made) => {
@@ -74,15 +74,15 @@ async fn serve(config: WorkerConfig) -> Result<()> {
             client.complete(made).await
         }
         Err(Failure::Cancelled) => {
-            tracing::info!("stopped as asked");
+            tracing::info!("stopped on request");
             Ok(())
         }
         Err(Failure::Permanent(error)) => {
-            tracing::error!(%error, "this cannot be done");
+            tracing::error!(%error, "the job cannot succeed");
             client.fail(error, false).await
         }
         Err(Failure::Retryable(error)) => {
-            tracing::error!(%error, "this attempt broke");
+            tracing::error!(%error, "the attempt failed");
             client.fail(error, true).await
         }
     }

@@ -110,11 +110,11 @@ impl Monitor for Watcher {
             gleaner_data_folder::fail_point::pass("checkpoint.blob_kept");
             let (saved, answer) = oneshot::channel();
             self.send(Event::Checkpoint { step, blob, saved });
-            if answer.blocking_recv().map_err(|_| "the server did not take it".to_owned())? {
+            if answer.blocking_recv().map_err(|_| "the server did not accept the checkpoint".to_owned())? {
                 return Ok(());
             }
         }
-        Err("the checkpoint went away each time before the server named it".to_owned())
+        Err("the checkpoint was removed each time before the server stored its id".to_owned())
     }
 
     fn cancelled(&self) -> bool {
@@ -150,11 +150,11 @@ mod tests {
         watcher.checkpoint(5, b"weights").unwrap();
         server.join().unwrap();
         assert!(watcher.checkpoint(6, b"more").is_err(), "the server is gone");
-        assert!(watcher.cancelled(), "work without a server is in vain");
+        assert!(watcher.cancelled(), "work without a server is stopped");
     }
 
     #[test]
-    fn what_the_disk_has_no_room_for_waits_until_it_has() {
+    fn writes_wait_for_free_disk_space() {
         let dir = tempfile::tempdir().unwrap();
         let free = Arc::new(AtomicU64::new(0));
         let blobs = Blobs::open(dir.path()).unwrap().sparing(100).playing(&free);

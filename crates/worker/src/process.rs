@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_thread_that_gives_way_and_those_it_starts_are_idle() {
+    fn an_idle_thread_and_its_children_have_idle_priority() {
         let policies = std::thread::spawn(|| {
             set_idle_priority();
             let started = std::thread::spawn(thread_schedule_policy);

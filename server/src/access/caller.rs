@@ -67,7 +67,7 @@ impl Caller {
         self.permit(Need::Least(least))
     }
 
-    /// The name of the caller, for people.
+    /// The displayed name of the caller.
     pub(crate) fn name(&self) -> &str {
         match self {
             Self::Known(live) => live.token.label(),
@@ -118,7 +118,7 @@ impl Caller {
             return Ok(());
         }
         Err(Error::forbidden(format!(
-            "this belongs to other deployments than this robot's, {}",
+            "this robot's token allows other deployments only: {}",
             self.bound().unwrap_or_default().join(", ")
         )))
     }

@@ -1,5 +1,5 @@
-//! Certificates: the files that the edge reads, what keeps clients from accepting them, and the command that makes them.
-//! Must not depend on connections; the handshake is the edge's.
+//! Certificates: the files that the edge reads, the reasons for which clients reject them, and the command that creates
+//! them. Must not depend on connections; the handshake is the edge's.
 
 pub mod command;
 mod folder;
@@ -23,7 +23,7 @@ pub(crate) fn open(config: &AccessConfig) -> Result<Option<Arc<Tls>>> {
     Ok(Some(Arc::new(Tls::open(files, problems).map_err(refused)?)))
 }
 
-/// Why clients will refuse a server with this certificate now or soon.
+/// The reasons for which clients reject a server with this certificate, now or soon.
 fn problems(der: &[u8]) -> Vec<String> {
     match Parsed::der(der) {
         Ok(parsed) => parsed.warnings(jiff::Timestamp::now()),

@@ -9,41 +9,48 @@ use gleaner_edge::EdgeConfig;
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Connections and calls")]
 pub struct ConnectionsConfig {
-    /// Maximum number of open connections; further ones are closed on arrival.
+    /// Maximum number of open connections, at least 1; further ones are closed on arrival. Each takes memory and a file
+    /// descriptor.
     #[arg(long, env = "GLEANER_MAX_CONNECTIONS", default_value_t = 4096, value_name = "N")]
     pub max_connections: usize,
-    /// Maximum number of open connections from one address (for IPv6: from one /64).
+    /// Maximum number of open connections from one address (for IPv6: from one /64), at least 1. A low limit bounds the
+    /// share of one machine; a high one serves many clients behind one address.
     #[arg(long, env = "GLEANER_MAX_CONNECTIONS_PER_ADDRESS", default_value_t = 2048, value_name = "N")]
     pub max_connections_per_address: usize,
-    /// Close a new connection that has not finished its handshake and made a call within this many seconds.
+    /// Close a new connection that has not finished its handshake and made a call within this many seconds, 1 to 3600.
+    /// Fewer seconds free idle connections sooner but cut off slow networks.
     #[arg(long, env = "GLEANER_FIRST_CALL_SECONDS", default_value_t = 8, value_name = "S")]
     pub first_call_seconds: u64,
-    /// Close a connection whose peer sends nothing, not even the reply to a ping, for this many seconds.
+    /// Close a connection whose peer sends nothing, not even the reply to a ping, for this many seconds, 1 to 3600.
+    /// Fewer seconds detect lost peers sooner but close connections on short network failures.
     #[arg(long, env = "GLEANER_KEEPALIVE_TIMEOUT", default_value_t = 30, value_name = "S")]
     pub keepalive_timeout: u64,
     /// Close a connection whose peer reads nothing, or reads a response below `--min-bytes-per-second`, for this many
-    /// seconds.
+    /// seconds, 1 to 3600.
     #[arg(long, env = "GLEANER_WRITE_TIMEOUT", default_value_t = 30, value_name = "S")]
     pub write_timeout: u64,
-    /// Minimum rate, in bytes per second, at which a request or an upload must be sent and a response be read; sessions
-    /// are exempt.
+    /// Minimum rate, in bytes per second, at least 1, at which a request or an upload must be sent and a response be
+    /// read. Sessions are exempt. A higher rate frees slow connections sooner but cuts off slow networks.
     #[arg(long, env = "GLEANER_MIN_BYTES_PER_SECOND", default_value_t = 4096, value_name = "N")]
     pub min_bytes_per_second: u32,
-    /// End a request or an upload that is below `--min-bytes-per-second` for this many seconds.
+    /// End a request or an upload that is below `--min-bytes-per-second` for this many seconds, 1 to 3600. More seconds
+    /// tolerate longer pauses of the network.
     #[arg(long, env = "GLEANER_SLOW_SECONDS", default_value_t = 8, value_name = "S")]
     pub slow_seconds: u64,
-    /// Unary calls per second of one token, or of one address without a token; twice as many may come in a burst, further
-    /// ones wait. All calls are unary but sessions, actions, deployments and transfers of recordings.
+    /// Maximum number of unary calls per second of one token, or of one address without a token. A burst may have twice
+    /// as many; further ones wait. All calls are unary except sessions, actions, deployments and transfers of
+    /// recordings.
     #[arg(long, env = "GLEANER_UNARY_CALLS_PER_SECOND", default_value_t = 350, value_name = "N")]
     pub unary_calls_per_second: u32,
-    /// Unary calls of one token, or of one address without a token, that run at the same time; further ones wait.
+    /// Maximum number of concurrent unary calls of one token, or of one address without a token; further ones wait.
     #[arg(long, env = "GLEANER_UNARY_CALLS_AT_ONCE", default_value_t = 3, value_name = "N")]
     pub unary_calls_at_once: usize,
-    /// Calls per second of one token, or of one address without a token; twice as many may come in a burst, further ones
-    /// are refused.
+    /// Maximum number of calls per second of one token, or of one address without a token. A burst may have twice as
+    /// many; further ones are rejected.
     #[arg(long, env = "GLEANER_CALLS_PER_SECOND", default_value_t = 1000, value_name = "N")]
     pub calls_per_second: u32,
-    /// Calls of one token, or of one address without a token, that may run at the same time; a session is one call.
+    /// Maximum number of concurrent calls of one token, or of one address without a token; further ones are rejected. A
+    /// session is one call.
     #[arg(long, env = "GLEANER_CALLS_AT_ONCE", default_value_t = 2048, value_name = "N")]
     pub calls_at_once: usize,
 }

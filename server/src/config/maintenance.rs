@@ -34,7 +34,7 @@ pub struct MaintenanceConfig {
     #[arg(long)]
     pub accept_database: bool,
     /// Reject uploads, recordings of sessions and new jobs while fewer bytes of the disk are free (0: never). The
-    /// reserve lets the database record the end of running work.
+    /// reserve is for the database, which records the end of running work.
     #[arg(long, env = "GLEANER_MIN_FREE_BYTES", default_value_t = 512 << 20, value_name = "BYTES")]
     pub min_free_bytes: u64,
 }

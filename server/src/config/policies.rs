@@ -8,7 +8,7 @@ use clap::Args;
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Policies")]
 pub struct PoliciesConfig {
-    /// Maximum number of observations in one batch of a model. Larger batches raise throughput and latency.
+    /// Maximum number of observations in one batch of a model, at least 1. Larger batches raise throughput and latency.
     #[arg(long, env = "GLEANER_POLICY_BATCH", default_value_t = 16, value_name = "N")]
     pub policy_batch: usize,
     /// Maximum wait of an idle model for more observations, as a fraction of the fastest session's control period, 0 to
@@ -23,7 +23,8 @@ pub struct PoliciesConfig {
     /// its own; more message threads take processors from the models.
     #[arg(long, env = "GLEANER_IO_THREADS", default_value_t = 0, value_name = "N")]
     pub io_threads: usize,
-    /// Maximum number of requests queued for one policy; further ones are rejected.
+    /// Maximum number of requests queued for one policy, at least 1; further ones are rejected. A longer queue absorbs
+    /// bursts at the cost of latency.
     #[arg(long, env = "GLEANER_POLICY_QUEUE", default_value_t = 256, value_name = "N")]
     pub policy_queue: usize,
     /// Maximum size of loaded checkpoints in bytes. Beyond it, least recently used policies without a session are

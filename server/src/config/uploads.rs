@@ -13,7 +13,7 @@ pub struct UploadsConfig {
           value_parser = clap::value_parser!(u32).range(1..))]
     pub keep_uploads_days: u32,
     /// Maximum number of unfinished uploads of one token, or of one address without a token. A low limit bounds the
-    /// disk space of abandoned uploads; a high one lets many machines behind one address push at once (0: no limit).
+    /// disk space of abandoned uploads; with a high one many machines behind one address can push at once (0: no limit).
     #[arg(long, env = "GLEANER_MAX_OPEN_UPLOADS_PER_CALLER", default_value_t = 1000, value_name = "N")]
     pub max_open_uploads_per_caller: u64,
 }

@@ -26,7 +26,9 @@ pub(super) fn picture(spec: &TaskSpec, frame: &[u8], view: &FrameView) -> Result
     let rgb = match (view.depth, camera.depth) {
         (false, _) => color.to_vec(),
         (true, true) => grey(depth),
-        (true, false) => return Err(Error::invalid("depth", format!("camera {} records none", camera.name))),
+        (true, false) => {
+            return Err(Error::invalid("depth", format!("camera {} has no depth in this task; omit it", camera.name)));
+        }
     };
     let picture = match view.size {
         Some(0) => return Err(Error::invalid("size", "is 0, must be at least 1")),

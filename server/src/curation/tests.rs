@@ -161,7 +161,7 @@ async fn a_summary_agrees_with_the_database() {
 }
 
 #[tokio::test]
-async fn an_empty_run_and_a_missing_one() {
+async fn empty_runs_are_summarised_and_missing_ones_rejected() {
     let lab = lab(&testing::spec()).await;
     let (run, _) = run_with(&lab, &[]).await;
     let summary = lab.curation.summary(&run).await.unwrap();
@@ -179,8 +179,8 @@ async fn an_empty_run_and_a_missing_one() {
 async fn concurrent_callers_share_one_read() {
     let lab = lab(&testing::spec()).await;
     let (run, _) = run_with(&lab, &[&[0.5]]).await;
-    let asked = futures::future::try_join_all((0..8).map(|_| lab.curation.summary(&run))).await.unwrap();
-    assert!(asked.iter().all(|one| Arc::ptr_eq(one, &asked[0])));
+    let summaries = futures::future::try_join_all((0..8).map(|_| lab.curation.summary(&run))).await.unwrap();
+    assert!(summaries.iter().all(|one| Arc::ptr_eq(one, &summaries[0])));
 }
 
 /// A summary of this many segments, of one episode.

@@ -1,7 +1,7 @@
 //! Claims on uploads: one writer at a time, and the newest claimant wins.
 //!
 //! A client whose connection broke comes back before the server has noticed. So a new claim does not wait for the old
-//! stream to time out: it asks the holder to leave, and waits only until it has.
+//! stream to time out: it requests that the holder leave, and waits only for that.
 
 use std::{
     collections::HashMap,
@@ -66,7 +66,7 @@ impl Claims {
         Self { holders: Arc::default(), patience }
     }
 
-    /// Takes an upload over: asks its present holder to leave and waits until it has.
+    /// Takes an upload over: requests that its holder leave, and waits for that.
     pub(super) async fn take(&self, id: &UploadId) -> Claim {
         let (lock, leave, life) = {
             let mut holders = self.holders();

@@ -38,7 +38,7 @@ async fn committed(f: &Fixture, upload: &Upload) -> u64 {
 /// While a client sends as fast as it can, the uncommitted part of its data stays small: with a stream's window of 4
 /// MiB and a message of 2 MiB on their way, under 8 MiB.
 #[tokio::test]
-async fn little_is_sent_twice() {
+async fn at_most_two_mebibytes_are_sent_twice() {
     let f = playing(USABLE).await;
     let content = content(5 << 20);
     let upload = f.start(&content).await;
@@ -101,7 +101,7 @@ async fn two_clients_that_push_one_file_do_not_disturb_each_other() {
 /// Its connection may look alive for half a minute. The next client does not wait for that, and sends no committed byte
 /// again.
 #[tokio::test]
-async fn a_client_that_died_silently_is_succeeded_by_the_next() {
+async fn an_upload_of_a_dead_client_passes_to_the_next_client() {
     let mut f = playing(USABLE).await;
     f.ingest.claims = Claims::with_patience(Duration::from_millis(20));
     let upload = f.start(b"recording").await;

@@ -44,7 +44,7 @@ impl<K: Clone + Eq, W> FairQueue<K, W> {
         ticket
     }
 
-    /// Removes a waiter that gave up; one that was admitted already is left alone.
+    /// Removes a waiter that stopped waiting; one that was admitted already is left alone.
     pub(super) fn leave(&mut self, client: &K, ticket: Ticket) {
         if let Some(entry) = self.find(client) {
             entry.waiting.retain(|(other, _)| *other != ticket);
@@ -71,7 +71,7 @@ impl<K: Clone + Eq, W> FairQueue<K, W> {
         Some((entry.client.clone(), waiter))
     }
 
-    /// Takes back a slot of the client's, which is the last in turn from then on: a client that joined meanwhile goes
+    /// Releases a slot of the client, which is the last in turn from then on: a client that joined meanwhile goes
     /// before its next waiter.
     pub(super) fn release(&mut self, client: &K) {
         if let Some(index) = self.clients.iter().position(|entry| entry.client == *client) {
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn of_equals_the_client_that_gave_a_slot_back_first_is_next() {
+    fn among_equals_the_client_that_returned_a_slot_first_is_next() {
         let mut queue = queue(2, &[("a", 3), ("b", 3)]);
         assert_eq!(admitted(&mut queue), [("a", 1), ("b", 1)]);
         queue.release(&"b");

@@ -103,7 +103,7 @@ impl Inspector {
         let folder = self.prepare(Some(spec)).await?;
         let order = Order { limits: limits.clone(), ..self.order(recording, folder.path()) };
         let Verdict::Usable(report) = self.verdict(&order, shown).await? else {
-            return Err(Error::internal("inspecting a recording", "the verdict is of another kind"));
+            return Err(Error::internal("inspecting a recording", "the verdict has an unexpected kind"));
         };
         Ok(Inspected { report, folder })
     }
@@ -117,7 +117,7 @@ impl Inspector {
         let folder = self.prepare(None).await?;
         let order = Order { salvage: Some(out.to_owned()), ..self.order(torn, folder.path()) };
         let Verdict::Salvaged(actions) = self.verdict(&order, "the recording").await? else {
-            return Err(Error::internal("salvaging a recording", "the verdict is of another kind"));
+            return Err(Error::internal("salvaging a recording", "the verdict has an unexpected kind"));
         };
         Ok(actions)
     }
@@ -250,7 +250,7 @@ const FRAMES: &str = "frames";
 
 /// The exit code of a Rust program that panicked.
 const PANICKED: i32 = 101;
-const BROKE_READER: &str = "the file is damaged in a way that breaks the reader; record the episode again";
+const BROKE_READER: &str = "the file is damaged and its reader crashed; record the episode again";
 
 impl Inspected {
     /// The folder of the decoded frames, removed on drop.

@@ -171,14 +171,14 @@ mod tests {
 
     /// Ctrl-C is sent to a whole process group.
     #[tokio::test]
-    async fn an_inspection_is_a_group_by_itself() {
+    async fn an_inspection_has_its_own_process_group() {
         let f = playing(&format!("set -- $(cat /proc/$$/stat); [ $5 = $$ ] && {USABLE}")).await;
         let (new, recording) = recorded(&f);
         assert_eq!(f.ingest.keep(new, &recording).await.unwrap().steps, 20);
     }
 
     #[tokio::test]
-    async fn too_large_a_recording_is_rejected_for_good() {
+    async fn a_recording_above_the_limit_is_permanently_rejected() {
         let f = real("none", &["--max-upload-bytes", "8"]).await;
         let (new, recording) = recorded(&f);
         let error = f.ingest.keep(new, &recording).await.unwrap_err();

@@ -34,7 +34,7 @@ use tokio::sync::Semaphore;
 use self::{claim::Claims, inspector::Inspector};
 pub(crate) use self::{
     keep::NewRecording,
-    passing::{Declared, Passing, Room},
+    passing::{Declared, InspectionPermit, Passing},
     upload::Started,
     write::Chunk,
 };

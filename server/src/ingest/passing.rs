@@ -31,7 +31,7 @@ pub(crate) struct Declared {
 
 /// The permit for one such recording, to be held while any data of the recording is.
 #[derive(Debug)]
-pub(crate) struct Room {
+pub(crate) struct InspectionPermit {
     pub(super) _place: OwnedSemaphorePermit,
 }
 
@@ -43,7 +43,7 @@ pub(crate) struct Passing {
     /// The report of the inspection.
     pub(crate) report: Report,
     /// Held as long as the steps are.
-    pub(crate) room: Room,
+    pub(crate) room: InspectionPermit,
 }
 
 impl Ingest {
@@ -62,7 +62,7 @@ impl Ingest {
         let one = Arc::clone(&self.passing)
             .try_acquire_owned()
             .map_err(|_| Error::exhausted(format!("{AT_ONCE} recordings are being inspected already; retry later")))?;
-        let room = Room { _place: one };
+        let room = InspectionPermit { _place: one };
         self.within_limit(declared.size_bytes.unwrap_or(0))?;
         self.blobs.expect_room(declared.size_bytes.unwrap_or(0))?;
         let tmp = self.data_dir.join("tmp");

@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// Creates the folders; empties `tmp`; removes drafts from `cache` and part files without a row; cuts parts that are
-/// longer than their acknowledged bytes, and gives up uploads whose parts are shorter, which happens on a faulty disk
+/// longer than their acknowledged bytes, and removes uploads whose parts are shorter, which happens on a faulty disk
 /// only.
 pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Result<()> {
     let uploads = store.uploads().await?;

@@ -21,7 +21,7 @@ pub(super) struct Slot {
     client: Client,
 }
 
-/// A place in the queue, given up on drop.
+/// A place in the queue, released on drop.
 struct Waiting<'a> {
     slots: &'a Slots,
     client: &'a Client,

@@ -14,7 +14,7 @@ use gleaner_recording::{EpisodeWriter, StepRef, written_mapping};
 use tempfile::TempDir;
 use tokio::sync::Semaphore;
 
-use super::{Chunk, Ingest, Room, Started};
+use super::{Chunk, Ingest, InspectionPermit, Started};
 use crate::{
     blobs::Blobs,
     config::{Cli, Command, ServeConfig},
@@ -48,8 +48,8 @@ pub(crate) struct Fixture {
 }
 
 /// A permit for one recording in memory.
-pub(crate) fn room(rooms: &Arc<Semaphore>) -> Room {
-    Room { _place: Arc::clone(rooms).try_acquire_owned().unwrap() }
+pub(crate) fn room(rooms: &Arc<Semaphore>) -> InspectionPermit {
+    InspectionPermit { _place: Arc::clone(rooms).try_acquire_owned().unwrap() }
 }
 
 /// An ingest whose inspector is this shell script. It is given `$recording`, `$report` and `$frames`.

@@ -174,7 +174,7 @@ async fn a_rejected_recording_is_not_kept() {
 }
 
 #[tokio::test]
-async fn content_that_is_not_as_declared_is_not_kept() {
+async fn content_that_differs_from_its_declaration_is_not_stored() {
     let f = playing(USABLE).await;
     let upload = f.start(b"recording").await;
     f.write(&upload.id, 0, b"recordinG").await.unwrap();
@@ -185,7 +185,7 @@ async fn content_that_is_not_as_declared_is_not_kept() {
 }
 
 #[tokio::test]
-async fn an_inspection_that_fails_by_itself_keeps_the_upload() {
+async fn a_failed_inspection_keeps_the_upload() {
     let f = playing("echo no such library >&2; exit 127").await;
     let upload = f.start(b"recording").await;
     f.write(&upload.id, 0, b"recording").await.unwrap();
@@ -196,7 +196,7 @@ async fn an_inspection_that_fails_by_itself_keeps_the_upload() {
 }
 
 #[tokio::test]
-async fn too_large_a_recording_is_refused_before_the_first_byte() {
+async fn a_recording_above_the_limit_is_rejected_before_the_first_byte() {
     let f = real("none", &["--max-upload-bytes", "8"]).await;
     assert_eq!(f.ingest.start(f.new_upload(b"recording")).await.unwrap_err().kind(), Kind::Exhausted);
 }

@@ -152,7 +152,9 @@ impl Ingest {
             let recording = if part.exists() { part } else { blob };
             match blobs::digest(&recording)? == declared {
                 true => Ok(recording),
-                false => Err(Error::invalid("blake3", "the content has another digest; push the file again")),
+                false => {
+                    Err(Error::invalid("blake3", "the content does not match the declared digest; push the file again"))
+                }
             }
         })
         .await?;

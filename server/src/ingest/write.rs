@@ -72,7 +72,7 @@ impl Writing<'_> {
             let unsynced = part.size > part.synced;
             let chunk = tokio::select! {
                 () = part.leave() => {
-                    return Err(Error::unavailable("another stream has taken this upload over"));
+                    return Err(Error::unavailable("another stream has taken over this upload"));
                 }
                 () = sleep_until(self.sync_at), if unsynced => {
                     self.settle().await?;

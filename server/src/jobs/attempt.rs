@@ -7,7 +7,7 @@ use gleaner_recording::printable::Escape;
 use tokio::{io::AsyncRead, process::Child};
 use tracing::Instrument as _;
 
-use super::{Room, lease::Lease, log::Log, process, token::Issuer};
+use super::{Inner, lease::Lease, log::Log, process, token::Issuer};
 use crate::{
     domain::{attempt::AttemptEnd, job::Job},
     telemetry::memory,
@@ -19,32 +19,32 @@ const GRACE: Duration = Duration::from_secs(10);
 const LAST_OUTPUT: Duration = Duration::from_secs(2);
 
 /// Runs the attempt that has claimed `job`.
-pub(super) async fn run(room: &Room, job: Job, issuer: Issuer) {
+pub(super) async fn run(inner: &Inner, job: Job, issuer: Issuer) {
     let span = tracing::info_span!("attempt", job.id = %job.id, job.kind = job.spec.kind().as_str(), job.attempt = job.attempt);
     async {
         let attempt = issuer.attempt(&job.id);
-        let lease = room.leases.grant(&attempt);
+        let lease = inner.leases.grant(&attempt);
         tracing::info!("attempt started");
-        let mut log = Log::of(&room.config.data_dir, &job.id).await;
+        let mut log = Log::of(&inner.config.data_dir, &job.id).await;
         log.note(&format!("attempt {} of {} begins", job.attempt, job.max_attempts)).await;
-        let end = match process::start(&room.config, room.server, &issuer.token(&job.id)) {
+        let end = match process::start(&inner.config, inner.server, &issuer.token(&job.id)) {
             Ok(mut child) => {
                 crate::fail_point::pass("worker.started");
                 let memory = memory::of_worker(child.id().unwrap_or(0), job.spec.kind().as_str());
                 let output = child.stderr.take();
                 tokio::select! {
-                    end = with_output(watch_over(room, child, &lease), &mut log, output) => end,
+                    end = with_output(watch_over(inner, child, &lease), &mut log, output) => end,
                     never = memory => match never {},
                 }
             }
             Err(error) => AttemptEnd::Broken(format!("the worker could not be started: {error}")),
         };
         // A requested stop is the reason however the process ended, and on a full disk no attempt can continue.
-        let stopped = lease.stop.is_cancelled() || room.blobs.is_full();
+        let stopped = lease.stop.is_cancelled() || inner.blobs.is_full();
         let end = if stopped { AttemptEnd::Stopped } else { end };
-        room.end_with_retries(&attempt, &end).await;
-        room.leases.end(&attempt);
-        log.note(&standing(room, &job).await).await;
+        inner.end_with_retries(&attempt, &end).await;
+        inner.leases.end(&attempt);
+        log.note(&standing(inner, &job).await).await;
     }
     .instrument(span)
     .await;
@@ -78,21 +78,21 @@ async fn pass_on(lines: Bytes) {
 }
 
 /// The state of the job after an attempt, in words.
-async fn standing(room: &Room, job: &Job) -> String {
+async fn standing(inner: &Inner, job: &Job) -> String {
     let ended = format!("attempt {} has ended", job.attempt);
-    match room.store.job(&job.id).await {
-        Ok(Job { attempt, .. }) if attempt > job.attempt => format!("{ended}; the next goes on"),
+    match inner.store.job(&job.id).await {
+        Ok(Job { attempt, .. }) if attempt > job.attempt => format!("{ended}; the next one resumes the job"),
         Ok(Job { state, error, message, .. }) => {
             let reason = if error.is_empty() { message } else { error };
             format!("{ended}; the job is {}: {reason}", state.as_str())
         }
-        Err(error) => format!("{ended}; how the job stands cannot be read: {error}"),
+        Err(error) => format!("{ended}; the state of the job cannot be read: {error}"),
     }
 }
 
 /// Waits for the process to end, and kills it when it is silent or ignores a request to stop.
-async fn watch_over(room: &Room, mut child: Child, lease: &Lease) -> AttemptEnd {
-    let silence = Duration::from_secs(room.config.jobs.worker_silence_seconds);
+async fn watch_over(inner: &Inner, mut child: Child, lease: &Lease) -> AttemptEnd {
+    let silence = Duration::from_secs(inner.config.jobs.worker_silence_seconds);
     let why = tokio::select! {
         status = child.wait() => return match status {
             Ok(status) => AttemptEnd::Broken(process::describe(status)),

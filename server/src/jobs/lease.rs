@@ -67,7 +67,7 @@ impl Leases {
         }
     }
 
-    /// Asks the workers of a job to stop.
+    /// Requests the workers of a job to stop.
     pub(super) fn stop(&self, job: &JobId) {
         self.all(|held| {
             held.iter().filter(|(attempt, _)| attempt.job_id == *job).for_each(|(_, lease)| lease.stop.cancel())
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_word_puts_silence_off() {
+    async fn a_report_resets_the_silence() {
         let leases = Leases::new(CancellationToken::new());
         let (attempt, begun) = (attempt(), Instant::now());
         let lease = leases.grant(&attempt);

@@ -46,7 +46,7 @@ impl Log {
             log.open().await
         };
         if let Err(error) = opened.await {
-            tracing::warn!(%error, "the job's log is not kept");
+            tracing::warn!(%error, "the job's log cannot be opened");
         }
         log
     }
@@ -85,7 +85,7 @@ impl Log {
 
     async fn keep(&mut self, lines: &[u8]) {
         if let Err(error) = self.write(lines).await {
-            tracing::warn!(%error, "the rest of the job's log is not kept");
+            tracing::warn!(%error, "the rest of the job's log cannot be opened");
             self.open = None;
         }
     }
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn of_very_much_the_newest_is_kept() {
+    async fn a_long_log_keeps_its_newest_part() {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
         let output: String = (0..200_000).map(|line| format!("line {line}\n")).collect();
         Log::of(dir.path(), &job).await.follow(output.as_bytes(), async |_| ()).await;
@@ -195,11 +195,7 @@ mod tests {
         assert!(output.ends_with(&kept), "the newest, without a gap");
         let (least, most) = (usize::try_from(FULL).unwrap(), 3 * usize::try_from(FULL).unwrap());
         assert!((least..most).contains(&kept.len()), "{}", kept.len());
-        assert_eq!(
-            read(dir.path(), &job, 100).await.unwrap(),
-            output[output.len() - 100..],
-            "no more than is asked for"
-        );
+        assert_eq!(read(dir.path(), &job, 100).await.unwrap(), output[output.len() - 100..], "no more than requested");
         assert_eq!(read(dir.path(), &job, FULL).await.unwrap(), kept[kept.len() - least..], "of both files");
         let on_disk: u64 =
             std::fs::read_dir(folder(dir.path())).unwrap().map(|file| file.unwrap().metadata().unwrap().len()).sum();
@@ -207,7 +203,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn two_attempts_at_once_turn_it_over_once() {
+    async fn two_concurrent_attempts_rotate_the_log_once() {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
         let mut logs = [Log::of(dir.path(), &job).await, Log::of(dir.path(), &job).await];
         let much = vec![b'a'; usize::try_from(FULL).unwrap()];

@@ -52,10 +52,10 @@ const AGAIN_AFTER: Duration = Duration::from_millis(5);
 
 /// Handle to the queue; clones share it.
 #[derive(Clone)]
-pub struct Jobs(Arc<Room>);
+pub struct Jobs(Arc<Inner>);
 
 /// The shared state of the queue's tasks.
-struct Room {
+struct Inner {
     config: Arc<ServeConfig>,
     store: Store,
     blobs: Blobs,
@@ -81,7 +81,7 @@ impl Jobs {
     /// When the database cannot be read.
     pub async fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, server: SocketAddr) -> Result<Self> {
         let stopping = CancellationToken::new();
-        let room = Arc::new(Room {
+        let inner = Arc::new(Inner {
             config: Arc::clone(config),
             store,
             blobs,
@@ -93,20 +93,20 @@ impl Jobs {
             stopping,
             tasks: TaskTracker::new(),
         });
-        let left = room.store.running_attempts().await?;
-        let recovering = Arc::clone(&room);
+        let left = inner.store.running_attempts().await?;
+        let recovering = Arc::clone(&inner);
         // In the background: a full or slow disk must not delay the start.
-        room.tasks.spawn(async move {
+        inner.tasks.spawn(async move {
             for attempt in left {
                 recovering.end_with_retries(&attempt, &AttemptEnd::Stopped).await;
             }
         });
-        room.tasks.spawn(supervisor::supervise(Arc::clone(&room)));
-        room.tasks.spawn(scheduler::schedule(Arc::clone(&room)));
-        Ok(Self(room))
+        inner.tasks.spawn(supervisor::supervise(Arc::clone(&inner)));
+        inner.tasks.spawn(scheduler::schedule(Arc::clone(&inner)));
+        Ok(Self(inner))
     }
 
-    /// Asks the workers to stop, kills those that do not, and waits. Their jobs return to the queue, and the attempts
+    /// Requests the workers to stop, kills those that do not, and waits. Their jobs return to the queue, and the attempts
     /// are not counted. Must be called while workers can still reach the server.
     pub async fn stop(&self) {
         self.0.stopping.cancel();
@@ -160,12 +160,12 @@ impl Jobs {
     }
 }
 
-impl Room {
+impl Inner {
     /// Ends an attempt, unless it has ended, and retries for as long as the database rejects the write, because the job
     /// would otherwise stay in the state running. If the server stops first, its next start ends the attempt.
     async fn end_with_retries(&self, attempt: &Attempt, end: &AttemptEnd) {
         while let Err(error) = self.end_attempt(attempt, end).await {
-            tracing::error!(job.id = %attempt.job_id, %error, "the end of an attempt cannot be written down; trying again");
+            tracing::error!(job.id = %attempt.job_id, %error, "the end of an attempt cannot be stored; retrying");
             if self.stopping.run_until_cancelled(tokio::time::sleep(AGAIN_AFTER)).await.is_none() {
                 return;
             }
@@ -198,7 +198,7 @@ impl Room {
     /// Removes a blob unless a row names it. A failure is only logged: the blob takes space until the sweep removes it.
     async fn forget(&self, blob: BlobId) {
         if let Err(error) = maintenance::forget(&self.store, &self.blobs, &blob).await {
-            tracing::warn!(blob.id = %blob, %error, "a checkpoint that nothing needs stays");
+            tracing::warn!(blob.id = %blob, %error, "an unneeded checkpoint cannot be removed");
         }
     }
 }

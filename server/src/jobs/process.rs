@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_end_reads_as_what_happened() {
+    fn an_end_of_a_process_is_described() {
         assert!(describe(ExitStatus::from_raw(9)).contains("killed by signal 9"));
         assert_eq!(describe(ExitStatus::from_raw(11)), "the worker was killed by signal 11");
         assert_eq!(describe(ExitStatus::from_raw(0)), "the worker ended without a result");

@@ -22,11 +22,11 @@ type Renamed = BTreeMap<String, String>;
 
 impl Jobs {
     /// Orders a failed or cancelled job again, and then the jobs that never started because they waited for it, except
-    /// those that also wait for another job that gave up. All get new ids, and so do their results; keys stay. They are
+    /// those that also wait for another failed job. All get new ids, and so do their results; keys stay. They are
     /// queued in one transaction.
     ///
     /// # Errors
-    /// NotFound; Precondition when the job has succeeded or may still succeed, or when the maker of an input gave up;
+    /// NotFound; Precondition when the job has succeeded or may still succeed, or when the job of an input failed;
     /// Exists when an equal job has not ended, so that repeated requests queue it once; otherwise as for
     /// [`Jobs::submit`].
     pub(crate) async fn retry(&self, id: &JobId) -> Result<Job> {
@@ -50,7 +50,7 @@ impl Jobs {
         }
         let plan = Plan { once: true, ..again.plan };
         let first = self.queue(&plan).await?.into_iter().next();
-        let first = first.ok_or_else(|| Error::internal("queueing a retry", "it was not there afterwards"))?;
+        let first = first.ok_or_else(|| Error::internal("queueing a retry", "the new job has no row"))?;
         tracing::info!(job.id = %id, again.id = %first.id, jobs = plan.jobs.len(), "a job is tried again");
         Ok(first)
     }
@@ -63,7 +63,7 @@ fn gave_up(state: JobState) -> bool {
     }
 }
 
-/// A plan of new jobs in place of those that gave up.
+/// A plan of new jobs in place of the failed ones.
 #[derive(Default)]
 struct Again {
     plan: Plan,
@@ -71,7 +71,7 @@ struct Again {
 }
 
 impl Again {
-    /// Whether every job that this job needs is in the plan or has not given up.
+    /// Whether every job that this job needs is in the plan or has not failed.
     async fn may_end_well(&self, store: &Store, job: &Job) -> Result<bool> {
         for needed in job.needs.iter().filter(|needed| !self.renamed.contains_key(needed.as_str())) {
             if gave_up(store.job(needed).await?.state) {
@@ -127,7 +127,7 @@ impl Again {
 
 /// A spec or an order with old ids replaced by new ones. Ids occur only where they name an object.
 fn with_names<T: Serialize + DeserializeOwned>(named: &T, renamed: &Renamed) -> Result<T> {
-    let wrong = |error: serde_json::Error| Error::internal("naming a job's inputs anew", error);
+    let wrong = |error: serde_json::Error| Error::internal("replacing a job's inputs", error);
     let mut text = serde_json::to_string(named).map_err(wrong)?;
     for (old, new) in renamed {
         text = text.replace(old.as_str(), new);

@@ -2,7 +2,7 @@
 
 use std::{sync::Arc, time::Duration};
 
-use super::{Jobs, Room};
+use super::{Inner, Jobs};
 use crate::{
     domain::{
         schedule::{Schedule, ScheduleStart, Trigger},
@@ -15,22 +15,22 @@ use crate::{
 const LONGEST: Duration = Duration::from_secs(600);
 
 /// Runs schedules until the server stops.
-pub(super) async fn schedule(room: Arc<Room>) {
+pub(super) async fn schedule(inner: Arc<Inner>) {
     let running = async {
         loop {
             // A notification between the check and the wait is kept as a permit.
-            let next = match start_due(&room, Millis::now()).await {
+            let next = match start_due(&inner, Millis::now()).await {
                 Ok(next) => next,
                 Err(error) => {
-                    tracing::error!(%error, "schedules cannot be read; trying again");
+                    tracing::error!(%error, "schedules cannot be read; retrying");
                     None
                 }
             };
             // The cause of the wake-up does not matter.
-            let _ = tokio::time::timeout(until(next), room.due.notified()).await;
+            let _ = tokio::time::timeout(until(next), inner.due.notified()).await;
         }
     };
-    room.stopping.run_until_cancelled(running).await;
+    inner.stopping.run_until_cancelled(running).await;
 }
 
 fn until(next: Option<Millis>) -> Duration {
@@ -40,10 +40,10 @@ fn until(next: Option<Millis>) -> Duration {
 }
 
 /// Starts every schedule that is due; returns the time at which cron is due next.
-async fn start_due(room: &Arc<Room>, now: Millis) -> Result<Option<Millis>> {
+async fn start_due(inner: &Arc<Inner>, now: Millis) -> Result<Option<Millis>> {
     let mut next = None;
-    for schedule in room.store.schedules(None).await?.into_iter().filter(|schedule| !schedule.paused) {
-        let again = if due(&schedule, now) { start(room, &schedule, now).await? } else { schedule.next_run_at };
+    for schedule in inner.store.schedules(None).await?.into_iter().filter(|schedule| !schedule.paused) {
+        let again = if due(&schedule, now) { start(inner, &schedule, now).await? } else { schedule.next_run_at };
         next = next.into_iter().chain(again).min();
     }
     Ok(next)
@@ -59,16 +59,16 @@ fn due(schedule: &Schedule, now: Millis) -> bool {
 
 /// Starts one schedule. If it cannot start, the reason is stored in its row; cron then waits for its next time, and
 /// labels stay counted until one more arrives.
-async fn start(room: &Arc<Room>, schedule: &Schedule, now: Millis) -> Result<Option<Millis>> {
+async fn start(inner: &Arc<Inner>, schedule: &Schedule, now: Millis) -> Result<Option<Millis>> {
     let next_run_at = schedule.trigger.next_run("cron", now)?;
-    let label_mark = room.store.newest_label().await?;
+    let label_mark = inner.store.newest_label().await?;
     let start = ScheduleStart { id: schedule.id.clone(), at: now, next_run_at, label_mark };
-    let jobs = Jobs(Arc::clone(room));
+    let jobs = Jobs(Arc::clone(inner));
     match jobs.submit_pipeline(&schedule.task_id, &schedule.pipeline, 0, Some(start)).await {
         Ok((queued, _)) => tracing::info!(schedule.id = %schedule.id, jobs = queued.len(), "schedule started"),
         Err(error) => {
             tracing::warn!(schedule.id = %schedule.id, %error, "schedule could not start");
-            room.store.schedule_failed(&schedule.id, error.message(), next_run_at).await?;
+            inner.store.schedule_failed(&schedule.id, error.message(), next_run_at).await?;
         }
     }
     Ok(next_run_at)

@@ -20,7 +20,7 @@ impl Jobs {
     ///
     /// # Errors
     /// NotFound for a missing object; Invalid for one that belongs to another task; Precondition when the snapshot
-    /// would lack a role, or when the maker of an input gave up; Exists when the key belongs to a job with another
+    /// would lack a role, or when the job of an input failed; Exists when the key belongs to a job with another
     /// order; Exhausted when the disk is nearly full.
     pub(crate) async fn submit(&self, task: &TaskId, order: JobOrder, queueing: Queueing) -> Result<Job> {
         if let Some(job) = self.known(task, &order, &queueing.key).await? {
@@ -41,9 +41,7 @@ impl Jobs {
             keyed,
         };
         match self.queue(&Plan { jobs: vec![job], ..Plan::default() }).await {
-            Ok(mut queued) => {
-                queued.pop().ok_or_else(|| Error::internal("queueing a job", "it was not there afterwards"))
-            }
+            Ok(mut queued) => queued.pop().ok_or_else(|| Error::internal("queueing a job", "the new job has no row")),
             // Another caller queued the same work in the meantime.
             Err(error) if error.kind() == Kind::Exists => self.known(task, &order, &key).await?.ok_or(error),
             Err(error) => Err(error),
@@ -58,7 +56,7 @@ impl Jobs {
         match self.0.store.job_of_key(task, key).await? {
             Some((job, ordered)) if ordered == *order => Ok(Some(job)),
             Some((job, _)) => Err(Error::exists(format!(
-                "the key {key:?} belongs to {}, which was ordered with another spec; use another key, or that spec",
+                "the key {key:?} belongs to {}, which was submitted with another spec; use another key, or that spec",
                 job.id
             ))),
             None => Ok(None),

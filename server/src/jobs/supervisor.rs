@@ -5,21 +5,21 @@ use std::{sync::Arc, time::Duration};
 
 use tokio::sync::Semaphore;
 
-use super::{Room, attempt, token::Issuer};
+use super::{Inner, attempt, token::Issuer};
 use crate::domain::job::Job;
 
 /// Longest time without a notification until the queue is read again.
 const FALLBACK: Duration = Duration::from_secs(30);
 
 /// Runs attempts until the server stops.
-pub(super) async fn supervise(room: Arc<Room>) {
-    let slots = Arc::new(Semaphore::new(room.config.jobs.workers));
+pub(super) async fn supervise(inner: Arc<Inner>) {
+    let slots = Arc::new(Semaphore::new(inner.config.jobs.workers));
     let running = async {
         // The semaphore is never closed, so this ends only with the server.
         while let Ok(slot) = Arc::clone(&slots).acquire_owned().await {
-            let (job, issuer) = next_job(&room).await;
-            let task = Arc::clone(&room);
-            room.tasks.spawn(async move {
+            let (job, issuer) = next_job(&inner).await;
+            let task = Arc::clone(&inner);
+            inner.tasks.spawn(async move {
                 attempt::run(&task, job, issuer).await;
                 drop(slot);
             });
@@ -27,25 +27,25 @@ pub(super) async fn supervise(room: Arc<Room>) {
     };
     // Dropping `running` during a claim is safe: a claim that was committed without a worker is requeued at the next
     // start.
-    let _ = room.stopping.run_until_cancelled(running).await;
+    let _ = inner.stopping.run_until_cancelled(running).await;
 }
 
 /// Waits for a job that is ready, and claims it.
-async fn next_job(room: &Room) -> (Job, Issuer) {
+async fn next_job(inner: &Inner) -> (Job, Issuer) {
     loop {
         // A notification between the check and the wait is kept as a permit.
         let issuer = Issuer::new();
         // Jobs write results, so they start only while the disk has room.
-        let claimed = if room.blobs.is_full() { Ok(None) } else { room.store.claim_job(&issuer.hash).await };
+        let claimed = if inner.blobs.is_full() { Ok(None) } else { inner.store.claim_job(&issuer.hash).await };
         match claimed {
             Ok(Some(job)) => {
-                room.changed.send_replace(());
+                inner.changed.send_replace(());
                 return (job, issuer);
             }
             Ok(None) => {}
-            Err(error) => tracing::error!(%error, "the queue cannot be read; trying again"),
+            Err(error) => tracing::error!(%error, "the queue cannot be read; retrying"),
         }
         // The cause of the wake-up does not matter.
-        let _ = tokio::time::timeout(FALLBACK, room.ready.notified()).await;
+        let _ = tokio::time::timeout(FALLBACK, inner.ready.notified()).await;
     }
 }

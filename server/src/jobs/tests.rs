@@ -85,7 +85,7 @@ async fn an_order_gets_a_snapshot_a_result_id_and_its_needs() {
 }
 
 #[tokio::test]
-async fn what_is_not_there_or_not_ready_is_refused() {
+async fn missing_and_unfinished_inputs_are_rejected() {
     let bench = Bench::empty().await;
     assert_eq!(submit(&bench, pretrain()).await.unwrap_err().kind(), Kind::Precondition, "no episodes");
     let order = score_with(EncoderId::new());
@@ -100,11 +100,11 @@ async fn what_is_not_there_or_not_ready_is_refused() {
     assert_eq!(error.kind(), Kind::Invalid, "{error}");
     assert!(error.message().starts_with("spec.score.encoder_id: "), "{error}");
     bench.jobs.cancel(&first.id).await.unwrap();
-    assert_eq!(submit(&bench, order()).await.unwrap_err().kind(), Kind::Precondition, "its maker gave up");
+    assert_eq!(submit(&bench, order()).await.unwrap_err().kind(), Kind::Precondition, "its job was cancelled");
 }
 
 #[tokio::test]
-async fn a_pipeline_is_linked_and_whole() {
+async fn a_pipeline_links_all_its_jobs() {
     let bench = Bench::new().await;
     let (jobs, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 4, None).await.unwrap();
     let [first, score, train] = jobs.as_slice() else { panic!("{} jobs", jobs.len()) };
@@ -123,7 +123,7 @@ async fn a_pipeline_is_linked_and_whole() {
 }
 
 #[tokio::test]
-async fn results_end_jobs_and_give_the_next_their_input() {
+async fn results_end_jobs_and_are_inputs_of_the_next() {
     let bench = Bench::new().await;
     let (jobs, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 0, None).await.unwrap();
     let (attempt, job) = bench.claim().await;
@@ -174,7 +174,7 @@ async fn results_end_jobs_and_give_the_next_their_input() {
 }
 
 #[tokio::test]
-async fn checkpoints_replace_one_another_but_never_take_what_others_name() {
+async fn a_new_checkpoint_removes_the_old_one_unless_another_row_names_it() {
     let bench = Bench::new().await;
     let blobs = bench.blobs();
     submit(&bench, pretrain()).await.unwrap();
@@ -198,7 +198,7 @@ async fn checkpoints_replace_one_another_but_never_take_what_others_name() {
 }
 
 #[tokio::test]
-async fn only_a_running_attempts_token_opens() {
+async fn only_the_token_of_a_running_attempt_is_accepted() {
     let bench = Bench::new().await;
     submit(&bench, pretrain()).await.unwrap();
     let issuer = super::token::Issuer::new();
@@ -244,7 +244,7 @@ async fn a_stopping_server_ends_its_watchers() {
 }
 
 #[tokio::test]
-async fn a_new_server_takes_up_what_a_dead_one_left() {
+async fn a_new_server_resumes_the_jobs_of_a_dead_one() {
     let bench = Bench::new().await;
     let id = submit(&bench, pretrain()).await.unwrap().id;
     bench.claim().await;
@@ -255,7 +255,7 @@ async fn a_new_server_takes_up_what_a_dead_one_left() {
 
 /// The start succeeds without that write, and no restart is needed once the disk works again.
 #[tokio::test]
-async fn an_end_that_the_disk_refuses_is_written_down_once_it_can_be() {
+async fn the_end_of_an_attempt_is_stored_once_the_disk_accepts_it() {
     let bench = Bench::new().await;
     let id = submit(&bench, pretrain()).await.unwrap().id;
     bench.claim().await;
@@ -276,7 +276,7 @@ async fn until_queued(jobs: &Jobs, id: &JobId) -> Job {
 
 /// On a full disk no job is claimed, and a failed attempt does not count.
 #[tokio::test]
-async fn a_disk_that_is_nearly_full_stops_the_queue_and_fails_nothing() {
+async fn a_nearly_full_disk_stops_the_queue_and_fails_no_job() {
     let free = std::sync::Arc::new(std::sync::atomic::AtomicU64::new(u64::MAX));
     let bench = Bench::on_a_small_disk(&free).await;
     let job = submit(&bench, pretrain()).await.unwrap();
@@ -290,5 +290,5 @@ async fn a_disk_that_is_nearly_full_stops_the_queue_and_fails_nothing() {
     }
     bench.jobs.fail(&attempt, "no space left on device".into(), true).await.unwrap();
     let waiting = bench.store.job(&job.id).await.unwrap();
-    assert_eq!((waiting.state, waiting.attempt), (JobState::Queued, 0), "it goes on when there is room");
+    assert_eq!((waiting.state, waiting.attempt), (JobState::Queued, 0), "the queue resumes once there is room");
 }

@@ -49,11 +49,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_token_leads_back_to_its_attempt_and_never_repeats() {
+    fn a_token_identifies_its_attempt_and_is_unique() {
         let (job, issuer) = (JobId::new(), Issuer::new());
         let token = issuer.token(&job);
         assert_eq!(attempt(token.reveal()).unwrap(), issuer.attempt(&job));
-        assert!(!token.reveal().contains(&issuer.hash), "what is kept does not open anything");
+        assert!(!token.reveal().contains(&issuer.hash), "the stored hash is not a token");
         assert_ne!(Issuer::new().hash, issuer.hash);
         for other in ["", "token", "job_01ARZ3NDEKTSV4RRFFQ69G5FAV", "ep_01ARZ3NDEKTSV4RRFFQ69G5FAV.00"] {
             assert_eq!(attempt(other), None);

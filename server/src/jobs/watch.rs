@@ -5,7 +5,7 @@ use std::sync::Arc;
 use futures::stream::{self, Stream};
 use tokio::sync::watch::Receiver;
 
-use super::{Jobs, Room};
+use super::{Inner, Jobs};
 use crate::{
     domain::{
         id::JobId,
@@ -19,7 +19,7 @@ const PAGE: u32 = 2000;
 
 /// State of one watcher.
 struct Watching {
-    room: Arc<Room>,
+    inner: Arc<Inner>,
     id: JobId,
     changed: Receiver<()>,
     sequence: i64,
@@ -37,7 +37,7 @@ impl Jobs {
     ) -> Result<impl Stream<Item = Result<(Job, Vec<Metric>)>> + Send + 'static + use<>> {
         self.0.store.job(id).await?;
         let watching = Watching {
-            room: Arc::clone(&self.0),
+            inner: Arc::clone(&self.0),
             id: id.clone(),
             changed: self.0.changed.subscribe(),
             sequence: 0,
@@ -58,8 +58,8 @@ impl Watching {
         loop {
             // Marked as seen before reading, so that a change during the read is not missed.
             self.changed.mark_unchanged();
-            let job = self.room.store.job(&self.id).await?;
-            let metrics = self.room.store.metrics(&self.id, self.sequence, PAGE).await?;
+            let job = self.inner.store.job(&self.id).await?;
+            let metrics = self.inner.store.metrics(&self.id, self.sequence, PAGE).await?;
             // The job was read first: once it has ended, no metric can follow those read after it.
             let whole = u32::try_from(metrics.len()).is_ok_and(|count| count < PAGE);
             if let Some(newest) = metrics.last() {
@@ -76,8 +76,8 @@ impl Watching {
             tokio::select! {
                 // The sender is in the state that this watcher holds, so it is not closed.
                 _ = self.changed.changed() => {}
-                () = self.room.stopping.cancelled() => {
-                    return Err(Error::unavailable(format!("the server is stopping; {} will go on after its next start", self.id)));
+                () = self.inner.stopping.cancelled() => {
+                    return Err(Error::unavailable(format!("the server is stopping; {} resumes after its next start", self.id)));
                 }
             }
         }

@@ -21,7 +21,7 @@ use std::{
 
 use super::{
     files::{Needed, Progress, grouped},
-    manifest::{Lacking, Manifest},
+    manifest::{Manifest, MissingBlob},
     target,
 };
 use crate::{
@@ -89,7 +89,7 @@ struct CopiedBlobs {
     there: u64,
     new: u64,
     bytes: u64,
-    lacking: Vec<Lacking>,
+    lacking: Vec<MissingBlob>,
 }
 
 fn copy_blobs(source: &Blobs, target: &Blobs, needed: &[Needed], verify: bool) -> Result<CopiedBlobs> {
@@ -104,7 +104,7 @@ fn copy_blobs(source: &Blobs, target: &Blobs, needed: &[Needed], verify: bool) -
                 copied.there += 1;
                 copied.bytes += size;
             }
-            Copied::Lacking(why) => copied.lacking.push(Lacking { blob: blob.clone(), why, needed_by: by.clone() }),
+            Copied::Lacking(why) => copied.lacking.push(MissingBlob { blob: blob.clone(), why, needed_by: by.clone() }),
         }
         progress.one_more();
     }
@@ -140,7 +140,7 @@ fn write_summary(
     new: u64,
     removed: u64,
 ) -> io::Result<()> {
-    for Lacking { blob, why, needed_by } in &manifest.lacking {
+    for MissingBlob { blob, why, needed_by } in &manifest.lacking {
         writeln!(out, "problem: blob {blob}: {why}; needed by {}", needed_by.join(", "))?;
     }
     let Manifest { blobs, bytes, schema, .. } = manifest;

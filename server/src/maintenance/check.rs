@@ -17,7 +17,7 @@ use crate::{
 /// # Errors
 /// Precondition without a database that this program can read; Internal when the disk fails.
 pub(super) async fn check(config: &CheckConfig, out: &mut impl Write) -> Result<bool> {
-    let report = look_through(config).await?;
+    let report = check_folder(config).await?;
     let written = match config.json {
         true => serde_json::to_writer_pretty(&mut *out, &report).map_err(Into::into).and_then(|()| writeln!(out)),
         false => report.write_text(out),
@@ -26,7 +26,7 @@ pub(super) async fn check(config: &CheckConfig, out: &mut impl Write) -> Result<
     Ok(report.sound)
 }
 
-pub(super) async fn look_through(config: &CheckConfig) -> Result<Report> {
+pub(super) async fn check_folder(config: &CheckConfig) -> Result<Report> {
     let database = ReadOnlyDatabase::open(&config.data_dir.join(DATABASE)).await?;
     // From here on a server on this folder removes no blob between the reading of its row and of its file.
     let _copying = Copying::begin(&config.data_dir)?;

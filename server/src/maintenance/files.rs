@@ -83,7 +83,7 @@ impl Files<'_> {
                 Some(id) if named.contains(&id) => {}
                 Some(id) => self.report.note(
                     format!("blob {id}"),
-                    format!("no row needs its {} bytes; the server's sweep moves it to the trash", found.size_bytes),
+                    format!("its {} bytes have no row; the server's sweep moves it to the trash", found.size_bytes),
                 ),
                 None => self.report.note(found.path.display().to_string(), "is not a blob; the server ignores it"),
             }

@@ -31,12 +31,12 @@ pub(super) struct Manifest {
     pub(super) blobs: u64,
     pub(super) bytes: u64,
     /// Blobs named by the database that were missing or damaged in the source.
-    pub(super) lacking: Vec<Lacking>,
+    pub(super) lacking: Vec<MissingBlob>,
 }
 
 /// A blob that could not be backed up.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Lacking {
+pub(super) struct MissingBlob {
     pub(super) blob: BlobId,
     pub(super) why: String,
     pub(super) needed_by: Vec<String>,

@@ -64,7 +64,7 @@ pub struct Maintenance {
 }
 
 /// The resources of a sweep.
-struct Room {
+struct Sweeper {
     store: Store,
     blobs: Blobs,
     ingest: Ingest,
@@ -81,14 +81,14 @@ impl Maintenance {
         kept.spawn(watch::watch_disk(blobs.clone()));
         kept.spawn(watch::watch_files(store.clone(), data_dir.clone()));
         kept.spawn(describe::keep_described(store.clone(), blobs.clone()));
-        let room = Room { store, blobs, ingest, data_dir, maintenance };
+        let sweeper = Sweeper { store, blobs, ingest, data_dir, maintenance };
         kept.spawn(async move {
             let mut noted: Option<Instant> = None;
             loop {
                 // Ages are unknown until the clock is recorded.
-                if room.note_time(noted.map(|noted| noted.elapsed())).await {
+                if sweeper.note_time(noted.map(|noted| noted.elapsed())).await {
                     noted = Some(Instant::now());
-                    room.sweep_and_tell().await;
+                    sweeper.sweep_and_log().await;
                 }
                 tokio::time::sleep(SWEEP_EVERY).await;
             }
@@ -113,7 +113,7 @@ impl Maintenance {
     }
 }
 
-impl Room {
+impl Sweeper {
     /// Records the clock and returns whether that succeeded. `ran`: the time that the server has run since the last
     /// record.
     async fn note_time(&self, ran: Option<Duration>) -> bool {
@@ -122,15 +122,15 @@ impl Room {
             Ok(None) => {}
             Ok(Some(jump)) => tracing::warn!(
                 clock.jump_days = jump.as_secs() / (24 * 60 * 60),
-                "the clock is this far ahead of the time that the database has seen pass: it jumped, or the server was \
-                 off. Nothing is removed for its age until that age has passed by the server's own count"
+                "the clock is ahead of the time that the database has recorded: it jumped, or the server was off. Age \
+                 limits count only the time that the server has measured"
             ),
             Err(error) => tracing::error!(%error, "the clock could not be noted, so the sweep is skipped until later"),
         }
         noted.is_ok()
     }
 
-    async fn sweep_and_tell(&self) {
+    async fn sweep_and_log(&self) {
         match self.sweep(SystemTime::now()).await {
             Ok(counts) if counts == sweep::SweepCounts::default() => {}
             Ok(counts) => tracing::info!(

@@ -37,7 +37,7 @@ struct Rebuild<'a> {
     new_tasks: u64,
     new_episodes: u64,
     updated: u64,
-    taken_back: u64,
+    restored: u64,
     problems: Vec<String>,
     unclaimed: Vec<PathBuf>,
 }
@@ -75,7 +75,7 @@ pub(super) async fn rebuild(config: &RebuildConfig, out: &mut impl io::Write) ->
         new_tasks: 0,
         new_episodes: 0,
         updated: 0,
-        taken_back: 0,
+        restored: 0,
         problems: Vec::new(),
         unclaimed: Vec::new(),
     };
@@ -149,7 +149,7 @@ impl Rebuild<'_> {
             let restored = self.recording(&id, &found, in_trash).await?;
             let named = self.store.names_blob(&id).await?;
             if in_trash && named && !self.blobs.contains(&id) {
-                self.taken_back += u64::from(self.blobs.take_back(&id)?);
+                self.restored += u64::from(self.blobs.take_back(&id)?);
             } else if !in_trash && !named && !restored {
                 self.set_unclaimed(data_dir, &id, &found)?;
             }
@@ -159,27 +159,29 @@ impl Rebuild<'_> {
 
     /// Restores the episodes of a recording and updates existing ones; true when there is one.
     async fn recording(&mut self, id: &BlobId, found: &Found, in_trash: bool) -> Result<bool> {
-        let mut mine = Vec::new();
+        let mut recordings = Vec::new();
         for json in self.blobs.descriptions(id)? {
             match Description::read(&json) {
-                Some(Description::Recording(described)) if described.episode.recording == *id => mine.push(*described),
+                Some(Description::Recording(described)) if described.episode.recording == *id => {
+                    recordings.push(*described)
+                }
                 Some(_) => {}
                 None => self.problems.push(format!("a sidecar of blob {id} cannot be parsed")),
             }
         }
         // Of two episodes that a crash left for one task, the later one was acknowledged. A recording deleted by a user
         // stays in the trash.
-        mine.sort_by(|one, other| other.episode.id.cmp(&one.episode.id));
-        mine.retain(|described| !in_trash || described.episode.deleted_at.is_none());
-        if mine.is_empty() {
+        recordings.sort_by(|one, other| other.episode.id.cmp(&one.episode.id));
+        recordings.retain(|described| !in_trash || described.episode.deleted_at.is_none());
+        if recordings.is_empty() {
             return Ok(false);
         }
-        if let Some(damage) = self.damage(id, found, &mine)? {
+        if let Some(damage) = self.damage(id, found, &recordings)? {
             self.problems.push(format!("blob {id}: {damage}"));
             return Ok(false);
         }
         let mut restored = false;
-        for mut described in mine {
+        for mut described in recordings {
             let Some(task) = self.task_of(&described).await? else {
                 self.problems
                     .push(format!("{}: its task {} has no sidecar", described.episode.id, described.episode.task_id));
@@ -249,11 +251,11 @@ impl Rebuild<'_> {
             };
             writeln!(out, "unclaimed: {} {remedy}", path.display())?;
         }
-        let Self { new_tasks, new_episodes, updated, taken_back, unclaimed, .. } = self;
+        let Self { new_tasks, new_episodes, updated, restored, unclaimed, .. } = self;
         writeln!(
             out,
-            "rebuilt {new_tasks} tasks and {new_episodes} episodes; {updated} episodes brought up to date, {taken_back} \
-             blobs taken back from the trash, {} blobs unclaimed",
+            "rebuilt {new_tasks} tasks and {new_episodes} episodes; {updated} episodes brought up to date, \
+             {restored} blobs restored from the trash, {} blobs unclaimed",
             unclaimed.len()
         )
     }

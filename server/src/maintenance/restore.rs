@@ -3,7 +3,7 @@
 use std::{fs, io, path::Path};
 
 use super::{
-    check::look_through,
+    check::check_folder,
     files::{Needed, Progress, grouped},
     manifest::Manifest,
     target,
@@ -38,7 +38,7 @@ pub(super) async fn restore(config: &RestoreConfig, out: &mut impl io::Write) ->
     let draft = made.map_err(fault("making a folder in", &parent))?;
     fill(backup, draft.path()).await?;
     let check = CheckConfig { data_dir: draft.path().to_owned(), fast: true, json: false };
-    let mut report = look_through(&check).await?;
+    let mut report = check_folder(&check).await?;
     // An empty folder is replaced; a folder that has been filled in the meantime is an error.
     fs::rename(draft.path(), place).map_err(fault("moving the restored folder to", place))?;
     // The draft has moved: it needs no removal.
@@ -55,7 +55,7 @@ fn same_database(backup: &Path) -> Result<()> {
     match blobs::digest(&backup.join(DATABASE))? == manifest.database {
         true => Ok(()),
         false => Err(Error::precondition(format!(
-            "the database of {} is not what its manifest says: it is damaged. Use another backup",
+            "the database of {} does not match its manifest: it is damaged. Use another backup",
             backup.display()
         ))),
     }

@@ -15,7 +15,7 @@ use std::{
     time::{Duration, SystemTime},
 };
 
-use super::{Room, caches::Rules, describe::describe_queued, files, worth};
+use super::{Sweeper, caches::Rules, describe::describe_queued, files, worth};
 use crate::{
     blobs::{Blobs, Removing},
     domain::{
@@ -56,14 +56,14 @@ pub(super) struct SweepCounts {
     pub(super) audited: u64,
 }
 
-impl Room {
+impl Sweeper {
     /// Sweeps once, with `now` as the present time.
     ///
     /// # Errors
     /// Precondition when too large a share of the blobs has no row; when the database or the disk fails.
     pub(super) async fn sweep(&self, now: SystemTime) -> Result<SweepCounts> {
         let mut counts = SweepCounts::default();
-        // Without this, recordings whose deletion is not yet in the sidecars would stay for good.
+        // Without this, recordings whose deletion is not yet in the sidecars would stay permanently.
         describe_queued(&self.store, &self.blobs).await?;
         let old = self.old_enough(now).await?;
         let orphans = self.orphans(old).await?;
@@ -139,10 +139,10 @@ impl Room {
         let share = unexplained as f64 / all.max(1) as f64;
         if unexplained > FEW && share > self.maintenance.max_sweep_share {
             return Err(Error::precondition(format!(
-                "the database names {} of {all} blobs only, and the sweep would move {unexplained} recordings and results \
-                 to the trash: above --max-sweep-share {}. Nothing was removed. `gleaner-server check` lists them; \
-                 `gleaner-server rebuild` adds recordings that the database lacks; a larger --max-sweep-share lets the \
-                 sweep go on",
+                "the database names {} of {all} blobs only, and the sweep would move {unexplained} recordings and \
+                 results to the trash: above --max-sweep-share {}. No file was removed. `gleaner-server check` lists \
+                 them; `gleaner-server rebuild` adds recordings that the database lacks; a larger --max-sweep-share \
+                 allows it",
                 all - orphans.len(),
                 self.maintenance.max_sweep_share
             )));

@@ -13,7 +13,8 @@ use crate::{
 
 /// The mark of a backup's folder, written first.
 const MARK: &str = "BACKUP";
-const SAYS: &str = "A backup of gleaner's data. To use it: gleaner-server restore THIS_FOLDER --data-dir NEW_FOLDER\n";
+const NOTICE: &str =
+    "A backup of gleaner's data. To use it: gleaner-server restore THIS_FOLDER --data-dir NEW_FOLDER\n";
 
 /// Creates the folder of a backup, or reuses that of an earlier one, and locks it against other backups.
 ///
@@ -42,7 +43,7 @@ pub(super) fn claim(source: &Path, target: &Path) -> Result<DataLock> {
         )));
     }
     let lock = DataLock::take(target)?;
-    fs::write(&mark, SAYS).map_err(fault)?;
+    fs::write(&mark, NOTICE).map_err(fault)?;
     Ok(lock)
 }
 

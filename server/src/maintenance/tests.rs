@@ -10,7 +10,7 @@ use std::path::Path;
 
 use tempfile::TempDir;
 
-use super::{check::look_through, report::Report};
+use super::{check::check_folder, report::Report};
 use crate::{
     blobs::Blobs,
     config::CheckConfig,
@@ -57,5 +57,5 @@ pub(super) async fn lab() -> Lab {
 }
 
 pub(super) async fn checked(data_dir: &Path, fast: bool) -> Report {
-    look_through(&CheckConfig { data_dir: data_dir.to_owned(), fast, json: false }).await.unwrap()
+    check_folder(&CheckConfig { data_dir: data_dir.to_owned(), fast, json: false }).await.unwrap()
 }

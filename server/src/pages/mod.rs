@@ -44,7 +44,7 @@ pub(crate) fn open(
     tls: Option<Arc<Tls>>,
     tokens: TokenCache,
 ) -> Result<AbortOnDropHandle<()>> {
-    let address = listener.local_addr().map_err(|error| Error::internal("asking the pages' address", error))?;
+    let address = listener.local_addr().map_err(|error| Error::internal("reading the pages' address", error))?;
     let config = &services.config;
     let loopback = address.ip().is_loopback() && config.listen.ip().is_loopback();
     let required = config.access.tokens_required(loopback, config.insecure);

@@ -97,7 +97,7 @@ impl Pages {
     }
 
     /// Requests a page.
-    pub(super) async fn ask<B>(&self, request: Request<B>) -> Reply
+    pub(super) async fn send<B>(&self, request: Request<B>) -> Reply
     where
         B: http_body::Body<Data = Bytes, Error: Into<Box<dyn std::error::Error + Send + Sync>>> + Send + 'static,
     {
@@ -109,14 +109,14 @@ impl Pages {
 
     /// Requests a page as a browser does.
     pub(super) async fn get(&self, client: &Client, path: &str) -> Reply {
-        self.ask(client.request(Method::GET, path, String::new())).await
+        self.send(client.request(Method::GET, path, String::new())).await
     }
 
     /// Sends a form, or JSON, to a page.
     pub(super) async fn post(&self, client: &Client, path: &str, (kind, body): (&'static str, &str)) -> Reply {
         let mut request = client.request(Method::POST, path, body.to_owned());
         request.headers_mut().insert(CONTENT_TYPE, kind.parse().unwrap());
-        self.ask(request).await
+        self.send(request).await
     }
 
     /// A browser on pages without tokens, after its first page.

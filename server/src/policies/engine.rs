@@ -128,7 +128,7 @@ impl<M: Model> Engine<M> {
         let (request, answer) = call.request();
         self.requests()?.try_send(request).map_err(|error| match error {
             flume::TrySendError::Full(_) => Error::exhausted(format!(
-                "the queue of policy {} is full ({} observations); try again later",
+                "the queue of policy {} is full ({} observations); retry later",
                 self.identity.policy_id, self.identity.queue
             )),
             flume::TrySendError::Disconnected(_) => stopped(),
@@ -184,7 +184,7 @@ impl<H> InferenceRequest<H> {
 }
 
 fn stopped() -> Error {
-    Error::unavailable("the policy is being unloaded or the server is stopping; try again")
+    Error::unavailable("the policy is being unloaded or the server is stopping; retry")
 }
 
 /// Locks; the values behind these mutexes are whole after every statement, so a panic elsewhere does not matter.

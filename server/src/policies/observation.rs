@@ -73,7 +73,7 @@ fn pixels(into: &mut Vec<u8>, camera: &CameraShape, path: &str, frame: &CameraFr
     }
     let depth = present(&field, frame.depth.as_ref())?;
     if depth.format == ImageFormat::Jpeg {
-        return Err(Error::invalid(&field, "depth cannot be JPEG, which loses millimetres; send PNG or RAW"));
+        return Err(Error::invalid(&field, "depth cannot be JPEG, which is lossy; send PNG or RAW"));
     }
     let format = pixel_format(depth.format, PixelFormat::Depth16);
     into.extend(decode_depth(&depth.data, format, height, width).map_err(|error| Error::invalid(&field, error))?);

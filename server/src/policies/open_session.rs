@@ -57,7 +57,7 @@ impl Policies {
             first = inputs.next() => first,
             () = tokio::time::sleep(idle) => return Err(Error::late("no `open` message was received in time; open the session again")),
             () = replies.closed() => return Ok(()),
-            () = stopping.cancelled() => return Err(Error::unavailable("the server is stopping; try again")),
+            () = stopping.cancelled() => return Err(Error::unavailable("the server is stopping; retry")),
         };
         let Some(SessionInput::Open(settings)) = first.transpose()? else {
             return Err(Error::invalid("open", "must be the first message of a session"));

@@ -54,7 +54,7 @@ impl ReplySender {
         }
     }
 
-    /// Completes when the robot stops reading for good.
+    /// Completes when the robot stops reading permanently.
     pub(super) async fn closed(&self) {
         self.outputs.closed().await;
     }

@@ -216,7 +216,7 @@ impl<M: Model> Table<M> {
         let oldest = own().filter(|(_, slot)| slot.is_idle()).min_by_key(|(_, slot)| *lock(&slot.used));
         let Some((oldest, _)) = oldest else {
             return Err(Error::exhausted(format!(
-                "all {MOST} sequences of {deployment} are busy; end some with sequence_end, or try again later"
+                "all {MOST} sequences of {deployment} are busy; end some with sequence_end, or retry later"
             )));
         };
         let oldest = oldest.clone();

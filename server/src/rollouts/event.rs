@@ -22,10 +22,10 @@ const ROOM: u32 = 32 << 10;
 pub(super) struct Queue(Arc<Semaphore>);
 
 /// The room of one event, released on drop.
-pub(super) type Room = OwnedSemaphorePermit;
+pub(super) type QueuePermit = OwnedSemaphorePermit;
 
 /// A complete step on its way to the writer.
-pub(super) type Written = Step<Room>;
+pub(super) type Written = Step<QueuePermit>;
 
 /// A message beside the steps.
 #[derive(Debug)]
@@ -35,7 +35,7 @@ pub(super) struct Note {
     pub(super) value: serde_json::Value,
     /// The most bytes of it as text.
     pub(super) bytes: u64,
-    pub(super) _room: Room,
+    pub(super) _room: QueuePermit,
 }
 
 /// The end of a session.
@@ -68,7 +68,7 @@ impl Queue {
     }
 
     /// Room for this many bytes, if there is. A single event always has room, however large.
-    pub(super) fn room(&self, bytes: usize) -> Option<Room> {
+    pub(super) fn room(&self, bytes: usize) -> Option<QueuePermit> {
         let kib = u32::try_from(bytes.div_ceil(1024)).unwrap_or(u32::MAX).clamp(1, ROOM);
         Arc::clone(&self.0).try_acquire_many_owned(kib).ok()
     }

@@ -37,7 +37,7 @@ pub(crate) struct ObservationCounts {
 pub(crate) struct Recorder {
     events: mpsc::UnboundedSender<Event>,
     queue: Queue,
-    steps: Steps<super::event::Room>,
+    steps: Steps<super::event::QueuePermit>,
     left_out: u64,
 }
 

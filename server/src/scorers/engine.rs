@@ -17,7 +17,7 @@ use super::{
 use crate::{
     domain::id::ScoreRunId,
     error::{Error, Result, guarded},
-    ingest::Room,
+    ingest::InspectionPermit,
 };
 
 /// The most running episodes in one batch.
@@ -38,7 +38,7 @@ struct Whole {
     steps: Trajectory,
     reply: oneshot::Sender<Result<EpisodeScores>>,
     /// Released with the episode's memory, even if the caller is gone earlier.
-    _room: Room,
+    _room: InspectionPermit,
 }
 
 /// Shape and window of a loaded scorer, or the error of loading it.
@@ -97,7 +97,7 @@ impl<S: Scorer> Engine<S> {
     ///
     /// # Errors
     /// Invalid when it does not fit the task; Unavailable when the scorer is being unloaded; Internal when it fails.
-    pub(super) async fn episode(&self, steps: Trajectory, room: Room) -> Result<EpisodeScores> {
+    pub(super) async fn episode(&self, steps: Trajectory, room: InspectionPermit) -> Result<EpisodeScores> {
         let (reply, answer) = oneshot::channel();
         let requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let whole = Box::new(Whole { steps, reply, _room: room });
@@ -211,7 +211,7 @@ fn answer<S: Scorer>(scorer: &S, stretches: &[&Stretch<S::History>]) -> Result<V
 }
 
 fn unloading() -> Error {
-    Error::unavailable("the scorer is being unloaded or the server is stopping; try again")
+    Error::unavailable("the scorer is being unloaded or the server is stopping; retry")
 }
 
 fn miscounted() -> Error {

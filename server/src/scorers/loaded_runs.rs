@@ -72,7 +72,7 @@ impl<S: Scorer> LoadedRuns<S> {
         let ready = receiver.await.map_err(|error| Error::internal("loading a scorer", error))??;
         // A load that ended after the stop must not outlive it.
         match self.runs().ready.is_stopped() {
-            true => Err(Error::unavailable("the server is stopping; try again")),
+            true => Err(Error::unavailable("the server is stopping; retry")),
             false => Ok(ready),
         }
     }

@@ -33,7 +33,7 @@ use crate::{
         task::Task,
     },
     error::Result,
-    ingest::{Ingest, Room},
+    ingest::{Ingest, InspectionPermit},
     store::Store,
 };
 
@@ -112,7 +112,7 @@ impl<S: Scorer> Ready<S> {
     ///
     /// # Errors
     /// Invalid when it does not fit the task; Unavailable when the server is stopping; Internal.
-    pub(crate) async fn score_recording(&self, steps: &Steps, room: Room) -> Result<EpisodeScores> {
+    pub(crate) async fn score_recording(&self, steps: &Steps, room: InspectionPermit) -> Result<EpisodeScores> {
         let recording = trajectory(self.shape(), "recording", steps);
         self.engine.episode(recording.map_err(|error| error.during("scoring a recording"))?, room).await
     }

@@ -81,7 +81,7 @@ mod tests {
     use crate::domain::id::TokenId;
 
     #[tokio::test]
-    async fn entries_come_back_in_order_the_newest_when_there_are_many() {
+    async fn entries_are_ordered_and_limited_to_the_newest() {
         let (_dir, store) = testing::store().await;
         let entry = |at| AuditEntry {
             at: Millis(at),

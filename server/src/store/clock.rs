@@ -57,7 +57,7 @@ impl Store {
         .try_map(row::read)
         .fetch_one(self.read())
         .await
-        .map_err(fault("asking for jumps of the clock"))?;
+        .map_err(fault("reading the jumps of the clock"))?;
         Ok(Duration::from_millis(jumped))
     }
 }
@@ -73,7 +73,7 @@ mod tests {
     const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 
     #[tokio::test]
-    async fn a_jump_counts_until_its_age_has_really_passed() {
+    async fn a_jump_counts_until_the_measured_time_reaches_it() {
         let (_dir, store) = testing::store().await;
         let start = Millis(1_800_000_000_000);
         assert_eq!(store.note_time(start, None).await.unwrap(), None, "a new database has seen nothing");

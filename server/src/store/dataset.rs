@@ -95,7 +95,7 @@ impl Store {
     /// The dataset of this selection of an existing or pending score run; created if there is none.
     ///
     /// # Errors
-    /// NotFound; Precondition when the run's job gave up.
+    /// NotFound; Precondition when the run's job failed.
     pub(crate) async fn insert_dataset(&self, run: &ScoreRunId, selection: Selection) -> Result<Dataset> {
         let dataset = Dataset {
             id: DatasetId::new(),

@@ -37,7 +37,7 @@ impl Store {
     /// An episode with its report, also from the trash.
     ///
     /// # Errors
-    /// NotFound, also for an episode that is deleted for good.
+    /// NotFound, also for an episode that is permanently deleted.
     pub(crate) async fn episode(&self, id: &EpisodeId) -> Result<InspectedEpisode> {
         let missing = || Error::not_found("episode", id);
         let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
@@ -54,7 +54,7 @@ impl Store {
     /// The task and the recording of an episode, also from the trash.
     ///
     /// # Errors
-    /// NotFound, also for an episode that is deleted for good.
+    /// NotFound, also for an episode that is permanently deleted.
     pub(crate) async fn recording_of(&self, id: &EpisodeId) -> Result<(TaskId, BlobId)> {
         sqlx::query("select task_id, recording from episodes where id = ? and purged_at is null")
             .bind(id.param())
@@ -107,7 +107,7 @@ impl Store {
     }
 }
 
-/// An episode that is not deleted for good.
+/// An episode that is not permanently deleted.
 pub(super) async fn by_id(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<Episode>> {
     let mut query = QueryBuilder::new(COLUMNS);
     query.push("where id = ").push_bind(id.param()).push(" and purged_at is null");
@@ -130,7 +130,7 @@ async fn one(tx: &mut Transaction<'_, Sqlite>, mut query: QueryBuilder<Sqlite>) 
     query.build().try_map(row::read).fetch_optional(&mut **tx).await.map_err(fault("reading an episode"))
 }
 
-/// Makes an episode visible, with its first label. If the task had this recording and it was deleted for good, the row
+/// Makes an episode visible, with its first label. If the task had this recording and it was permanently deleted, the row
 /// of that episode is restored instead.
 pub(super) async fn insert(
     tx: &mut Transaction<'_, Sqlite>,

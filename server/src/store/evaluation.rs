@@ -86,7 +86,7 @@ mod tests {
     };
 
     #[tokio::test]
-    async fn evaluations_come_back_newest_first() {
+    async fn evaluations_are_listed_newest_first() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         testing::episode(&store, &task, Outcome::Success, "").await;

@@ -6,9 +6,9 @@ use crate::{
 };
 
 /// SQLite reports a write beyond the process's file size limit as any other write that failed.
-const FILE_LIMIT_REACHED: &str = "the server's database cannot be written: its files have reached the file size limit of \
-     the server's process, or the disk fails. Nothing was kept of this request. Raise the limit (`ulimit -f`, LimitFSIZE= \
-     of its service), then try again";
+const FILE_LIMIT_REACHED: &str = "the server's database cannot be written: its files have reached the file size limit \
+     of the server's process, or the disk fails. No part of this request was stored. Raise the limit (`ulimit -f`, \
+     LimitFSIZE= of its service), then retry";
 
 /// SQLite's codes, extended ones where they are needed.
 const BUSY: i32 = 5;
@@ -46,9 +46,7 @@ fn refusal(code: i32, limited: bool) -> Option<&'static str> {
 }
 
 fn too_slow() -> Error {
-    Error::unavailable(
-        "the server's database does not come to this: its disk is slow or another program holds it. Try again",
-    )
+    Error::unavailable("the server's database is busy: its disk is slow or another process holds it; retry")
 }
 
 #[cfg(test)]
@@ -126,7 +124,7 @@ mod tests {
 
     /// A slow disk delays writers, but no reader.
     #[tokio::test]
-    async fn a_slow_write_holds_up_no_reader() {
+    async fn a_slow_write_does_not_delay_readers() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         let slow = store.write().await.unwrap();
@@ -140,6 +138,6 @@ mod tests {
         waiting.await.unwrap();
         assert_eq!(store.uploads().await.unwrap().len(), 1);
         let error = super::fault("waiting")(sqlx::Error::PoolTimedOut);
-        assert!(error.kind() == Kind::Unavailable && error.message().contains("Try again"), "{error}");
+        assert!(error.kind() == Kind::Unavailable && error.message().contains("retry"), "{error}");
     }
 }

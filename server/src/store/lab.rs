@@ -90,7 +90,7 @@ impl Store {
             }
             None if found.is_none() => tracing::info!(
                 data.dir = %data_dir.display(),
-                "a new lab begins here; if one was expected, its disk may not be mounted"
+                "a new data folder was created; if it should hold data already, its disk may not be mounted"
             ),
             None => {}
         }

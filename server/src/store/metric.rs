@@ -108,7 +108,7 @@ mod tests {
     };
 
     #[tokio::test]
-    async fn few_points_of_each_name_stand_for_many() {
+    async fn metrics_are_thinned_to_few_points_of_each_name() {
         let (_dir, store) = testing::store().await;
         let id = JobId::new();
         let job = NewJob {

@@ -20,8 +20,8 @@ pub(crate) mod finish;
 mod job;
 mod kept;
 mod lab;
-mod made;
 mod metric;
+mod missing_result;
 mod open_shared;
 mod packed;
 mod policy;
@@ -156,7 +156,7 @@ async fn check_version(pool: &SqlitePool) -> Result<()> {
     let version: String = sqlx::query_scalar("select sqlite_version()")
         .fetch_one(pool)
         .await
-        .map_err(fault("asking SQLite's version"))?;
+        .map_err(fault("reading SQLite's version"))?;
     let mut parts = version.split('.').map(|part| part.parse::<u32>().unwrap_or(0));
     let mut next = || parts.next().unwrap_or(0);
     if (next(), next(), next()) < OLDEST_SQLITE {

@@ -39,7 +39,9 @@ impl Store {
             }
             Ok(())
         });
-        let older = |_| unusable("the server that runs on it is of an older version; use its own program".to_owned());
+        let older = |_| {
+            unusable("the server that uses it has an older version; use the gleaner-server of that version".to_owned())
+        };
         migrated.await.map_err(older)??;
         Ok(Self { writer: pool.clone(), readers: pool, tie: std::sync::Arc::default() })
     }
@@ -51,7 +53,7 @@ mod tests {
     use crate::error::Kind;
 
     #[tokio::test]
-    async fn two_write_to_one_database() {
+    async fn two_stores_write_to_one_database() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("gleaner.db");
         assert_eq!(Store::open_shared(&path).await.unwrap_err().kind(), Kind::Precondition);

@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn a_torn_array_is_our_fault_not_a_shorter_array() {
+    fn a_torn_array_is_an_internal_error() {
         let error = unpack::<f32>(&[0; 7]).unwrap_err();
         assert_eq!(error.to_string(), "7 bytes are not a multiple of 4-byte values");
     }

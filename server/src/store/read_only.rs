@@ -43,8 +43,8 @@ pub(super) async fn known_schema(pool: &SqlitePool, path: &Path) -> Result<i64> 
     let (found, newest) = (found.unwrap_or_default(), newest_schema());
     if found > newest {
         return Err(Error::precondition(format!(
-            "the database {} has schema version {found}, and gleaner-server {} knows none after {newest}: use the newer \
-             gleaner-server that made it, or restore a backup from before",
+            "the database {} has schema version {found}, and gleaner-server {} supports versions up to {newest}: use \
+             the newer gleaner-server that made it, or restore an earlier backup",
             path.display(),
             env!("CARGO_PKG_VERSION"),
         )));
@@ -144,7 +144,7 @@ impl Store {
                 .map_err(fault())?;
         let dangling = dangling.into_iter().map(|(table, row, parent)| {
             let row = row.map_or_else(String::new, |row| format!(" {row}"));
-            (format!("{table} row{row}"), format!("names a row of {parent} that is not there"))
+            (format!("{table} row{row}"), format!("names a row of {parent} that does not exist"))
         });
         Ok(damage.chain(dangling).collect())
     }

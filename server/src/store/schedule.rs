@@ -120,7 +120,7 @@ impl Store {
         sqlx::query_scalar("select coalesce(max(id), 0) from labels")
             .fetch_one(self.read())
             .await
-            .map_err(fault("asking for the newest label"))
+            .map_err(fault("reading the newest label"))
     }
 
     /// Pauses or resumes a schedule. Either resets its count: labels during the pause are not counted.

@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn an_episode_made_again_is_the_same_episode() {
+    async fn a_restored_episode_equals_the_original() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         let episode = testing::episode(&store, &task, Outcome::Failure, "night").await;

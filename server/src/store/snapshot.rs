@@ -92,7 +92,7 @@ impl Store {
     /// The episodes of a snapshot in its order, each with its role and with its outcome and cohort at that time.
     ///
     /// # Errors
-    /// NotFound; Precondition when a recording was deleted for good.
+    /// NotFound; Precondition when a recording was permanently deleted.
     pub(crate) async fn recordings(&self, id: &SnapshotId) -> Result<Vec<(Episode, Role)>> {
         let (_, members) = self.snapshot(id).await?;
         self.expect_recordings(id).await?;

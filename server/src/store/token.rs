@@ -35,7 +35,7 @@ impl Store {
         .await
         .map_err(|error| match is_duplicate(&error) {
             true => {
-                Error::exists(format!("a live token is named {:?} already: revoke it, or take another name", token.name))
+                Error::exists(format!("a live token is named {:?} already: revoke it, or choose another name", token.name))
             }
             false => fault("keeping a token")(error),
         })?;
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn tokens_come_back_as_they_were_made() {
+    async fn tokens_round_trip() {
         let (_dir, store) = testing::store().await;
         let made = token("arm");
         store.insert_token(&made, "hash").await.unwrap();
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_name_is_one_live_tokens() {
+    async fn a_name_belongs_to_one_live_token() {
         let (_dir, store) = testing::store().await;
         let first = token("arm");
         store.insert_token(&first, "one").await.unwrap();
@@ -130,6 +130,6 @@ mod tests {
         store.insert_token(&token("arm"), "two").await.unwrap();
         store.insert_token(&token(""), "three").await.unwrap();
         store.insert_token(&token(""), "four").await.unwrap();
-        assert_eq!(store.revoke_token("").await.unwrap_err().kind(), Kind::NotFound, "no name is no name");
+        assert_eq!(store.revoke_token("").await.unwrap_err().kind(), Kind::NotFound, "empty names may repeat");
     }
 }

@@ -1,4 +1,4 @@
-//! Deleted episodes: moved into the trash, restored from it, and removed for good.
+//! Deleted episodes: moved into the trash, restored from it, and permanently removed.
 
 use sqlx::{Sqlite, Transaction};
 
@@ -60,7 +60,7 @@ impl Store {
     /// Takes all these episodes out of the trash, or none. An episode outside the trash is left unchanged.
     ///
     /// # Errors
-    /// NotFound names the first that is unknown or deleted for good.
+    /// NotFound names the first that is unknown or permanently deleted.
     pub(crate) async fn undelete_episodes(&self, ids: &[EpisodeId]) -> Result<Vec<Episode>> {
         let mut tx = self.write().await?;
         let mut back = Vec::with_capacity(ids.len());
@@ -72,14 +72,14 @@ impl Store {
                 .map_err(fault("taking an episode back"))?;
             let episode = episode::by_id(&mut tx, id).await?;
             back.push(episode.ok_or_else(|| {
-                Error::not_found("episode", format!("{id}: unknown, or removed for good; no episode was restored"))
+                Error::not_found("episode", format!("{id}: unknown, or permanently deleted; no episode was restored"))
             })?);
         }
         self.commit_generation(tx).await?;
         Ok(back)
     }
 
-    /// Removes for good the episodes that were moved to the trash before `time`. An episode in a snapshot keeps its
+    /// Permanently removes the episodes that were moved to the trash before `time`. An episode in a snapshot keeps its
     /// row, and is removed only if it was deleted by force and no job of its task is running.
     pub(crate) async fn sweep_trash(&self, time: Millis) -> Result<Swept> {
         let mut tx = self.write().await?;
@@ -139,8 +139,8 @@ impl Store {
         match gone {
             None => Ok(()),
             Some(episode) => Err(Error::precondition(format!(
-                "the recording of {episode}, which {snapshot} holds, was deleted for good: make a new snapshot, or push \
-                 the recording again"
+                "the recording of {episode}, which {snapshot} holds, was permanently deleted: create a new snapshot, \
+                 or push the recording again"
             ))),
         }
     }

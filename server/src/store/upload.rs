@@ -73,7 +73,7 @@ impl Store {
         query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing uploads"))
     }
 
-    /// Raises an upload's committed size; it never falls. Must be called after the bytes are synced.
+    /// Raises an upload's committed size; it never decreases. Must be called after the bytes are synced.
     ///
     /// # Errors
     /// NotFound when the upload is not open any more.

@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_running_process_has_memory_and_a_missing_one_has_none() {
+    fn the_memory_of_a_running_process_is_known_and_that_of_a_missing_one_is_not() {
         assert!(resident(std::process::id()).is_some_and(|bytes| bytes > 1 << 20));
         assert_eq!(resident(u32::MAX), None);
     }

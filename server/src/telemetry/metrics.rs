@@ -46,12 +46,16 @@ fn describe() {
     describe_counter!("gleaner_connections_closed_total", "Connections closed for a silent or slow peer");
     describe_counter!("gleaner_calls_refused_total", "Calls refused or ended by a limit of their client");
     describe_gauge!("gleaner_jobs", "Jobs by state");
-    describe_gauge!("gleaner_queue_age_seconds", Unit::Seconds, "How long the oldest queued job has waited");
+    describe_gauge!("gleaner_queue_age_seconds", Unit::Seconds, "Age of the oldest queued job");
     describe_gauge!("gleaner_worker_memory_bytes", Unit::Bytes, "Resident memory of workers, by kind of job");
-    describe_histogram!("gleaner_session_seconds", Unit::Seconds, "From an observation to its action, by deployment");
+    describe_histogram!(
+        "gleaner_session_seconds",
+        Unit::Seconds,
+        "Time from an observation to its action, by deployment"
+    );
     describe_histogram!("gleaner_policy_batch_size", "Observations in one pass of a model");
     describe_counter!("gleaner_observations_total", "Observations of sessions, by deployment and outcome");
-    describe_gauge!("gleaner_disk_free_bytes", Unit::Bytes, "Free on the data folder's file system");
+    describe_gauge!("gleaner_disk_free_bytes", Unit::Bytes, "Free bytes on the data folder's file system");
     describe_gauge!("gleaner_disk_size_bytes", Unit::Bytes, "Size of the data folder's file system");
     describe_gauge!("gleaner_memory_bytes", Unit::Bytes, "Resident memory of the server");
 }

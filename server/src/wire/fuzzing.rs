@@ -1,5 +1,5 @@
 //! Doors for the fuzzer: every message that a caller or a worker sends, decoded and converted. Built with the feature
-//! `fuzzing` only, which nothing that ships turns on.
+//! `fuzzing` only, which no released build enables.
 
 use std::{fmt::Debug, sync::Arc};
 

@@ -77,7 +77,7 @@ pub(crate) fn from_peer(status: Status) -> Error {
     } else if status.code() == Code::Unauthenticated {
         Error::unauthenticated(message)
     } else {
-        Error::cancelled(format!("the caller is gone: {message}"))
+        Error::cancelled(format!("the caller disconnected: {message}"))
     }
 }
 

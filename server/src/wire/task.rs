@@ -23,10 +23,7 @@ pub(crate) fn create_request(request: v1::CreateTaskRequest, limits: &Limits) ->
         }
     })?;
     if spec.mappings.is_empty() {
-        return Err(Error::invalid(
-            "spec.mappings",
-            "give at least one mapping: it says where recordings keep the steps",
-        ));
+        return Err(Error::invalid("spec.mappings", "give at least one mapping: it locates the steps in a recording"));
     }
     Ok(spec)
 }

@@ -85,7 +85,7 @@ async fn sweeps_delete_no_recording_that_an_accepted_database_lacks() {
             lab.expect_all_recordings();
         }
         let (_, text) = server_text(&["rebuild"], lab.path()).await;
-        assert!(text.contains("taken back from the trash"), "{what}: {text}");
+        assert!(text.contains("restored from the trash"), "{what}: {text}");
         let server = swept(lab.path(), &["--workers", "0"]).await;
         assert_eq!(Api::connect(&server).await.episode_ids().await, lab.ids(), "{what}: {text}");
         lab.expect_all_recordings();
@@ -107,7 +107,7 @@ async fn database_of_another_lab_is_rejected_and_set_aside() {
     lab.expect_all_recordings();
 }
 
-/// Derived files are made again, and none of them is acknowledged data.
+/// Derived files are made again; they are not acknowledged data.
 #[tokio::test]
 async fn missing_folders_of_derived_files_lose_nothing() {
     let lab = UsedFolder::copy().await;

@@ -170,7 +170,7 @@ pub async fn start_by(starter: &[String], data: &Path, flags: &[&str]) -> (bool,
 pub async fn expect_rejected(data: &Path) -> String {
     let (started, text) = start(data, &[]).await;
     assert!(!started, "it started: {text}");
-    for way in ["Nothing was changed", "restore BACKUP", "rebuild --data-dir"] {
+    for way in ["The data folder is unchanged", "restore BACKUP", "rebuild --data-dir"] {
         assert!(text.contains(way), "{way}: {text}");
     }
     text

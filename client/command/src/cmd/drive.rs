@@ -17,16 +17,16 @@ use crate::words;
 pub(crate) struct DriveArgs {
     /// Name of the deployment.
     name: String,
-    /// Number of episodes.
+    /// Number of episodes. More episodes narrow the confidence interval and take longer.
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..))]
     episodes: u32,
     /// Seed of the first episode; each further one adds 1.
     #[arg(long, default_value_t = 1_000_000)]
     seed: u64,
-    /// Number of episodes that run at once.
+    /// Number of concurrent sessions. More finish sooner but share the model, which raises latency.
     #[arg(long, default_value_t = 4)]
     sessions: usize,
-    /// The simulated task.
+    /// Name of the simulated task.
     #[arg(long, default_value = "pick_cube")]
     task: gleaner_sim::Task,
     /// Camera height and width in pixels, as in training. Default: 32.
@@ -132,8 +132,8 @@ fn lowest(driven: &Driven) -> String {
 
 fn control_text(control: &ControlReport) -> String {
     format!(
-        "{} ticks: {} acted, {} held, {} rested; {} answers late, {} missed, {} observations dropped; \
-         {} reconnects, {} overruns",
+        "{} ticks: {} acted, {} held, {} rested; {} late, {} missed, {} observations dropped; {} reconnects, {} \
+         overruns",
         control.ticks,
         control.acted,
         control.held,
@@ -209,7 +209,7 @@ mod tests {
     use gleaner_client::LowestScore;
 
     #[test]
-    fn an_evaluation_reads_and_has_stable_names() {
+    fn an_evaluation_is_described_and_has_stable_names() {
         let plan = DrivePlan {
             deployment: "pick@prod".into(),
             task: gleaner_sim::Task::PickCube,

@@ -133,7 +133,7 @@ fn describe(episode: &Episode, reply: &GetEpisodeResponse) -> String {
 
 fn findings(findings: &[Finding]) -> String {
     if findings.is_empty() {
-        return "nothing was found wrong with it".into();
+        return "no findings".into();
     }
     let columns = [Left("SEVERITY"), Left("FINDING"), Left("ABOUT"), Right("FROM STEP"), Left("DETAIL")];
     let row = |finding: &Finding| {

@@ -38,7 +38,7 @@ impl EvaluateCommand {
             let known = client.policies().list_deployments(ListDeploymentsRequest::default()).await?.into_inner();
             let deployment = known.deployments.into_iter().find(|deployment| deployment.name == name);
             let deployment = deployment.ok_or_else(|| {
-                Failure::message(format!("{name}: no such deployment; gleaner deployments lists them"))
+                Failure::message(format!("{name}: unknown deployment; `gleaner deployments` lists them"))
             })?;
             spec.subject = Some(Subject::Deployment(name));
             self.task.unwrap_or(deployment.task_id)

@@ -93,7 +93,7 @@ impl FromStr for Trials {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let wrong = || format!("{text:?}: write SEED:EPISODES:SUCCESSES[:MEAN_STEPS], for example 0:200:153:31.5");
+        let wrong = || format!("{text:?}: expected SEED:EPISODES:SUCCESSES[:MEAN_STEPS], such as 0:200:153:31.5");
         let parts: Vec<&str> = text.split(':').collect();
         let (seed, episodes, successes, mean_steps) = match parts[..] {
             [seed, episodes, successes] => (seed, episodes, successes, "0"),
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reported_trials_are_read_and_wrong_ones_refused_with_the_form() {
+    fn reported_trials_are_parsed_and_malformed_ones_rejected_with_the_format() {
         let trials: Trials = "3:200:153:31.5".parse().unwrap();
         assert_eq!(trials.0, SeedResult { seed: 3, episodes: 200, successes: 153, mean_steps: 31.5 });
         assert_eq!("0:10:1".parse::<Trials>().unwrap().0.mean_steps, 0.0);
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn an_evaluation_reads_seed_by_seed() {
+    fn an_evaluation_is_shown_seed_by_seed() {
         let seed = |seed, mean_steps| SeedResult { seed, episodes: 4, successes: 3, mean_steps };
         let evaluation = Evaluation {
             id: "evaluation_1".into(),

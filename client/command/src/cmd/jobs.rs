@@ -114,7 +114,7 @@ fn next(job: &Job) -> String {
     match job.state() {
         JobState::Succeeded => after(job),
         JobState::Queued | JobState::Running | JobState::Unspecified => format!("gleaner watch {}", job.id),
-        JobState::Failed | JobState::Cancelled => format!("gleaner jobs (job {} can be submitted anew)", job.id),
+        JobState::Failed | JobState::Cancelled => format!("gleaner jobs (job {} can be submitted again)", job.id),
     }
 }
 

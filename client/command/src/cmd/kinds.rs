@@ -11,7 +11,7 @@ use crate::table::table;
 
 #[derive(Args, Debug)]
 pub(crate) struct KindsArgs {
-    /// Only the settings of this job, policy, objective or scorer, such as `act`.
+    /// Show the settings of this job, policy, objective or scorer only, such as `act`.
     kind: Option<String>,
 }
 
@@ -30,7 +30,11 @@ impl KindsArgs {
             Some(name) => {
                 let named: Vec<String> =
                     all().filter(|(_, kind)| kind.name == *name).map(|(family, kind)| settings(family, kind)).collect();
-                if named.is_empty() { format!("no kind {name}; gleaner kinds lists them") } else { named.join("\n") }
+                if named.is_empty() {
+                    format!("{name}: unknown kind; `gleaner kinds` lists them")
+                } else {
+                    named.join("\n")
+                }
             }
         };
         context.output.result(|| json::value(&reply), text)?;

@@ -39,7 +39,7 @@ impl LabelArgs {
         let reply = context.client().await?.episodes().label_episodes(request).await?.into_inner();
         context.output.result(|| json::value(&reply), || episodes::listing(&reply.episodes))?;
         if let Some(episode) = reply.episodes.first() {
-            context.output.next(format_args!("gleaner labels {} (every label it ever had)", episode.id));
+            context.output.next(format_args!("gleaner labels {} (the history of its labels)", episode.id));
         }
         Ok(())
     }

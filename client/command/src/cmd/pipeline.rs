@@ -30,13 +30,13 @@ enum Until {
 pub(crate) struct PipelineArgs {
     #[command(flatten)]
     snapshot: SnapshotArgs,
-    /// The last stage.
+    /// Last stage of the chain.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
     /// Keep segments with a quality above this threshold, 0 to 1.
     #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
     beta: f64,
-    /// Keep this part of the segments instead, the best ones.
+    /// Instead of --beta, keep this fraction of the segments, the best ones.
     #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
     top: Option<f64>,
     #[command(flatten)]
@@ -139,7 +139,7 @@ impl PipelineCommand {
 fn next(submitted: &[Job], waited: bool) -> String {
     match submitted.last() {
         Some(last) if waited => after(last),
-        Some(last) => format!("gleaner watch {} (the last of the chain)", last.id),
+        Some(last) => format!("gleaner watch {} (the last job of the chain)", last.id),
         None => "gleaner jobs".into(),
     }
 }
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dataset_is_by_threshold_or_by_part() {
+    fn a_dataset_is_selected_by_threshold_or_by_fraction() {
         let kept = |options: &str| (spec(options).beta, spec(options).top_fraction);
         assert_eq!(kept(""), (Some(0.9), None));
         assert_eq!(kept("--top 0.1"), (None, Some(0.1)));

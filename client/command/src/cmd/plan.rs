@@ -8,16 +8,17 @@ use gleaner_proto::v1::{PretrainSpec, RoleRule};
 /// Which episodes are experts and which are imperfect. By default success and failure decide.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RuleArgs {
-    /// Cohort whose episodes are experts, whatever their outcome; may be repeated.
+    /// Cohort whose episodes are experts, regardless of their outcome; can be repeated.
     #[arg(long = "expert-cohort", value_name = "COHORT", requires = "imperfect_cohorts")]
     expert_cohorts: Vec<String>,
-    /// Cohort whose episodes are imperfect, whatever their outcome; may be repeated.
+    /// Cohort whose episodes are imperfect, regardless of their outcome; can be repeated.
     #[arg(long = "imperfect-cohort", value_name = "COHORT", requires = "expert_cohorts")]
     imperfect_cohorts: Vec<String>,
-    /// Most imperfect episodes for each expert, spread evenly over the cohorts (0: all).
+    /// Maximum number of imperfect episodes for each expert, spread evenly over the cohorts (0: all). Fewer take less
+    /// time.
     #[arg(long, value_name = "RATIO", default_value_t = 0.0, hide_default_value = true)]
     imperfect_per_expert: f64,
-    /// Most experts (0: all).
+    /// Maximum number of experts (0: all).
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     max_experts: u32,
     /// Sampling seed. With the same seed, a smaller limit selects a subset of a larger one.
@@ -40,7 +41,7 @@ impl RuleArgs {
 /// What a pretraining learns from.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct SnapshotArgs {
-    /// An existing snapshot; by default one is made now.
+    /// Id of an existing snapshot. Default: a new snapshot of the task.
     #[arg(long, conflicts_with_all = [
         "expert_cohorts", "imperfect_cohorts", "imperfect_per_expert", "max_experts", "rule_seed"
     ])]

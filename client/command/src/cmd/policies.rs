@@ -95,7 +95,7 @@ impl RollbackArgs {
 fn pointed(deployment: &Deployment) -> String {
     let Deployment { name, policy_id, score_run_id: run, .. } = deployment;
     let scored = if run.is_empty() { String::new() } else { format!(", scored by {run}") };
-    format!("{name} now points at {policy_id}{scored}")
+    format!("{name} now serves {policy_id}{scored}")
 }
 
 #[derive(Args, Debug)]

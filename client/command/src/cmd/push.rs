@@ -29,13 +29,13 @@ pub(crate) struct PushArgs {
     /// Outcome of the attempts.
     #[arg(long, value_parser = outcome_from_word, default_value = "unknown", value_name = "success|failure|unknown")]
     outcome: Outcome,
-    /// Free name for the group of episodes: operator, policy, skill level.
+    /// Cohort: a free name for a group of episodes, such as an operator, a policy or a skill level.
     #[arg(long, default_value = "", hide_default_value = true)]
     cohort: String,
     /// CSV file with the columns file,task,outcome,cohort that labels each recording; paths are relative to it.
     #[arg(long, value_name = "CSV", conflicts_with_all = ["outcome", "cohort"])]
     labels: Option<PathBuf>,
-    /// Number of recordings that are uploaded at once.
+    /// Maximum number of concurrent uploads. More make better use of a fast network; fewer leave bandwidth to others.
     #[arg(long, default_value_t = 4, value_name = "N")]
     jobs: usize,
 }
@@ -54,7 +54,7 @@ impl PushArgs {
         let failures = pushed.failures().count();
         if failures > 0 {
             return Err(Failure::message(format!(
-                "{failures} of {} recordings were not taken; fix them and push them again",
+                "{failures} of {} recordings were rejected; fix them and push them again",
                 pushed.results.len()
             )));
         }
@@ -140,7 +140,7 @@ fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
     let existed = pushed.uploaded().filter(|uploaded| uploaded.existed).count();
     let warnings: u32 = pushed.uploaded().map(|uploaded| uploaded.episode.warnings).sum();
     let mut lines = vec![format!(
-        "{} recordings pushed, {existed} there already, {} not taken; {:.1} MB in {} ({:.1} MB/s)",
+        "{} recordings pushed, {existed} already stored, {} rejected; {:.1} MB in {} ({:.1} MB/s)",
         pushed.uploaded().count() - existed,
         pushed.failures().count(),
         words::megabytes(pushed.sent_bytes()),
@@ -152,10 +152,10 @@ fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
     }
     // A name or a reason with a line break must not look like a line of ours.
     for (item, error) in pushed.failures() {
-        lines.push(printable::field(&format!("not taken: {}: {error}", item.path.display())).into_owned());
+        lines.push(printable::field(&format!("rejected: {}: {error}", item.path.display())).into_owned());
     }
     if !skipped.is_empty() {
-        lines.push(format!("{} skipped, because they are not regular files or cannot be read", skipped.len()));
+        lines.push(format!("{} skipped: not regular files, or not readable", skipped.len()));
     }
     for Skipped { path, reason } in skipped {
         lines.push(printable::field(&format!("skipped: {}: {reason}", path.display())).into_owned());
@@ -210,12 +210,11 @@ mod tests {
     }
 
     #[test]
-    fn the_summary_counts_and_names_what_was_not_taken() {
+    fn the_summary_counts_and_names_rejected_recordings() {
         assert_eq!(
             summary(&pushed(), &[]),
-            "1 recordings pushed, 1 there already, 1 not taken; 3.0 MB in 0.5 s (6.0 MB/s)\n\
-             2 warnings; gleaner episode ID shows them\n\
-             not taken: c.mcap: not an MCAP file"
+            "1 recordings pushed, 1 already stored, 1 rejected; 3.0 MB in 0.5 s (6.0 MB/s)\n2 warnings; gleaner \
+             episode ID shows them\nrejected: c.mcap: not an MCAP file"
         );
     }
 
@@ -224,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn the_summary_names_what_was_skipped() {
+    fn the_summary_names_skipped_files() {
         let shown = summary(&pushed(), &skipped());
         let last: Vec<&str> = shown.lines().rev().take(2).collect();
         assert_eq!(last[0], "skipped: x\\u{1b}[2J\\n.mcap: is a FIFO");

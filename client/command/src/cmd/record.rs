@@ -24,7 +24,7 @@ impl FromStr for CohortArg {
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let (name, rest) = text.split_once('=').map_or((None, text), |(name, rest)| (Some(name), rest));
         let (agent, count) = rest.rsplit_once(':').ok_or_else(|| {
-            format!("{text:?}: write [NAME=]KIND[:GRADE]:COUNT, for example expert:40 or weak=noise:0.5:20")
+            format!("{text:?}: expected [NAME=]KIND[:GRADE]:COUNT, such as expert:40 or weak=noise:0.5:20")
         })?;
         let agent = agent.parse::<AgentSpec>().map_err(|error| error.to_string())?;
         let count = count.parse().map_err(|_| format!("{text:?}: the count must be a whole number"))?;
@@ -38,7 +38,7 @@ impl FromStr for CohortArg {
 
 #[derive(Args, Debug)]
 pub(crate) struct RecordArgs {
-    /// The simulated task.
+    /// Name of the simulated task.
     #[arg(long, default_value = "pick_cube")]
     task: Task,
     /// Output folder for recordings, labels.csv and marks.csv.
@@ -96,7 +96,7 @@ impl RecordSet {
         }
         let seed = self.seed;
         Err(format!(
-            "seed: {seed} is too high; with {attempts} recordings give at most {most}, evaluations begin there"
+            "seed: {seed} is too high; with {attempts} recordings give at most {most}, the seeds of evaluations begin above it"
         ))
     }
 
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn an_agents_cohort_is_its_kind_or_as_named() {
+    fn the_cohort_of_an_agent_is_its_name_or_its_kind() {
         let cohort = |text: &str| text.parse::<CohortArg>().unwrap().0;
         let weak = cohort("weak=noise:0.5:20");
         assert_eq!((weak.name.as_str(), weak.agent.grade(), weak.count), ("weak", 0.5, 20));

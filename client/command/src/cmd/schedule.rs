@@ -161,7 +161,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_trigger_says_when_it_is_next() {
+    fn the_next_run_of_each_trigger_is_shown() {
         let by_labels =
             Schedule { trigger: Some(Trigger::LabelledEpisodes(20)), labelled_since: 15, ..Schedule::default() };
         assert_eq!(when(&by_labels), ("every 20 labels".into(), "after 5 more".into()));

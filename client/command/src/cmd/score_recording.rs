@@ -12,9 +12,9 @@ use crate::json;
 
 #[derive(Args, Debug)]
 pub(crate) struct ScoreRecordingArgs {
-    /// Id of the score run, which gives the experts and the settings.
+    /// Id of the score run, which has the experts and the settings.
     run: String,
-    /// The recording (MCAP).
+    /// Path of the recording (MCAP).
     file: PathBuf,
     /// Threshold that the chart shows as a line, 0 to 1.
     #[arg(long, default_value_t = 0.9)]

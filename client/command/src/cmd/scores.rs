@@ -17,7 +17,7 @@ const CHART_ROWS: usize = 8;
 
 #[derive(Args, Debug)]
 pub(crate) struct RunsArgs {
-    /// The task's name or id; by default the only task there is.
+    /// Name or id of the task. Default: the only task of the server.
     #[arg(long)]
     task: Option<String>,
 }
@@ -62,14 +62,14 @@ impl RunsArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct ScoresArgs {
-    /// The score run.
+    /// Id of the score run.
     run: String,
-    /// The episode.
+    /// Id of the episode.
     episode: String,
-    /// The threshold that is drawn as a line.
+    /// Threshold that the chart shows as a line, 0 to 1.
     #[arg(long, default_value_t = 0.9)]
     beta: f64,
-    /// Also list each step's nearest expert step and the distances to it.
+    /// Also list the nearest expert step of each step with its distances.
     #[arg(long)]
     matches: bool,
 }
@@ -154,12 +154,12 @@ fn matches(scores: &EpisodeScores) -> String {
 
 #[derive(Args, Debug)]
 pub(crate) struct HistogramArgs {
-    /// The score run.
+    /// Id of the score run.
     run: String,
-    /// Thresholds to count for.
+    /// Thresholds, 0 to 1, for which kept segments are counted.
     #[arg(long, value_delimiter = ',', default_value = "0.5,0.7,0.8,0.9,0.95")]
     beta: Vec<f64>,
-    /// Bins of the histogram.
+    /// Number of bins of the histogram, at most 1000. More bins show finer detail.
     #[arg(long, default_value_t = 20)]
     bins: u32,
 }
@@ -215,7 +215,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_histogram_reads_as_drawn() {
+    fn the_histogram_is_drawn() {
         let reply = GetHistogramResponse {
             counts: vec![0, 5, 10, 1],
             segments: 16,
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn matches_show_the_expert_step_and_gaps_as_gaps() {
+    fn matches_show_the_expert_step_and_leave_gaps_empty() {
         let listed = matches(&scores());
         let rows: Vec<Vec<&str>> = listed.lines().skip(1).map(|line| line.split_whitespace().collect()).collect();
         assert_eq!(rows[0], ["0", "1.000", "-0.250", "ep_1", "4", "0.125", "0.062", "0.062"]);
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn an_episode_without_steps_is_no_panic() {
+    fn an_episode_without_steps_does_not_panic() {
         let drawn = drawing("ep_7", &EpisodeScores::default(), 0.9, 80);
         assert!(drawn.contains("no steps"), "{drawn}");
         assert!(matches(&EpisodeScores::default()).contains("NEAREST EXPERT"));

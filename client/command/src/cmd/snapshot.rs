@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rule_reads_with_its_limits() {
+    fn a_rule_is_described_with_its_limits() {
         assert_eq!(rule(None), "by outcome");
         let limited = RoleRule {
             expert_cohorts: vec!["a".into()],

@@ -19,10 +19,10 @@ use crate::{json, words};
 /// Options of every submission.
 #[derive(Args, Debug)]
 pub(crate) struct SubmitArgs {
-    /// Wait until the job has ended, showing its progress.
+    /// Wait for the end of the job and show its progress.
     #[arg(long)]
     pub(crate) wait: bool,
-    /// Priority in the queue; jobs with a higher one run first.
+    /// Priority in the queue; jobs of higher priority run first.
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     pub(crate) priority: i32,
 }
@@ -30,14 +30,15 @@ pub(crate) struct SubmitArgs {
 /// The caller's name for a job.
 #[derive(Args, Debug)]
 pub(crate) struct KeyArgs {
-    /// Key of this work, chosen by the caller. A job with the same key that has not failed is returned instead of a new one.
+    /// Key that prevents duplicate jobs, chosen by the caller. An unfailed job with the same key is returned instead of
+    /// a new one.
     #[arg(long, default_value = "", hide_default_value = true)]
     pub(crate) key: String,
 }
 
 #[derive(Args, Debug)]
 pub(crate) struct PretrainCommand {
-    /// Name or id of the task. Default: the only task there is.
+    /// Name or id of the task. Default: the only task of the server.
     #[arg(long)]
     task: Option<String>,
     #[command(flatten)]
@@ -62,16 +63,16 @@ impl PretrainCommand {
 
 #[derive(Args, Debug)]
 pub(crate) struct ScoreCommand {
-    /// The encoder, or one that a queued job will make; with --extends by default that run's.
+    /// Id of the encoder, whose job may be queued. Default with --extends: the encoder of that run.
     #[arg(long, required_unless_present = "extends")]
     encoder: Option<String>,
-    /// Another snapshot than the encoder's own.
+    /// Id of the snapshot to score. Default: the snapshot of the encoder.
     #[arg(long)]
     snapshot: Option<String>,
     /// Name or id of the task. Default: the encoder's.
     #[arg(long)]
     task: Option<String>,
-    /// Extend a finished score run: only what is new is computed, and its normaliser stays.
+    /// Extend a finished score run with the episodes that are new since then. Its normaliser and settings are kept.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["scorer", "similarity", "normaliser", "scale", "feature_scale", "local_scale"])]
     extends: Option<String>,
     #[command(flatten)]
@@ -99,13 +100,13 @@ impl ScoreCommand {
 #[derive(Args, Debug)]
 #[group(id = "data", required = true, multiple = false, args = ["dataset", "experts_of", "experts_in"])]
 pub(crate) struct TrainCommand {
-    /// Train on this dataset's experts and kept segments.
+    /// Id of the dataset; trains on its experts and kept segments.
     #[arg(long)]
     dataset: Option<String>,
-    /// Train on the experts of this encoder's snapshot alone (SSDF-base).
+    /// Train on the experts of this encoder's snapshot alone (SSDF-base), instead of a dataset.
     #[arg(long, value_name = "ENCODER")]
     experts_of: Option<String>,
-    /// Train on the experts of this snapshot alone; for policies that start from scratch.
+    /// Train on the experts of this snapshot alone, instead of a dataset. For policies that start from scratch.
     #[arg(long, value_name = "SNAPSHOT")]
     experts_in: Option<String>,
     /// Name or id of the task. Default: that of the dataset, encoder or snapshot.
@@ -224,7 +225,7 @@ mod tests {
     use gleaner_proto::v1::JobState;
 
     #[test]
-    fn a_job_reads_in_one_line_and_leads_on() {
+    fn a_job_is_one_line_and_suggests_the_next_command() {
         let at = |seconds| Some(prost_types::Timestamp { seconds, nanos: 0 });
         let job = Job {
             id: "job_1".into(),

@@ -59,7 +59,7 @@ impl CreateArgs {
                 let config = sim_config(self.image)?;
                 gleaner_sim::task_spec(task, &config)
             }
-            (None, None) => return Err(Failure::message("give a specification file or --sim")),
+            (None, None) => return Err(Failure::message("a specification file or --sim is required")),
         };
         gleaner_recording::validate(&specification)?;
         let request = CreateTaskRequest { spec: Some(spec_to_proto(specification.clone())) };
@@ -117,8 +117,9 @@ async fn list(context: &Context) -> Result<()> {
 async fn show(context: &Context, name: String) -> Result<()> {
     let reply = context.client().await?.tasks().get_task(GetTaskRequest { task: name }).await?.into_inner();
     let task = present(reply.task.as_ref(), "a task")?;
-    let specification = spec_from_proto(present(task.spec.clone(), "a specification")?)
-        .map_err(|error| Failure::message(format!("the server's task is from a newer version: {error}")))?;
+    let specification = spec_from_proto(present(task.spec.clone(), "a specification")?).map_err(|error| {
+        Failure::message(format!("the task was created by a newer version of gleaner: {error}; update this program"))
+    })?;
     let document = || serde_json::to_value(&specification).map_err(|error| Failure::message(error.to_string()));
     context.output.result(document, || describe(task, &specification))?;
     context.output.next(format_args!("gleaner episodes --task {}", specification.name));
@@ -154,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn specs_are_read_as_toml_or_json_and_mistakes_are_placed() {
+    fn specs_are_parsed_as_toml_or_json_and_errors_name_the_line() {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, text: &str| {
             let path = folder.path().join(name);

@@ -40,7 +40,7 @@ impl RestoreArgs {
         let request = UndeleteEpisodesRequest { episode_ids: self.ids };
         let reply = context.client().await?.episodes().undelete_episodes(request).await?.into_inner();
         context.output.result(|| json::value(&reply), || episodes::listing(&reply.episodes))?;
-        context.output.next("gleaner episodes --deleted (what is in the trash)");
+        context.output.next("gleaner episodes --deleted (lists the trash)");
         Ok(())
     }
 }

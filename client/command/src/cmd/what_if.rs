@@ -101,7 +101,7 @@ mod tests {
     use gleaner_proto::v1::{KeptOfCohort, KeptOfEpisode};
 
     #[test]
-    fn counts_are_listed_from_the_whole_to_the_parts() {
+    fn totals_are_listed_before_cohorts_and_episodes() {
         let kept = |segments| Some(Kept { segments, of_segments: 8, episodes: 1, of_episodes: 2 });
         let reply = CountKeptResponse {
             counts: vec![KeptBySelection {

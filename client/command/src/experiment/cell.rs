@@ -71,7 +71,7 @@ impl CellSettings {
             return Err("seeds: give at least one".into());
         }
         if (1..self.seeds.len()).any(|index| self.seeds[..index].contains(&self.seeds[index])) {
-            return Err("seeds: each may be given once".into());
+            return Err("seeds: a value is duplicated; give each seed once".into());
         }
         if let Some(seed) = self.seeds.iter().find(|seed| **seed > HIGHEST_SEED) {
             return Err(format!("seeds: {seed} is too high; evaluations accept at most {HIGHEST_SEED}"));
@@ -81,7 +81,7 @@ impl CellSettings {
         }
         if !self.evaluate && !self.method.gleans {
             let method = self.method.title();
-            return Err(format!("evaluate: {method} scores nothing, so no work is left; leave it true"));
+            return Err(format!("evaluate: {method} does not score, so evaluation is its only result; leave it true"));
         }
         if !(0.0..=1.0).contains(&self.beta) {
             return Err(format!("beta: {} is outside [0, 1]", self.beta));

@@ -48,7 +48,7 @@ impl Course<'_> {
             let report = unless_interrupted(self.on(&client), RESUMES).await;
             // A run may be under way on it.
             if !self.only_report {
-                left.ask_to_stop();
+                left.request_stop();
             }
             return report;
         }
@@ -99,7 +99,7 @@ impl Course<'_> {
     /// There is nothing to report.
     pub(super) fn nothing_yet(&self) -> Failure {
         let (name, out) = (&self.experiment.name, self.out.display());
-        Failure::message(format!("nothing of {name} has been run in {out} yet; run it without --report first"))
+        Failure::message(format!("no stage of {name} has run in {out} yet; run it without --report first"))
     }
 
     async fn recordings(&self, client: &Client) -> Result<Recordings> {

@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn only_seeds_that_both_have_count() {
+    fn only_seeds_of_both_methods_count() {
         let ssdf = method(Method::SSDF, [Some(8), None, Some(7)]);
         let base = method(Method::SSDF_BASE, [Some(3), Some(2), None]);
         let found = differences(TableKind::Methods, &[ssdf, base]);
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn methods_with_other_settings_are_no_pair() {
+    fn methods_with_different_settings_are_not_compared() {
         let mut base = method(Method::SSDF_BASE, [Some(3), Some(2), Some(4)]);
         base.settings.train.insert("steps".into(), 9.into());
         assert!(differences(TableKind::Methods, &[method(Method::SSDF, [Some(8); 3]), base]).is_empty());

@@ -115,7 +115,7 @@ impl Experiment {
             let name = study.name().to_owned();
             let cells = study.cells(&file.base, &names).map_err(|problem| format!("study {name:?}: {problem}"))?;
             if studies.iter().any(|other| other.name == name) {
-                return Err(format!("study {name:?}: is there twice; give one another name"));
+                return Err(format!("study {name:?}: the name is duplicated; rename one"));
             }
             studies.push(Study { name, table: study.table, cells });
         }
@@ -146,7 +146,8 @@ fn recordings(file: &ExperimentFile) -> std::result::Result<RecordSet, String> {
             cohort.name.clone_from(name);
         }
         if cohorts.iter().any(|other| other.name == cohort.name) {
-            let problem = if cohort.name == AgentKind::Expert.name() { "is the experts'" } else { "is there twice" };
+            let problem =
+                if cohort.name == AgentKind::Expert.name() { "is the name of the experts" } else { "is duplicated" };
             return Err(field(format!("name: {:?} {problem}; give it another", cohort.name)));
         }
         if cohort.count == 0 {
@@ -182,7 +183,7 @@ mod tests {
     const STUDY: &str = "[[study]]\ntable = \"beta\"\n";
 
     #[test]
-    fn the_committed_files_are_sound() {
+    fn the_committed_files_are_valid() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/experiments");
         for name in ["pick_cube", "stack_cube", "quick"] {
             let experiment = Experiment::read(&folder.join(name).with_extension("toml")).unwrap();
@@ -191,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_given_has_its_default() {
+    fn omitted_settings_have_their_defaults() {
         let experiment = Experiment::parse(&[HEAD, DATA, STUDY].concat()).unwrap();
         assert_eq!(experiment.recordings.config, SimConfig::default());
         assert_eq!(experiment.recordings.cohorts[1].name, "noise");
@@ -200,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn recordings_are_named_by_what_they_depend_on_alone() {
+    fn the_name_of_recordings_depends_on_their_settings_only() {
         let key = |text: String| Experiment::parse(&text).unwrap().data_key;
         let plain = key([HEAD, DATA, STUDY].concat());
         assert_eq!(plain, key([HEAD, DATA, "[base]\nbeta = 0.5\n", STUDY].concat()));
@@ -208,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_name_the_place_and_the_field() {
+    fn errors_name_the_line_and_the_field() {
         let text = |base: &str, data: &str, study: &str| [HEAD, data, base, study].concat();
         for (file, parts) in [
             (text("[base]\nbetta = 1\n", DATA, STUDY), ["base: ", "unknown field `betta`"]),
@@ -216,7 +217,7 @@ mod tests {
             (text("", &DATA.replace("noise:1", "nose:1"), STUDY), ["data.cohorts[0].agent", "nose"]),
             (
                 text("", &DATA.replace("{ agent", "{ name = \"expert\", agent"), STUDY),
-                ["data.cohorts[0].name", "experts'"],
+                ["data.cohorts[0].name", "the name of the experts"],
             ),
             (
                 text("", &DATA.replace("experts", "seed = 4294967296\nexperts"), STUDY),
@@ -224,7 +225,7 @@ mod tests {
             ),
             (text("[base]\nseeds = [1, 4294967295]\n", DATA, STUDY), ["base: seeds: ", "4294967295 is too high"]),
             (text("", DATA, "[[study]]\ntable = \"gamma\"\n"), ["line 7", "unknown variant `gamma`"]),
-            (text("", DATA, &[STUDY, STUDY].concat()), ["study \"Quality score", "twice"]),
+            (text("", DATA, &[STUDY, STUDY].concat()), ["study \"Quality score", "duplicated"]),
             (
                 text("", DATA, "[[study]]\ntable = \"beta\"\nset = { lambda = \"x\" }\n"),
                 ["study \"Quality", "cell \"0\""],

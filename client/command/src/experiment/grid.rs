@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn dotted_axes_and_tables_within_tables_are_the_same() {
+    fn dotted_axes_equal_nested_tables() {
         let dotted = flat(&table("beta = [1]\nrule.seed = [1, 2]")).unwrap();
         assert_eq!(dotted, flat(&table("beta = [1]\n\"rule.seed\" = [1, 2]")).unwrap());
         let labels: Vec<String> = grid(&dotted).into_iter().map(|draft| draft.0).collect();
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn laying_over_keeps_other_settings() {
+    fn overriding_a_setting_keeps_the_others() {
         let mut base = table("a = 1\n[rule]\nseed = 1\nexperts = 2");
         set(&mut base, "rule.seed", 5.into()).unwrap();
         merge(&mut base, &table("a = 3\n[rule]\ncohorts = []"));

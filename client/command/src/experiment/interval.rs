@@ -47,7 +47,7 @@ mod tests {
     }
 
     #[test]
-    fn one_seed_or_equal_seeds_say_nothing_of_others() {
+    fn one_seed_or_equal_seeds_have_no_interval() {
         assert_eq!((student(&[]), student(&[0.5]), student(&[0.5, 0.5, 0.5])), (None, None, None));
         assert_eq!((deviation(&[0.5]), deviation(&[0.5, 0.5])), (None, Some(0.0)));
     }

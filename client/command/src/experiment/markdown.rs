@@ -17,7 +17,7 @@ pub(crate) fn markdown(report: &Report) -> String {
     );
     let Progress { cells, complete, failed } = report.progress;
     if report.progress.unfinished() {
-        let gaps = "A column that lacks seeds says so; what is not there yet is a -.";
+        let gaps = "Columns without all seeds are marked; results that do not exist yet are shown as -.";
         line(&mut text, format_args!("\n**Unfinished: {complete} of {cells} cells are complete. {gaps}**"));
     }
     if failed > 0 {
@@ -167,7 +167,7 @@ mod tests {
     use crate::experiment::report::tests::report;
 
     #[test]
-    fn a_report_of_a_part_says_so_and_what_is_missing() {
+    fn an_unfinished_report_states_what_is_missing() {
         let mut report = report();
         let seed = &mut report.studies[0].cells[2].seeds[1];
         (seed.problem, seed.unfinished) = (None, true);
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn the_head_says_which_seeds_are_missing_and_what_is_left() {
+    fn the_head_lists_failed_seeds_and_counts_complete_ones() {
         let mut report = report();
         let again = report.studies[0].cells[2].clone();
         report.studies[0].cells.push(CellReport { label: "other".into(), ..again.clone() });
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fixed_report_reads_as_committed() {
+    fn a_fixed_report_equals_the_committed_one() {
         let expected = include_str!("testdata/report.md");
         let read: Report = serde_json::from_str(&serde_json::to_string(&report()).unwrap()).unwrap();
         assert_eq!(markdown(&read), expected, "if this is meant, copy what is left of == into testdata/report.md");

@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_read_as_it_is_written() {
+    fn a_name_parses_to_the_method_that_wrote_it() {
         for method in Method::all() {
             assert_eq!(Method::try_from(method.name()), Ok(method));
         }

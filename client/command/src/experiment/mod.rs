@@ -49,22 +49,22 @@ use standing::Progress;
 
 #[derive(Args, Debug)]
 pub(crate) struct ExperimentArgs {
-    /// The experiment's file (TOML).
+    /// Path of the experiment's file (TOML).
     file: PathBuf,
     /// Folder for the recordings, the report and, without --server, the server's data; a run resumes an earlier one in
     /// the same folder. Default: the experiment's name.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Where jobs compute.
+    /// Device of the jobs.
     #[arg(long, default_value = "cpu")]
     device: Device,
-    /// The gleaner-server binary, for a server of the experiment's own. Default: the one beside this program.
+    /// Path of the gleaner-server binary for a temporary server. Default: the one beside this program.
     #[arg(long, value_name = "PATH")]
     server_bin: Option<PathBuf>,
     /// Check the file and print the stages that would run, without running any.
     #[arg(long)]
     plan: bool,
-    /// Only write the report of the results so far, during a run or after an interrupted one.
+    /// Write the report of the results so far and exit, during a run or after an interrupted one.
     #[arg(long, conflicts_with = "plan")]
     report: bool,
 }
@@ -118,7 +118,7 @@ impl ExperimentArgs {
             return Ok(beside);
         }
         Err(Failure::message(format!(
-            "{} is not there; name the server's binary with --server-bin, or a running server with --server",
+            "{} does not exist; name the server's binary with --server-bin, or a running server with --server",
             beside.display()
         )))
     }

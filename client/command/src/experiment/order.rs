@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn no_cohort_named_is_all_of_them() {
+    fn an_empty_list_of_cohorts_selects_all() {
         let all = rule(&RuleSettings { experts: 5, ..RuleSettings::default() }, &["a", "b"]);
         assert_eq!((all.imperfect_cohorts, all.max_experts), (vec!["a".to_owned(), "b".to_owned()], 5));
         assert_eq!(all.expert_cohorts, ["expert"]);

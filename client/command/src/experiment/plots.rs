@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_found_is_nothing_drawn() {
+    fn a_study_without_results_has_no_plot() {
         let mut study = report().studies.remove(0);
         study.cells.clear();
         assert!(draw(&report(), 1, &study).unwrap().is_empty());

@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn seeds_without_a_result_are_no_part_of_the_pool() {
+    fn seeds_without_a_result_are_not_pooled() {
         let pooled = pool(&[seed(0, Some(8), None), seed(1, None, None)]);
         assert_eq!(pooled.success.map(|rate| rate.episodes), Some(10));
         assert_eq!((pooled.deviation_of_seeds, pooled.interval_of_seeds, pooled.kept), (None, None, None));

@@ -131,7 +131,7 @@ async fn pushed(context: &Context, client: &Client, folder: &Path, plan: &Experi
     let items = read_labels(&folder.join(LABELS))?.into_iter().map(item).collect();
     let pushed = push::push(context, client, items, PARALLEL_UPLOADS).await;
     if let Some((item, error)) = pushed.failures().next() {
-        return Err(Failure::message(format!("{} was not taken: {error}", item.path.display())));
+        return Err(Failure::message(format!("{} was rejected: {error}", item.path.display())));
     }
     Ok(pushed)
 }

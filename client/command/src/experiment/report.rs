@@ -260,7 +260,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_report_survives_its_json_and_counts_what_is_missing() {
+    fn the_report_round_trips_through_json_and_counts_missing_seeds() {
         let text = serde_json::to_string(&report()).unwrap();
         let read: Report = serde_json::from_str(&text).unwrap();
         assert_eq!(

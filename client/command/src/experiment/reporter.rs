@@ -89,7 +89,7 @@ mod tests {
     use crate::experiment::report::tests::report;
 
     #[test]
-    fn a_report_takes_the_place_of_the_one_before_and_leaves_nothing_beside() {
+    fn a_report_replaces_the_previous_one_and_leaves_no_other_file() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("report.md"), "old").unwrap();
         write(folder.path(), &report()).unwrap();

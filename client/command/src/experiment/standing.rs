@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_is_settled_once_all_its_stages_are_or_one_failed() {
+    fn a_seed_is_settled_once_all_stages_are_done_or_one_failed() {
         let graph = Graph::new(&Experiment::parse(FILE).unwrap(), Device::Cpu);
         // Snapshot; of each seed an encoder, SSDF's scores and raw ones.
         let kinds: Vec<&str> = graph.stages.iter().map(|stage| stage.work.kind()).collect();

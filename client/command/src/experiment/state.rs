@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_file_is_an_error_with_the_fix() {
+    fn a_malformed_file_is_rejected_with_the_fix() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join(FILE), "{").unwrap();
         let message = State::open(folder.path()).unwrap_err().to_string();

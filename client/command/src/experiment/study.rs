@@ -152,7 +152,7 @@ impl StudySettings {
         for (label, varied) in drafts {
             let here = |problem: String| format!("cell {label:?}: {problem}");
             if cells.iter().any(|other| other.label == label) {
-                return Err(here("is there twice".into()));
+                return Err(here("is duplicated".into()));
             }
             let mut table = shared.clone();
             for (key, value) in &varied {
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn each_table_has_the_papers_cells_of_itself() {
+    fn each_table_has_the_cells_of_the_paper() {
         assert_eq!(labels("table = \"methods\""), Method::all().map(Method::title).collect::<Vec<_>>());
         assert_eq!(labels("table = \"beta\""), ["0", "0.5", "0.7", "0.8", "0.9", "0.95", "0.99"]);
         assert_eq!(labels("table = \"objectives\"").last().unwrap(), "mtp+tr+aa");
@@ -247,13 +247,13 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_name_their_cell_and_field() {
+    fn errors_name_their_cell_and_field() {
         for (study, parts) in [
             ("table = \"beta\"\naxes = { betta = [0.5] }", ["cell \"0.5\"", "unknown field `betta`"]),
             ("table = \"beta\"\naxes = { beta = [2.0] }", ["cell \"2\"", "beta: 2 is outside"]),
             ("table = \"beta\"\nset = { top = 0.1 }", ["cell \"0\"", "beta: has no effect while top is set"]),
             ("table = \"beta\"\naxes = { beta = 0.5 }", ["axes.beta", "a list"]),
-            ("table = \"beta\"\naxes = { beta = [0.5, 0.5] }", ["cell \"0.5\"", "twice"]),
+            ("table = \"beta\"\naxes = { beta = [0.5, 0.5] }", ["cell \"0.5\"", "duplicated"]),
             ("table = \"cells\"", ["no cells", "axes"]),
             (
                 "table = \"scoring\"\naxes = { scorer = [\"ssdf\", \"raw\"], feature_scale = [\"plain\"] }",

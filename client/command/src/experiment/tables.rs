@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn quantity_says_how_good_the_agents_were() {
+    fn quantity_states_the_success_of_the_agents() {
         let rule = RuleSettings { cohorts: vec!["freeze".into()], ..RuleSettings::default() };
         let settings = CellSettings { rule, ..CellSettings::default() };
         let cells = vec![cell("1:1 freeze", settings, vec![seed(0, Some(5), Some(3))])];

@@ -20,7 +20,7 @@ class Agent:
     """The fault of an agent; with `amount` 0 it equals the expert.
 
     noise    white noise of this deviation on every value of the action
-    goal     told a goal that is off by N(0, amount · 10 cm) in x and y
+    goal     sees a goal that is off by N(0, amount · 10 cm) in x and y
     release  from some step on the gripper stays open, in this share of the episodes
     """
 
@@ -50,12 +50,12 @@ class Demonstrator:
 
     def __call__(self, state: NDArray[np.float64]) -> NDArray[np.float32]:
         """The action for a state."""
-        told = state.copy()
-        told[GOAL] += self._goal_off
+        seen = state.copy()
+        seen[GOAL] += self._goal_off
         with warnings.catch_warnings():
             # The scripted policies warn at every step that the environment clips their actions.
             warnings.simplefilter("ignore")
-            action = np.asarray(self._policy.get_action(told), np.float64)
+            action = np.asarray(self._policy.get_action(seen), np.float64)
         if self._agent.spoiled == "noise":
             action += self._agent.amount * self._random.normal(size=action.shape)
         if self._open_from is not None and self._step >= self._open_from:

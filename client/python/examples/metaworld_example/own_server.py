@@ -22,7 +22,7 @@ def own_server(program: Path, data: Path) -> Iterator[str]:
             # Its first line names the address, once it listens.
             line = process.stdout.readline() if process.stdout is not None else ""
             if not line.startswith("listening on "):
-                raise SystemExit(f"--server-bin {program}: it ended before it listened; what it said is above")
+                raise SystemExit(f"--server-bin {program}: it ended before it was listening; its output is above")
             yield line.removeprefix("listening on ").strip()
         finally:
             process.terminate()

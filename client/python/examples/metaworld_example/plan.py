@@ -8,7 +8,7 @@ from pathlib import Path
 
 SAID = {
     "task": "a task of Meta-World",
-    "label": "tells apart runs of one task that differ in their demonstrations",
+    "label": "distinguishes runs of one task with different demonstrations",
     "server": "address of a gleaner server that runs",
     "server_bin": "gleaner-server to start for this run instead, over OUT/server; empty: none",
     "out": "folder for recordings, trials, pictures and the report",

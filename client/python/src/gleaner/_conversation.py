@@ -20,7 +20,7 @@ Reply = TypeVar("Reply", bound=Message)
 class Conversation(Generic[Request, Reply]):
     """One call. For one thread.
 
-    Replies that `aside` takes (it says so with True) are nobody's answer; it is called by another thread, at once.
+    Replies for which `aside` returns True answer no request; another thread calls it immediately.
     """
 
     def __init__(

@@ -28,7 +28,7 @@ def save(pieces: Iterable[bytes], path: Path, expected: str) -> Path:
                 file.write(piece)
         found = hasher.hexdigest()
         if found != expected:
-            raise Damaged(f"{path}: arrived damaged: its BLAKE3 is {found}, expected {expected}; fetch it again")
+            raise Damaged(f"{path}: expected BLAKE3 {expected}, got {found}; the file is damaged, download it again")
         part.replace(path)
     finally:
         with suppress(FileNotFoundError):

@@ -33,7 +33,7 @@ class Endpoint:
         target = self.address.removeprefix("https://" if self.encrypted else "http://").rstrip("/")
         host, colon, port = target.rpartition(":")
         if not (host and colon and port.isdecimal()) or "/" in target:
-            raise invalid(f"address {self.address!r}", "write host:port, for example 127.0.0.1:7400")
+            raise invalid(f"address {self.address!r}", "expected host:port, such as 127.0.0.1:7400")
         return target
 
     @property
@@ -60,7 +60,7 @@ class Endpoint:
     def channel(self, options: list[tuple[str, int | str]]) -> grpc.Channel:
         """A channel that is not connected yet."""
         if (self.cert is None) != (self.key is None):
-            raise invalid("cert, key", "a certificate and its private key go together; give both")
+            raise invalid("cert, key", "a certificate requires its private key; give both")
         if self.encrypted:
             ca, key, cert = _read("ca", self.ca), _read("key", self.key), _read("cert", self.cert)
             return grpc.secure_channel(self.target, grpc.ssl_channel_credentials(ca, key, cert), options=options)

@@ -1,7 +1,7 @@
 """Diagnosis of a failed connection: a separate attempt at the same address, with an error message and its fix.
 
-grpcio retries a failed handshake for ever and writes its reason to a log of its C core. The attempt here uses Python's
-`ssl` with the same address, authorities and certificates, so that the reason reaches the caller.
+grpcio retries a failed handshake without a limit and writes its reason to a log of its C core. The attempt here uses
+Python's `ssl` with the same address, authorities and certificates, so that the reason reaches the caller.
 """
 
 from __future__ import annotations

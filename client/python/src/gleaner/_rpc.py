@@ -52,7 +52,7 @@ class Rpc:
             raise
 
     def _connect(self) -> None:
-        """Waits until the channel is connected, or cannot be any more."""
+        """Waits until the channel is connected or has failed permanently."""
         states: queue.SimpleQueue[grpc.ChannelConnectivity] = queue.SimpleQueue()
         news = states.put
         self._channel.subscribe(news, try_to_connect=True)
@@ -104,7 +104,7 @@ class Rpc:
         self._channel.close()
 
     def unary(self, method: str, request: Message, reply: type[Reply], *, hurry: bool = True) -> Reply:
-        """One request, one reply, once. Without `hurry` no time limit: the server answers or the connection breaks."""
+        """One request, one reply, once. Without `hurry` no time limit: the server responds or the connection breaks."""
         call = self._channel.unary_unary(_path(method), type(request).SerializeToString, reply.FromString)
         with self._translated():
             answer: Reply = call(request, timeout=self._timeout if hurry else None, metadata=self._metadata)
@@ -115,7 +115,7 @@ class Rpc:
         return patiently(lambda: self.unary(method, request, reply))
 
     def upload(self, method: str, requests: Iterable[Message], reply: type[Reply]) -> Reply:
-        """A stream of requests, one reply. No time limit: the server answers or the connection breaks."""
+        """A stream of requests, one reply. No time limit: the server responds or the connection breaks."""
         call = self._channel.stream_unary(_path(method), _serialize, reply.FromString)
         with self._translated():
             answer: Reply = call(iter(requests), metadata=self._metadata)

@@ -30,7 +30,7 @@ def digest(path: Path) -> str:
 
 
 def regular(path: Path) -> Path:
-    """The path, if it is a regular file. Reading a FIFO, for example, could block for ever."""
+    """The path, if it is a regular file. Reading a FIFO, for example, could block without a limit."""
     if path.exists() and not path.is_file():
         raise invalid(str(path), "is not a regular file; only regular files can be sent")
     return path
@@ -102,7 +102,7 @@ class Upload:
             # An older stream of this client may still have been written when this one began.
             raise Unavailable(str(error), error.code) from error
         if reply.committed_size <= before:
-            problem = "the file became shorter while it was sent; push it again once it is complete"
+            problem = "the file was truncated during the upload; push it again once it is complete"
             raise invalid(str(self.path), problem)
         self.committed = reply.committed_size
 

@@ -61,7 +61,7 @@ class Datasets:
         return self._rpc.safe("DatasetService/CreateDataset", request, pb.CreateDatasetResponse).dataset
 
     def get(self, dataset_id: str) -> Dataset:
-        """Looks a dataset up; its counts are set once its score run is finished."""
+        """Returns a dataset; its counts are set once its score run is finished."""
         request = pb.GetDatasetRequest(dataset_id=dataset_id)
         return self._rpc.safe("DatasetService/GetDataset", request, pb.GetDatasetResponse).dataset
 

@@ -37,7 +37,7 @@ class Episodes:
         A broken connection is reopened and the upload resumes where it was. Content that the task holds already
         under this label is not sent again. `progress` is called with the bytes sent so far.
 
-        Raises `InvalidArgument` when the recording does not fit the task (each finding with its mend), `NotFound`
+        Raises `InvalidArgument` when the recording does not fit the task (each finding with its fix), `NotFound`
         without such a task, `AlreadyExists` when the content is there under another label.
         """
         path = regular(Path(path))
@@ -53,7 +53,7 @@ class Episodes:
         return Upload(self._rpc, path, start, progress).run()
 
     def get(self, episode_id: str) -> Episode:
-        """Looks an episode up. Raises `NotFound`."""
+        """Returns an episode. Raises `NotFound`."""
         return self._get(episode_id).episode
 
     def report(self, episode_id: str) -> Report:
@@ -84,14 +84,14 @@ class Episodes:
     def delete(self, episode_ids: str | Iterable[str], *, force: bool = False) -> list[Episode]:
         """Moves one or many episodes to the trash, all or none: lists and new snapshots exclude them.
 
-        `undelete` takes them back until the server's sweep removes them for good. Raises `FailedPrecondition` when a
+        `undelete` restores them until the server's sweep removes them permanently. Raises `FailedPrecondition` when a
         snapshot holds one; `force` deletes it nevertheless: its results can then not be reproduced.
         """
         request = pb.DeleteEpisodesRequest(episode_ids=_ids(episode_ids), force=force)
         return [*self._rpc.unary("EpisodeService/DeleteEpisodes", request, pb.DeleteEpisodesResponse).episodes]
 
     def undelete(self, episode_ids: str | Iterable[str]) -> list[Episode]:
-        """Restores one or many episodes from the trash, all or none. Raises `NotFound` when one is removed for good."""
+        """Restores one or many episodes from the trash, all or none. Raises `NotFound` when one was removed."""
         request = pb.UndeleteEpisodesRequest(episode_ids=_ids(episode_ids))
         return [*self._rpc.unary("EpisodeService/UndeleteEpisodes", request, pb.UndeleteEpisodesResponse).episodes]
 

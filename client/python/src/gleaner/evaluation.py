@@ -73,7 +73,7 @@ class Trial:
     seed: int
     success: bool
     steps: int
-    episode_id: str = ""  # of what the server recorded of it
+    episode_id: str = ""  # of its recording on the server, if any
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Trials:
 
     seed: int
     trials: tuple[Trial, ...]
-    policy_id: str  # empty when the controller is no deployed policy
+    policy_id: str  # empty unless the controller is a deployed policy
 
     @property
     def episodes(self) -> int:

@@ -75,7 +75,7 @@ class Jobs:
         return self._submit("evaluate", task, dict(given), settings.EvaluateSettings)
 
     def get(self, job: str | Job) -> Job:
-        """Looks a job up. Raises `NotFound`."""
+        """Returns a job. Raises `NotFound`."""
         return self._rpc.safe("JobService/GetJob", pb.GetJobRequest(job_id=_id(job)), pb.GetJobResponse).job
 
     def watch(self, job: str | Job, timeout: float | None = None) -> Iterator[JobEvent]:
@@ -147,7 +147,7 @@ class Jobs:
         unknown = given.keys() - {"encoder_id"} - known.__annotations__.keys()
         if unknown:
             raise invalid(
-                f"{kind}.{min(unknown)}", f"is not known; there are {', '.join(sorted(known.__annotations__))}"
+                f"{kind}.{min(unknown)}", f"is unknown; supported: {', '.join(sorted(known.__annotations__))}"
             )
         order = {name: given.pop(name) for name in settings.Order.__annotations__ if name in given}
         inputs: Any = JobSpec.DESCRIPTOR.fields_by_name[kind].message_type

@@ -21,8 +21,8 @@ class Observation:
     images: Mapping[str, NDArray[np.uint8] | bytes]  # camera → height × width × RGB, or JPEG or PNG bytes
     proprioception: ArrayLike  # the task's fields, one after the other, in physical units
     depth: Mapping[str, NDArray[np.uint16] | bytes] = field(default_factory=dict)  # camera → height × width mm, or PNG
-    stamp_ns: int | None = None  # None: so many control periods after the episode's beginning
-    executed_action: ArrayLike | None = None  # done since the step before; None: what the policy gave
+    stamp_ns: int | None = None  # None: from the start of the episode, by the control period
+    executed_action: ArrayLike | None = None  # executed since the previous step; None: the policy's action
 
     @classmethod
     def of(cls, given: Observation | Mapping[str, Any]) -> Observation:

@@ -49,7 +49,7 @@ class Policies:
         return [*self._rpc.safe("PolicyService/ListEvaluations", request, pb.ListEvaluationsResponse).evaluations]
 
     def evaluation(self, evaluation_id: str) -> Evaluation:
-        """Looks an evaluation up. Raises `FailedPrecondition` while its job has not succeeded."""
+        """Returns an evaluation. Raises `FailedPrecondition` while its job has not succeeded."""
         request = pb.GetEvaluationRequest(evaluation_id=evaluation_id)
         return self._rpc.safe("PolicyService/GetEvaluation", request, pb.GetEvaluationResponse).evaluation
 

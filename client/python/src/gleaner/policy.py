@@ -32,8 +32,8 @@ class Chunk:
 
     stamp_ns: int
     actions: NDArray[np.float32]  # k × values
-    timings: Timings  # where the time went, in the server
-    dropped: int  # observations passed over since the last answer
+    timings: Timings  # durations of the stages in the server
+    dropped: int  # observations dropped since the previous reply
     score: LiveScore | None = None  # of the newest segment scored, where the deployment names a score run
 
 

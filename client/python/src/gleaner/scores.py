@@ -38,7 +38,7 @@ class Histogram:
     counts: NDArray[np.uint64]
     edges: NDArray[np.float64]  # one more than counts, from 0 to 1
     segments: int
-    kept: dict[float, int]  # segments with q > β, for each β asked
+    kept: dict[float, int]  # segments with q > β, for each requested β
 
 
 class Scores:
@@ -49,7 +49,7 @@ class Scores:
         self._snapshots = Snapshots(rpc)
 
     def get(self, run: str) -> ScoreRun:
-        """Looks a score run up. Raises `FailedPrecondition` while its job has not succeeded."""
+        """Returns a score run. Raises `FailedPrecondition` while its job has not succeeded."""
         request = pb.GetScoreRunRequest(score_run_id=run)
         return self._rpc.safe("ScoreService/GetScoreRun", request, pb.GetScoreRunResponse).score_run
 

@@ -14,7 +14,7 @@ from gleaner._proto.kinds import EvaluateValues, PretrainValues, ScoreValues, Tr
 class Order(TypedDict, total=False):
     """How a job is queued."""
 
-    key: str  # the caller's own name for this work: submitted twice, the first job is the answer
+    key: str  # chosen by the caller; a second submission with the same key returns the first job
     priority: int  # higher runs first
     needs: Sequence[str]  # further jobs to wait for
     max_attempts: int

@@ -27,7 +27,7 @@ class Snapshots:
         return self._rpc.unary("SnapshotService/CreateSnapshot", request, pb.CreateSnapshotResponse).snapshot
 
     def get(self, snapshot_id: str) -> Snapshot:
-        """Looks a snapshot up. Raises `NotFound`."""
+        """Returns a snapshot. Raises `NotFound`."""
         return self._get(snapshot_id).snapshot
 
     def episodes(self, snapshot_id: str) -> list[SnapshotEpisode]:

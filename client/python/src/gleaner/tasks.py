@@ -27,7 +27,7 @@ class Tasks:
         return self._rpc.unary("TaskService/CreateTask", pb.CreateTaskRequest(spec=spec), pb.CreateTaskResponse).task
 
     def get(self, task: str) -> Task:
-        """Looks a task up by name or id. Raises `NotFound`."""
+        """Returns a task by name or id. Raises `NotFound`."""
         return self._rpc.safe("TaskService/GetTask", pb.GetTaskRequest(task=task), pb.GetTaskResponse).task
 
     def list(self) -> list[Task]:

@@ -22,7 +22,7 @@ from gleaner.datasets import Segment
 class SegmentDataset(IterableDataset):  # type: ignore[misc]
     """Weighted segments as dicts of tensors: proprioception, action, weight, expert, mask, images.*, depth.*.
 
-    Each worker of a `DataLoader` connects by itself and yields every n-th segment, so that together they yield
+    Each worker of a `DataLoader` has its own connection and yields every n-th segment, so that together they yield
     each once. Where `torch.distributed` runs, its ranks share them out likewise. gRPC does not survive a fork:
     with workers, give the loader `multiprocessing_context="spawn"`.
     """

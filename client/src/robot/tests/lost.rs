@@ -4,7 +4,7 @@ use super::Done::{Command, Stop};
 use super::*;
 
 #[tokio::test(start_paused = true)]
-async fn a_lost_server_means_hold_then_stop_then_another_session() {
+async fn a_lost_server_causes_a_hold_then_a_stop_then_another_session() {
     let server = Server::new(|session, nth| match (session, nth) {
         (0, 2) => Reply::Break(Status::unavailable("gone")),
         _ => Reply::After(10, vec![f32::from(u8::try_from(session).unwrap())]),
@@ -76,7 +76,7 @@ async fn a_rejection_ends_the_run_with_the_robot_stopped() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_unreachable_server_is_given_up() {
+async fn the_run_ends_when_the_server_stays_unreachable() {
     let server = Server::new(|_, nth| match nth {
         0 => Reply::After(10, vec![1.0]),
         _ => Reply::Break(Status::unavailable("gone")),

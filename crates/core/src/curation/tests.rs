@@ -32,7 +32,7 @@ fn mean_q(rows: &[TableRow]) -> impl Fn(&EpisodeId) -> Option<f64> {
 }
 
 #[test]
-fn what_has_no_mean_q_comes_last_either_way() {
+fn rows_without_a_mean_q_are_last_in_both_orders() {
     let rows = [2, 0, 3, 1, 0].map(|steps| row(steps, 0, Outcome::Unknown));
     for (descending, expected) in [(false, [3, 0, 2, 1, 4]), (true, [2, 0, 3, 1, 4])] {
         let mut sorted = rows.to_vec();
@@ -54,7 +54,7 @@ proptest! {
     /// The order does not depend on the order of input; descending order is the reverse, except for ties, which stay
     /// ordered by id.
     #[test]
-    fn order_is_one(values in proptest::collection::vec((0..4_u64, 0..3_i64, 0..3_usize), 0..20), key in 0..SortKey::ALL.len()) {
+    fn rows_have_a_total_order(values in proptest::collection::vec((0..4_u64, 0..3_i64, 0..3_usize), 0..20), key in 0..SortKey::ALL.len()) {
         let outcomes = [Outcome::Success, Outcome::Failure, Outcome::Unknown];
         let rows: Vec<_> = values.into_iter().map(|(steps, at, outcome)| row(steps, at, outcomes[outcome])).collect();
         let (key, mean_q) = (SortKey::ALL[key], mean_q(&rows));

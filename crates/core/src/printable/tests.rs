@@ -6,7 +6,7 @@ const HOSTILE: &str =
     "\u{1b}]0;x\u{7}\u{1b}[2J\u{9b}31m\u{202e}fdp.exe\u{2069}\u{200f}\u{feff}\u{2028}\u{e0041}\u{7f}\0";
 
 #[test]
-fn ordinary_text_of_any_language_stays_and_is_not_copied() {
+fn ordinary_text_of_any_language_is_unchanged_and_not_copied() {
     for text in ["pick_cube 01.mcap", "Größe 2 µm – „gut“", "抓取 立方体", "عربي עברית", "e\u{301} ❤\u{fe0f} 🤖 \u{a0}"]
     {
         assert!(matches!(Escape::Field.apply(text), Cow::Borrowed(same) if same == text), "{text}");

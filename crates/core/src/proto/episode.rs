@@ -25,7 +25,7 @@ pub fn outcome_from_proto(field: &str, outcome: i32) -> Result<Option<Outcome>> 
         Ok(v1::Outcome::Success) => Ok(Some(Outcome::Success)),
         Ok(v1::Outcome::Failure) => Ok(Some(Outcome::Failure)),
         Ok(v1::Outcome::Unknown) => Ok(Some(Outcome::Unknown)),
-        Err(_) => Err(Error::invalid(field, "is none of success, failure and unknown")),
+        Err(_) => Err(Error::invalid(field, "unknown value; supported: success, failure, unknown")),
     }
 }
 
@@ -35,7 +35,7 @@ pub fn outcome_from_proto(field: &str, outcome: i32) -> Result<Option<Outcome>> 
 /// Invalid when it is not set or not known.
 pub fn required_outcome(outcome: i32) -> Result<Outcome> {
     outcome_from_proto("outcome", outcome)?
-        .ok_or_else(|| Error::invalid("outcome", "say how it ended: success, failure or unknown"))
+        .ok_or_else(|| Error::invalid("outcome", "must be set: success, failure or unknown"))
 }
 
 /// An outcome.
@@ -63,7 +63,10 @@ pub fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) -> Result
     let after = match page_token.as_str() {
         "" => None,
         token => Some(EpisodeId::parse("page_token", token).map_err(|_| {
-            Error::invalid("page_token", "is not ours: leave it empty, or send the next_page_token of the last answer")
+            Error::invalid(
+                "page_token",
+                "is not a page token: leave it empty, or send the next_page_token of the previous response",
+            )
         })?),
     };
     let cohort = (!cohort.is_empty()).then_some(cohort);
@@ -180,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_page_token_must_be_ours() {
+    fn a_malformed_page_token_is_rejected() {
         let request = |token: &str, page_size| v1::ListEpisodesRequest {
             page_token: token.into(),
             page_size,
@@ -216,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_finding_keeps_its_word() {
+    fn a_finding_keeps_its_severity_and_code() {
         let found = finding(Finding {
             severity: Severity::Warning,
             code: FindingCode::MissingTopic,

@@ -44,7 +44,7 @@ pub fn report_request(request: v1::ReportEvaluationRequest) -> Result<(PolicyId,
 /// Reads the results of each seed.
 ///
 /// # Errors
-/// Invalid when there is no trial, a seed comes twice, or the counts contradict each other.
+/// Invalid when there is no trial, a seed is duplicated, or the counts contradict each other.
 pub fn seeds_from_proto(at: &str, seeds: Vec<v1::SeedResult>) -> Result<Vec<SeedResult>> {
     if seeds.is_empty() || seeds.len() > MAX_SEEDS {
         return Err(Error::invalid(at, format!("are {}, must be between 1 and {MAX_SEEDS}", seeds.len())));
@@ -57,17 +57,16 @@ pub fn seeds_from_proto(at: &str, seeds: Vec<v1::SeedResult>) -> Result<Vec<Seed
             return Err(wrong("episodes", "must be at least 1".to_owned()));
         }
         if successes > episodes {
-            return Err(wrong("successes", format!("are {successes} of {episodes} episodes, must be no more")));
+            return Err(wrong("successes", format!("are {successes} of {episodes} episodes, must be at most as many")));
         }
         if !mean_steps.is_finite() || mean_steps < 0.0 {
             return Err(wrong("mean_steps", format!("is {mean_steps}, must be 0 (not known) or more")));
         }
         if read.iter().any(|before| before.seed == seed) {
-            return Err(wrong("seed", format!("{seed} comes twice; name each seed once")));
+            return Err(wrong("seed", format!("{seed} is duplicated; name each seed once")));
         }
-        total = total
-            .checked_add(episodes)
-            .ok_or_else(|| wrong("episodes", "are more than can be counted in all".to_owned()))?;
+        total =
+            total.checked_add(episodes).ok_or_else(|| wrong("episodes", "exceed 4294967295 in total".to_owned()))?;
         read.push(SeedResult { seed, episodes, successes, mean_steps });
     }
     Ok(read)
@@ -103,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_report_that_makes_no_sense_is_refused_by_field() {
+    fn an_inconsistent_report_is_rejected_by_field() {
         let seed = v1::SeedResult { seed: 1, episodes: 10, successes: 7, mean_steps: 0.0 };
         let good = v1::ReportEvaluationRequest {
             policy_id: PolicyId::new().into(),

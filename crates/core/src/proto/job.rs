@@ -38,7 +38,10 @@ pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder
         return Err(Error::invalid("max_attempts", format!("must be between 1 and {MAX_ATTEMPTS}")));
     }
     if key.chars().count() > LONGEST_KEY || key.chars().any(char::is_control) {
-        return Err(Error::invalid("key", format!("must be at most {LONGEST_KEY} characters, none of them control")));
+        return Err(Error::invalid(
+            "key",
+            format!("must be at most {LONGEST_KEY} characters, without control characters"),
+        ));
     }
     Ok((field::text("task", task)?, order::order(spec)?, Queueing { priority, needs, max_attempts, key }))
 }
@@ -178,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_way_of_queueing_is_named() {
+    fn invalid_submission_settings_are_rejected_by_field() {
         let spec = Some(v1::JobSpec { spec: Some(v1::job_spec::Spec::Pretrain(v1::PretrainSpec::default())) });
         let request = v1::SubmitJobRequest { task: "reach".into(), spec, ..v1::SubmitJobRequest::default() };
         let (task, _, queueing) = submit_request(request.clone()).unwrap();

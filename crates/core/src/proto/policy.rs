@@ -162,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_narrow() {
+    fn names_outside_the_character_set_are_rejected() {
         assert_eq!(deployment_name("name", "pick_cube@prod".into()).unwrap(), "pick_cube@prod");
         for bad in ["", "a b", "../x", "ö", &"x".repeat(129)] {
             assert!(deployment_name("name", bad.into()).unwrap_err().message().starts_with("name: "), "{bad}");

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_schedule_comes_back_as_it_was_made() {
+    fn a_schedule_round_trips() {
         let (task, made) = create_request(request(cron("30 2 * * *")), Millis(0)).unwrap();
         assert_eq!(task, "reach");
         let shown = schedule(made.of(TaskId::new()));

@@ -200,7 +200,7 @@ mod tests {
 
     #[test]
     fn a_bad_selection_is_named() {
-        let ask = |rules: Vec<Option<v1::selection::Rule>>| {
+        let parse = |rules: Vec<Option<v1::selection::Rule>>| {
             let selections = rules.into_iter().map(|rule| v1::Selection { rule }).collect();
             let request =
                 v1::CountKeptRequest { score_run_id: ScoreRunId::new().into(), selections, per_episode: false };
@@ -208,7 +208,7 @@ mod tests {
         };
         let beta = |value| Some(v1::selection::Rule::Beta(value));
         let top = |value| Some(v1::selection::Rule::TopFraction(value));
-        assert_eq!(ask(vec![beta(0.5), top(1.0)]).unwrap(), [Selection::Beta(0.5), Selection::TopFraction(1.0)]);
+        assert_eq!(parse(vec![beta(0.5), top(1.0)]).unwrap(), [Selection::Beta(0.5), Selection::TopFraction(1.0)]);
         for (rules, field) in [
             (vec![], "selections: "),
             (vec![beta(0.5); 101], "selections: "),
@@ -217,7 +217,7 @@ mod tests {
             (vec![top(0.0)], "selections[0].top_fraction: "),
             (vec![top(f64::NAN)], "selections[0].top_fraction: "),
         ] {
-            let error = ask(rules).unwrap_err();
+            let error = parse(rules).unwrap_err();
             assert!(error.message().starts_with(field), "{field} expected: {error}");
         }
     }

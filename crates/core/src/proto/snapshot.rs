@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn cohorts_are_few_and_plain() {
+    fn cohorts_are_limited_in_number_and_characters() {
         let refusal = |rule| rule_from_proto("rule", Some(rule)).unwrap_err().message().to_owned();
         let strange = v1::RoleRule { imperfect_cohorts: vec!["a".into(), "b\n".into()], ..v1::RoleRule::default() };
         assert!(refusal(strange).starts_with("rule.imperfect_cohorts[1]: "));
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_is_a_number() {
+    fn invalid_limits_are_rejected() {
         for bad in [-1.0, f64::NAN, f64::INFINITY] {
             let rule = v1::RoleRule { imperfect_per_expert: bad, ..v1::RoleRule::default() };
             let error = rule_from_proto("rule", Some(rule)).unwrap_err();

@@ -172,7 +172,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_is_left_out_gets_its_default() {
+    fn omitted_fields_have_their_defaults() {
         let mut sent = spec_to_proto(spec());
         (sent.tolerance, sent.alignment) = (None, 0);
         let spec = spec_from_proto(sent).unwrap();

@@ -14,14 +14,14 @@ fn words() -> Vec<WordAbout> {
 }
 
 #[test]
-fn whole_numbers_from_doubles_are_whole_numbers() {
+fn doubles_without_a_fraction_are_integers() {
     let setting = Setting { name: "n".into(), about: String::new(), shape: integer_in(1, 9), default: json!(1) };
     assert_eq!(setting.check(&json!(3.0)).unwrap(), json!(3));
     assert_eq!(setting.check(&json!(9)).unwrap(), json!(9));
 }
 
 #[test]
-fn a_value_that_is_not_allowed_is_named_with_what_is() {
+fn an_invalid_value_is_rejected_with_the_allowed_ones() {
     for (shape, value, expected) in [
         (integer_in(1, 9), json!(0), "x: is 0, must be between 1 and 9"),
         (integer_in(1, 9), json!(2.5), "x: expected a whole number between 1 and 9, got 2.5"),

@@ -71,9 +71,9 @@ impl Chosen {
 /// The setting that chooses a kind of a family.
 pub(super) fn choice(family: Family) -> Setting {
     let about = match family {
-        Family::Policy => "Which policy is trained.",
-        Family::Objective => "Which self-supervised objective is trained.",
-        Family::Scorer => "What gives segments their score.",
+        Family::Policy => "Policy to train.",
+        Family::Objective => "Self-supervised objective to train.",
+        Family::Scorer => "Scorer that computes the quality of segments.",
     };
     Setting {
         name: family.as_str().to_owned(),

@@ -10,18 +10,20 @@ const SEED_LIMIT: u64 = u32::MAX as u64;
 crate::settings! {
     /// Settings of an evaluation job.
     pub struct EvaluateSpec {
-        /// The simulator's task, such as `pick_cube`; empty: the task's own name.
+        /// Name of the simulator's task, such as `pick_cube`. Empty: the name of the task itself.
         pub simulation: String = String::new(), Shape::Text;
-        /// Attempts of each seed; more give a narrower interval.
+        /// Attempts for each seed. More attempts narrow the confidence interval and take longer.
         pub episodes: u32 = 200, integer_in(1, 1_000_000);
-        /// Seeds, each with attempts of its own: no two seeds share one.
+        /// Seeds of the attempts; no two seeds share an attempt. More seeds narrow the confidence interval and take
+        /// longer.
         pub seeds: Vec<u64> = vec![0], Shape::Integers { most: SEED_LIMIT - 1, count: 1000 };
-        /// Steps after which an attempt has failed.
+        /// Steps after which an attempt ends as a failure. More steps give slow policies time to finish; failed
+        /// attempts then take longer.
         pub max_steps: u32 = 60, integer_in(1, 10_000);
         /// Hide the history from the policy, which then acts on the newest step alone. Needs a policy that was trained with
         /// `history_dropout` above 0.
         pub hide_history: bool = false, Shape::Flag;
-        /// Where the policy runs.
+        /// Device that runs the policy.
         pub device: Device = Device::Cpu, Device::shape();
     }
 }

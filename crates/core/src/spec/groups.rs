@@ -18,9 +18,9 @@ crate::words! {
 crate::words! {
     /// Where tensors live.
     pub enum Device {
-        /// The processor: numbers repeat bit for bit.
+        /// The processor: results repeat bit for bit.
         Cpu = "cpu",
-        /// The first CUDA device: faster, numbers repeat only nearly.
+        /// The first CUDA device: faster; results repeat only approximately.
         Cuda = "cuda",
     }
 }
@@ -29,7 +29,7 @@ crate::settings! {
     /// The size of a model that has no history.
     #[derive(Copy)]
     pub struct SizeSpec {
-        /// Size of the model; larger models need more data, memory and time.
+        /// Size of the model. Larger models fit finer structure and need more data, memory and time.
         pub preset: Preset = Preset::Tiny, Preset::shape();
     }
 }
@@ -38,9 +38,10 @@ crate::settings! {
     /// The size of a transformer and its history.
     #[derive(Copy)]
     pub struct ModelSpec {
-        /// Size of the model; larger models need more data, memory and time.
+        /// Size of the model. Larger models fit finer structure and need more data, memory and time.
         pub preset: Preset = Preset::Tiny, Preset::shape();
-        /// Steps before the newest one in a segment (the paper's l); a segment has one step more.
+        /// Steps of a segment before its newest one (the paper's l; 0: the newest step alone). Longer segments see more
+        /// history and need more time and memory.
         pub segment_length: u32 = 6, integer_in(0, 63);
     }
 }
@@ -54,15 +55,18 @@ impl ModelSpec {
 }
 
 crate::settings! {
-    /// Random changes to the images of a training batch; none by default. All frames of one episode in a batch change
+    /// Random changes to the images of a training batch; off by default. All frames of one episode in a batch change
     /// alike, so that motion between them is preserved.
     #[derive(Copy)]
     pub struct Augmentation {
-        /// Shift images by up to this many pixels along each axis, with the edge repeated (0: never).
+        /// Shift images randomly by up to this many pixels along each axis; edge pixels are repeated (0: off). Larger
+        /// shifts tolerate a moved camera but blur the positions of objects.
         pub shift_pixels: u32 = 0, integer_in(0, 1024);
-        /// Brighten or darken images by up to this part of full scale (0: never).
+        /// Brighten or darken images randomly by up to this fraction of full scale (0: off). Higher values tolerate
+        /// changes of light but saturate more pixels.
         pub brightness: f64 = 0.0, number_in(0.0, 1.0);
-        /// Stretch colours about the image's mean by a factor within 1 ± this (0: never).
+        /// Scale colours around the image's mean by a random factor within 1 ± this value (0: off). Higher values
+        /// tolerate changes of light but saturate more pixels.
         pub contrast: f64 = 0.0, number_in(0.0, 1.0);
     }
 }
@@ -71,20 +75,23 @@ crate::settings! {
     /// The optimiser and the batches: AdamW with a linear warm-up and a cosine decay to zero.
     #[derive(Copy)]
     pub struct OptimSpec {
-        /// Gradient steps.
+        /// Number of gradient steps. More steps fit the data closer, up to overfitting, and take longer.
         pub steps: u64 = 2_000, integer_in(1, u32::MAX.into());
-        /// Segments in a batch; larger batches give smoother gradients and slower steps.
+        /// Segments in a batch. Larger batches give smoother gradients; each step takes more time and memory.
         pub batch: u32 = 64, integer_in(1, 65_536);
-        /// Consecutive segments drawn together, which share encoded frames; more is faster, fewer makes a batch more
-        /// varied.
+        /// Consecutive segments drawn together, which share encoded frames. Longer stretches are faster; shorter ones
+        /// make a batch more varied.
         pub stretch: u32 = 8, integer_in(1, 65_536);
-        /// Highest learning rate, reached after the warm-up.
+        /// Peak learning rate, reached after the warm-up. Higher rates learn faster but may diverge.
         pub learning_rate: f64 = 1e-3, number_in(1e-12, 10.0);
-        /// Decoupled weight decay of matrices (0: none); biases, norms and embeddings have none.
+        /// Decoupled weight decay of matrices (0: none); biases, norms and embeddings are exempt. Higher values reduce
+        /// overfitting but limit the fit.
         pub weight_decay: f64 = 0.01, number_in(0.0, 10.0);
-        /// Steps over which the learning rate rises from zero.
+        /// Steps over which the learning rate rises from zero (0: no warm-up). A longer warm-up is more stable but
+        /// leaves fewer steps at a high rate.
         pub warmup_steps: u64 = 50, integer_in(0, u32::MAX.into());
-        /// Largest global gradient norm; larger gradients are scaled down to it.
+        /// Maximum global gradient norm; larger gradients are scaled down to it. Lower values are more stable but learn
+        /// slower.
         pub clip_norm: f64 = 1.0, number_in(1e-12, 1e12);
     }
 }
@@ -105,11 +112,12 @@ crate::settings! {
     /// How a training run is carried out.
     #[derive(Copy)]
     pub struct RunSpec {
-        /// Seed of all random numbers.
+        /// Seed of all random numbers. Equal seeds repeat a run for equal inputs and number of threads.
         pub seed: u64 = 0, integer_in(0, u64::MAX);
-        /// Steps between checkpoints; an interrupted job resumes from the last one.
+        /// Steps between checkpoints; an interrupted job resumes from the last one. Shorter intervals lose less work
+        /// but write more.
         pub checkpoint_every: u32 = 500, integer_in(1, u32::MAX.into());
-        /// Where the job computes.
+        /// Device of the computation.
         pub device: Device = Device::Cpu, Device::shape();
     }
 }

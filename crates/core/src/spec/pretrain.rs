@@ -86,7 +86,7 @@ impl PretrainSpec {
 fn objectives() -> Setting {
     let words = Family::Objective.words();
     let default = words.iter().map(|known| known.word.clone()).collect::<Vec<_>>().into();
-    let about = "Self-supervised objectives whose losses are added up; all of them by default.".to_owned();
+    let about = "Self-supervised objectives, whose losses are summed. Fewer objectives take less time.".to_owned();
     Setting { name: "objectives".to_owned(), about, shape: Shape::Words { words }, default }
 }
 

@@ -8,11 +8,11 @@ use crate::schema::{Problem, Setting, Values};
 use crate::settings::{Group as _, Words as _};
 
 crate::words! {
-    /// How similarities become quality scores.
+    /// Mapping of similarities to quality scores.
     pub enum NormaliserKind {
-        /// Smallest and largest similarity of the run's imperfect segments become 0 and 1.
+        /// Linear: the smallest and largest similarity of the run's imperfect segments become 0 and 1.
         MinMax = "minmax",
-        /// The share of the run's imperfect segments that are less similar.
+        /// Rank: the share of the run's imperfect segments that are less similar.
         Quantile = "quantile",
     }
 }
@@ -33,9 +33,9 @@ pub struct ScoreSpec {
 crate::settings! {
     /// The settings of every scorer.
     struct Common {
-        /// How similarities become qualities in [0, 1]; frozen with the run.
+        /// Mapping of similarities to qualities in [0, 1]. It is stored with the run, and runs that extend it keep it.
         normaliser: NormaliserKind = NormaliserKind::MinMax, NormaliserKind::shape();
-        /// Where the job computes.
+        /// Device of the computation.
         device: Device = Device::Cpu, Device::shape();
     }
 }

@@ -11,7 +11,7 @@ fn values(json: Value) -> Values {
 }
 
 #[test]
-fn no_settings_are_the_defaults() {
+fn empty_settings_are_the_defaults() {
     assert_eq!(PretrainSpec::from_values(&Values::new()).unwrap(), PretrainSpec::default());
     assert_eq!(ScoreSpec::from_values(&Values::new()).unwrap(), ScoreSpec::default());
     assert_eq!(TrainSpec::from_values(&Values::new()).unwrap(), TrainSpec::default());
@@ -20,7 +20,7 @@ fn no_settings_are_the_defaults() {
 }
 
 #[test]
-fn settings_read_back_as_they_were_written() {
+fn settings_round_trip() {
     let train = values(json!({"policy": "act", "chunk_length": 4, "lambda": 0.2, "batch": 8, "seed": 7}));
     let spec = TrainSpec::from_values(&train).unwrap();
     assert_eq!(TrainSpec::from_values(&spec.values()).unwrap(), spec);
@@ -47,7 +47,7 @@ fn objectives_keep_the_order_of_their_list() {
 }
 
 #[test]
-fn what_earlier_versions_stored_is_read() {
+fn specs_of_earlier_versions_are_read() {
     let pretrain: PretrainSpec = serde_json::from_value(json!({
         "model": {"preset": "small", "segment_length": 3}, "objectives": ["mtp"],
         "augmentation": {"shift_pixels": 2, "brightness": 0.0, "contrast": 0.0},
@@ -125,7 +125,7 @@ fn every_default_is_allowed_by_its_own_setting() {
 
 /// The file is written by `make kinds`.
 #[test]
-fn the_settings_written_for_other_languages_are_these() {
+fn the_generated_jobs_json_is_current() {
     let written = serde_json::to_string_pretty(&jobs()).unwrap() + "\n";
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/jobs.json");
     assert_eq!(std::fs::read_to_string(file).unwrap(), written, "run `make kinds`");

@@ -27,7 +27,8 @@ pub struct TrainSpec {
 crate::settings! {
     /// The weight of gleaned segments.
     struct Gleaning {
-        /// Weight of the loss of kept imperfect segments beside that of experts (the paper's λ; 0 ignores them).
+        /// Weight of the loss of kept imperfect segments relative to that of experts (the paper's λ; 0: they are
+        /// ignored). Higher values rely more on gleaned data.
         lambda: f64 = 0.1, number_in(0.0, 1e6);
     }
 }

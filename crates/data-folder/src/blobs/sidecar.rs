@@ -93,11 +93,11 @@ pub(super) fn sidecars(place: &Path) -> Result<Vec<PathBuf>> {
         return Ok(Vec::new());
     };
     let begins = format!("{name}.");
-    let mine = |path: &PathBuf| {
+    let is_of_blob = |path: &PathBuf| {
         let named = path.file_name().and_then(|name| name.to_str());
         is_one(path) && named.is_some_and(|named| named.starts_with(&begins))
     };
-    Ok(names(folder)?.into_iter().filter(mine).collect())
+    Ok(names(folder)?.into_iter().filter(is_of_blob).collect())
 }
 
 fn beside(place: &Path, id: &str) -> PathBuf {

@@ -51,7 +51,7 @@ impl Blobs {
         let wanted = if bytes > 0 { format!(", and this would take {bytes} of them") } else { String::new() };
         Err(Error::exhausted(format!(
             "the server's disk is nearly full: {free} bytes are free{wanted}, and {spare} must stay free \
-             (--min-free-bytes). Free some space there, then try again"
+             (--min-free-bytes). Free some space there, then retry"
         )))
     }
 
@@ -64,7 +64,7 @@ impl Blobs {
     pub fn blame(&self, fault: Error) -> Error {
         let full = self.free().is_ok_and(|free| free < NOTHING);
         if fault.kind() == Kind::Internal && full {
-            return Error::refused_by_disk(DISK_FULL, "another process met a fault", fault);
+            return Error::refused_by_disk(DISK_FULL, "another process failed", fault);
         }
         fault
     }
@@ -80,8 +80,8 @@ impl Blobs {
 }
 
 fn free(folder: &Path) -> Result<u64> {
-    let disk =
-        statvfs(folder).map_err(|error| Error::internal("asking how full the disk is", std::io::Error::from(error)))?;
+    let disk = statvfs(folder)
+        .map_err(|error| Error::internal("reading the free space of the disk", std::io::Error::from(error)))?;
     if disk.f_flag.contains(StatVfsMountFlags::RDONLY) {
         return Err(Error::exhausted("the server's disk is read-only; remount it for writing, then retry"));
     }

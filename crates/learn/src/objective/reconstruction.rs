@@ -10,7 +10,7 @@ use super::{Objective, sum_per_step};
 pub(super) const OBJECTIVE: Objective = Objective {
     name: "tr",
     title: "TR",
-    about: "Transition reconstruction: gives back the elements of a masked segment that are not masked.",
+    about: "Transition reconstruction: reproduces the elements of a masked segment that are not masked.",
     metric: "loss_tr",
     bidirectional: true,
     loss: |passes| loss(&passes.masked().errors, &passes.masked().masked, &passes.windows.valid),

@@ -43,11 +43,12 @@ gleaner_core::settings! {
     /// Settings of ACT.
     #[derive(Copy)]
     pub(super) struct ActSpec {
-        /// Actions predicted at once (k); a longer chunk is smoother and reacts later.
+        /// Number of actions predicted at once (k). Longer chunks are smoother and react later.
         pub(super) chunk_length: u32 = 10, integer_in(1, 256);
-        /// Weight of the divergence of the style z from N(0, 1).
+        /// Weight of the KL divergence of the style z from N(0, 1) (0: z is not regularised). Higher values make
+        /// actions depend less on z.
         pub(super) kl_weight: f64 = 10.0, number_in(0.0, 1e6);
-        /// Values of the style z.
+        /// Size of the style z. Larger sizes encode more variation between demonstrations.
         pub(super) latent_size: u32 = 16, integer_in(1, 1024);
     }
 }

@@ -36,8 +36,8 @@ gleaner_core::settings! {
     /// Settings of a policy that sees its history.
     #[derive(Copy)]
     pub(super) struct HistorySpec {
-        /// Chance of hiding a training window's past (0: never). A policy that always sees its past continues it, which
-        /// predicts an expert's next action well and fails in closed loop.
+        /// Probability of hiding the history of a training window (0: never). A policy that always sees its history
+        /// tends to continue it, which predicts an expert's next action well and fails in closed loop.
         pub(super) history_dropout: f64 = 0.5, number_in(0.0, 1.0);
     }
 }
@@ -61,7 +61,7 @@ fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
 
 fn encoder<'a>(from: &PolicyInit<'a>) -> Result<&'a [u8], LearnError> {
     from.encoder.ok_or_else(|| {
-        LearnError::invalid("encoder", "is missing; finetune goes on from one, the other policies need none")
+        LearnError::invalid("encoder", "is missing; finetune starts from an encoder, other policies do not need one")
     })
 }
 

@@ -35,7 +35,7 @@ gleaner_core::settings! {
     /// Settings of the perceptron.
     #[derive(Copy)]
     struct PerceptronSpec {
-        /// Values of the hidden layer; more fit finer functions and need more data.
+        /// Size of the hidden layer. Larger layers fit finer functions and need more data.
         hidden_size: u32 = 256, integer_in(1, 4096);
     }
 }

@@ -28,7 +28,7 @@ impl<'a> Known<'a> {
         base.normaliser.validate("base.normaliser")?;
         let number = |id: &String| {
             let at = experts.iter().position(|expert| expert.id == *id).ok_or_else(|| {
-                let message = format!("has {id}, which is not among the experts; add it, or score anew");
+                let message = format!("has {id}, which is not among the experts; add it, or score without extends");
                 LearnError::invalid("base.experts", message)
             })?;
             Ok((u32::try_from(at).unwrap_or(u32::MAX), experts[at].steps(shape)))
@@ -67,10 +67,10 @@ impl<'a> Known<'a> {
             |message: String| Err(LearnError::invalid("base.scores", format!("of episode {} {message}", episode.id)));
         let lengths = [scores.w.len(), scores.match_episode.len(), scores.match_step.len(), scores.distances.len()];
         if lengths.iter().any(|length| *length != steps) {
-            return wrong(format!("have lengths {lengths:?}, the episode has {steps} steps; score anew"));
+            return wrong(format!("have lengths {lengths:?}, the episode has {steps} steps; score without extends"));
         }
         if scores.w.iter().any(|w| !(w.is_finite() && *w <= 0.0)) {
-            return wrong("hold a w that is not a number at most 0; score anew".into());
+            return wrong("hold a w that is not a number at most 0; score without extends".into());
         }
         let mut places = scores.match_episode.iter().zip(&scores.match_step);
         let lost = places.find(|(at, step)| {
@@ -78,7 +78,9 @@ impl<'a> Known<'a> {
             expert.is_none_or(|(_, steps)| **step as usize >= *steps)
         });
         match lost {
-            Some((at, step)) => wrong(format!("match step {step} of expert {at}, which there is not; score anew")),
+            Some((at, step)) => {
+                wrong(format!("match step {step} of expert {at}, which does not exist; score without extends"))
+            }
             None => Ok(()),
         }
     }

@@ -4,7 +4,7 @@ use gleaner_core::Words as _;
 use gleaner_core::schema::Shape;
 
 gleaner_core::words! {
-    /// How the features of two segments are compared.
+    /// Similarity of the features of two segments.
     pub enum Similarity {
         /// Minus the sum over images, proprioception and actions of the Euclidean distance of the last step's features.
         LastL2 = "last_l2",
@@ -28,9 +28,9 @@ impl Similarity {
 }
 
 gleaner_core::words! {
-    /// Scale of the encoder's features.
+    /// Scaling of the encoder's features.
     pub enum FeatureScale {
-        /// Every direction divided by its variation over the pretraining data.
+        /// Each direction is divided by its variation over the pretraining data.
         Whitened = "whitened",
         /// Unchanged, as in the paper.
         Plain = "plain",
@@ -41,11 +41,11 @@ gleaner_core::settings! {
     /// Settings of every scorer that compares segments.
     #[derive(Copy)]
     pub(super) struct NearestSpec {
-        /// How the features of two segments are compared.
+        /// Similarity of the features of two segments.
         pub(super) similarity: Similarity = Similarity::LastL2, Similarity::shape();
         /// Scale similarities by the local spread of experts around the match; false: as in the paper.
         pub(super) local_scale: bool = true, Shape::Flag;
-        /// Factors of the distances of images, proprioception and actions.
+        /// Factors of the distances of images, proprioception and actions (0: the modality is ignored).
         pub(super) scale: [f64; 3] = [1.0; 3], Shape::Numbers {
             names: ["image", "proprioception", "action"].map(str::to_owned).to_vec(), least: 0.0, most: 1e6
         };

@@ -111,11 +111,12 @@ pub fn extend_scores(
     let scorer = scorer::open(&spec.scorer)?;
     let Some(comparison) = scorer.comparison() else {
         let name = &spec.scorer.name;
-        let message = format!("is {name}, whose every score depends on all episodes; score anew instead of extending");
+        let message = format!("is {name}, whose every score depends on all episodes; score without extends");
         return Err(LearnError::invalid("scorer", message));
     };
     if comparison.local_scale && base.experts.len() == 1 {
-        let message = "is one alone, so its run had no local scale that its normaliser was fitted to; score anew";
+        let message =
+            "is one alone, so its run had no local scale that its normaliser was fitted to; score without extends";
         return Err(LearnError::invalid("base.experts", message));
     }
     Call { inputs, spec, scorer }.run(Some(base), monitor)

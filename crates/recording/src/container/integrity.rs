@@ -101,7 +101,7 @@ impl Integrity {
             Some(true) => {}
             Some(false) => {
                 let detail =
-                    "the checksum of an attachment differs from its bytes; no step uses attachments".to_owned();
+                    "the checksum of an attachment differs from its bytes; steps do not use attachments".to_owned();
                 self.add(FindingCode::ChecksumMismatch, "attachments", detail);
             }
             None => self.unfit("attachments"),

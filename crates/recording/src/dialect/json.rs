@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_not_json() {
+    fn malformed_json_is_rejected() {
         assert!(decode(b"{", 64).unwrap_err().contains("not JSON"));
         assert!(decode(b"\"\\", 64).is_err());
     }

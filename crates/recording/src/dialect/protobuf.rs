@@ -23,7 +23,7 @@ impl Decoder {
         let set = FileDescriptorSet::decode(descriptors)
             .map_err(|error| format!("the schema is not a FileDescriptorSet ({error}); {fix}"))?;
         let pool = contained(|| pool(set)).unwrap_or_else(|| Err("they are inconsistent".to_owned()));
-        let pool = pool.map_err(|error| format!("the schema's descriptors don't fit together ({error}); {fix}"))?;
+        let pool = pool.map_err(|error| format!("the schema's descriptors do not fit together ({error}); {fix}"))?;
         let message =
             pool.get_message_by_name(name).ok_or_else(|| format!("the schema does not describe `{name}`; {fix}"))?;
         Ok(Self { message })
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn names_what_is_wrong_with_schema_or_bytes() {
+    fn errors_name_the_fault_of_schema_or_bytes() {
         let (name, set) = state_schema();
         assert!(Decoder::new("lab.Other", &set).unwrap_err().contains("`lab.Other`"));
         assert!(Decoder::new(&name, b"no descriptor").unwrap_err().contains("FileDescriptorSet"));
@@ -162,6 +162,6 @@ mod tests {
         let twice = own.unwrap().clone();
         set.file.push(twice);
         let problem = Decoder::new(&name, &set.encode_to_vec()).unwrap_err();
-        assert!(problem.contains("don't fit together"), "{problem}");
+        assert!(problem.contains("do not fit together"), "{problem}");
     }
 }

@@ -28,7 +28,7 @@ pub(crate) fn raw_color(image: RawImage<'_>, height: u32, width: u32) -> Result<
         "mono8" | "8UC1" => (1, [0, 0, 0]),
         other => {
             return Err(broken(format!(
-                "color images encoded as `{other}` can't be read; use rgb8, rgba8, bgr8, bgra8, mono8 or a compressed image"
+                "color images encoded as `{other}` cannot be read; use rgb8, rgba8, bgr8, bgra8, mono8 or a compressed image"
             )));
         }
     };
@@ -66,7 +66,7 @@ pub(crate) fn raw_depth(image: RawImage<'_>, height: u32, width: u32) -> Result<
         }
         other => {
             return Err(broken(format!(
-                "depth images encoded as `{other}` can't be read; use 16UC1 (millimetres) or 32FC1 (metres)"
+                "depth images encoded as `{other}` cannot be read; use 16UC1 (millimetres) or 32FC1 (metres)"
             )));
         }
     }
@@ -74,7 +74,7 @@ pub(crate) fn raw_depth(image: RawImage<'_>, height: u32, width: u32) -> Result<
 }
 
 fn millimetres(metres: f32) -> u16 {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates; NaN gives 0, as wanted")]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates; NaN becomes 0")]
     let whole = (metres * 1000.0).round() as u16;
     if metres.is_finite() { whole } else { 0 }
 }
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn short_or_strange_images_are_errors() {
+    fn short_or_unsupported_images_are_errors() {
         assert!(raw_color(image("rgb8", 3, &[0; 5]), 2, 1).unwrap_err().to_string().contains("need 6 bytes"));
         assert!(raw_color(image("rgb8", 2, &[0; 9]), 2, 1).is_err());
         assert!(raw_color(image("yuv422", 2, &[0; 9]), 2, 1).unwrap_err().to_string().contains("yuv422"));

@@ -60,7 +60,7 @@ fn error_names_the_missing_field_and_the_existing_ones() {
 }
 
 #[test]
-fn refuses_what_is_not_a_path() {
+fn malformed_paths_are_rejected() {
     for text in ["", ".", "a..b", "a[", "a[]", "a[1", "a[x]", "a[-1]", "a[3:3]", "a[1]b", "a b"] {
         assert!(Path::parse(text).is_err(), "{text}");
     }

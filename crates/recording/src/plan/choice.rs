@@ -40,7 +40,7 @@ pub(crate) fn choose_mapping(
         return Ok(at);
     }
     let Some((at, mapping)) = best else {
-        let problem = "the task has none; add one with the topics of its cameras and fields";
+        let problem = "the task has no mapping; add one with the topics of its cameras and fields";
         return Err(RecordingError::Spec { field: "mappings".into(), problem: problem.into() });
     };
     report.mapping.clone_from(&mapping.name);

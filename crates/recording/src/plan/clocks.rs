@@ -29,8 +29,8 @@ impl Clocks {
             return Self { log_only: false };
         };
         let detail = format!(
-            "its header stamps are of another clock than the recorder's, and {headless} has none, so log times were \
-             used for all; stamp {headless} to align better"
+            "its header stamps are from another clock than the recorder's, and {headless} has no stamps, so log times \
+             were used for all topics; stamp {headless} for a better alignment"
         );
         report.add(Severity::Note, FindingCode::MixedClocks, skewed, None, detail);
         Self { log_only: true }

@@ -63,7 +63,7 @@ fn a_chunk_that_unpacks_to_too_much_is_refused() {
 }
 
 #[test]
-fn chunk_with_a_wrong_size_uses_only_the_stated_memory() {
+fn a_chunk_with_a_wrong_size_uses_only_the_stated_memory() {
     let limits = Limits { chunk_bytes: 1 << 20, ..Limits::default() };
     for compression in [Compression::Zstd, Compression::Lz4] {
         let mut bytes = bomb(compression);

@@ -66,7 +66,7 @@ fn gaps_of_the_clock_and_of_a_stream_are_findings() {
 }
 
 #[test]
-fn frozen_joint_is_one_finding_and_a_resting_arm_is_none() {
+fn a_frozen_joint_is_one_finding_and_a_resting_arm_has_no_finding() {
     let mut spec = numbers_only();
     spec.proprioception[0].size = 3;
     let scene = |joints: [f64; 3]| {

@@ -98,7 +98,7 @@ fn camera_frozen_while_the_robot_moves_is_a_finding() {
 }
 
 #[test]
-fn a_still_image_of_a_robot_at_rest_is_sound() {
+fn a_still_image_of_a_robot_at_rest_has_no_finding() {
     let at_rest = scene(45, |_| (raw("rgb8", 3, &color(3)), raw("16UC1", 2, &depth(3))))
         .change("/joints", |_, _, content| {
             *content = json!({"position": [0.5, 0.5]});

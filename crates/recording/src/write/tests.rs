@@ -47,7 +47,7 @@ pub(crate) fn written(steps: u8) -> Vec<u8> {
 }
 
 #[test]
-fn what_is_written_reads_back() {
+fn written_steps_read_back() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     std::fs::write(&path, written(5)).unwrap();

@@ -219,7 +219,7 @@ fn tiny_zero_and_huge_values_are_compared_exactly() {
 }
 
 #[test]
-fn every_view_by_itself_finds_the_same() {
+fn every_view_alone_finds_the_same() {
     let (groups, queries) = near_duplicates();
     for metric in METRICS {
         let expected = brute_force(&groups, &queries, metric, Some(3));

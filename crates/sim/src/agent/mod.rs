@@ -79,7 +79,7 @@ impl AgentSpec {
     pub fn new(kind: AgentKind, grade: f64) -> Result<Self, SimError> {
         let wrong = |detail: &str| Err(SimError::Agent { text: format!("{kind}:{grade}"), detail: detail.to_owned() });
         if kind == AgentKind::Expert && grade != 0.0 {
-            return wrong("the expert has no grade; write \"expert\"");
+            return wrong("the expert has no grade; use \"expert\"");
         }
         if !(0.0..=1.0).contains(&grade) {
             return wrong("the grade must lie between 0 and 1");
@@ -126,12 +126,12 @@ impl FromStr for AgentSpec {
         };
         let kind = AgentKind::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
             let names = AgentKind::ALL.map(AgentKind::name).join(", ");
-            wrong(format!("{name:?} is not known; use one of {names}"))
+            wrong(format!("{name:?} is unknown; use one of {names}"))
         })?;
         let grade = match grade {
-            Some(grade) => grade
-                .parse()
-                .map_err(|_| wrong(format!("grade {grade:?} is not a number; write one between 0 and 1")))?,
+            Some(grade) => {
+                grade.parse().map_err(|_| wrong(format!("grade {grade:?} is not a number; use one between 0 and 1")))?
+            }
             None if kind == AgentKind::Expert => 0.0,
             None => 1.0,
         };

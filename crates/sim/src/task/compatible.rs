@@ -89,7 +89,7 @@ mod tests {
     fn specification_with_another_name_requires_the_task() {
         let spec = TaskSpec { name: "my_stack".to_owned(), ..stacking(32) };
         let error = compatible(&spec).unwrap_err().to_string();
-        assert!(error.contains("\"my_stack\" is not known; use one of pick_cube, stack_cube"), "{error}");
+        assert!(error.contains("\"my_stack\" is unknown; use one of pick_cube, stack_cube"), "{error}");
         assert_eq!(compatible_with(Task::StackCube, &spec).unwrap().image, 32);
     }
 

@@ -159,7 +159,7 @@ mod tests {
             assert_eq!(task.to_string().parse::<Task>().unwrap(), task);
         }
         let error = "stack".parse::<Task>().unwrap_err().to_string();
-        assert_eq!(error, "task: \"stack\" is not known; use one of pick_cube, stack_cube");
+        assert_eq!(error, "task: \"stack\" is unknown; use one of pick_cube, stack_cube");
     }
 
     #[test]

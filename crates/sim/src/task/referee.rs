@@ -67,14 +67,14 @@ mod tests {
     }
 
     #[test]
-    fn cube_beside_the_goal_is_no_success() {
+    fn a_cube_beside_the_goal_fails() {
         let world = beside_goal(GOAL_RADIUS + 0.001);
         let mut referee = Referee::new(&world);
         assert!((0..5).all(|_| !referee.watch(Task::PickCube.rules(), &world)));
     }
 
     #[test]
-    fn stack_with_a_moving_cube_is_no_success() {
+    fn a_stack_with_a_moving_cube_fails() {
         let rules = Task::StackCube.rules();
         let mut world = (rules.begin)(&mut ChaCha8Rng::seed_from_u64(1));
         world.cubes[0].position = world.cubes[1].position + Vec3::Z * 0.045;

@@ -29,7 +29,7 @@ impl Stage {
             Self::Scores => "Score run",
             Self::Dataset => "Dataset",
             Self::Policy => "Policy",
-            Self::Use => "Tried and served",
+            Self::Use => "Evaluations and deployments",
         }
     }
 }

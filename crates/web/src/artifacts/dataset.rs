@@ -33,7 +33,7 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
     let task = backend.task_by_id(&dataset.task_id).await?;
     let body = html! {
         h1 { "Dataset " (link::tail(dataset.id.as_str())) }
-        p.lead { "The imperfect segments with " (link::selection(dataset.selection)) ", weighted by q, beside all experts. A view, never a copy." }
+        p.lead { "The imperfect segments with " (link::selection(dataset.selection)) ", weighted by q, and all experts. A dataset is a view, not a copy." }
         @match &kept {
             Ok((what, _)) => {
                 (runs::figures(what))
@@ -41,7 +41,7 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
                 (runs::cohorts(what))
                 (sheet::links(&request))
             },
-            Err(why) => p.note { (link::text(why)) " Counts appear when the run is finished." },
+            Err(why) => p.note { (link::text(why)) " Counts appear once the run is finished." },
         }
         h2 { "Lineage" }
         (of_dataset(backend, &dataset).await?)
@@ -75,9 +75,9 @@ fn facts(dataset: &Dataset, expert_segments: Option<u64>) -> Markup {
         dl.facts.panel {
             dt { "Dataset" } dd.id { (dataset.id) }
             dt { "Keeps" } dd { (link::selection(dataset.selection)) }
-            dt { "Of score run" } dd { a.id href=(at) { (run) } }
+            dt { "Score run" } dd { a.id href=(at) { (run) } }
             @if let Some(segments) = expert_segments { dt { "Experts' segments" } dd { (text::count(segments)) } }
-            dt { "Made" } dd { (text::time(dataset.created_at)) " UTC" }
+            dt { "Created" } dd { (text::time(dataset.created_at)) " UTC" }
         }
     }
 }

@@ -45,7 +45,7 @@ fn facts(encoder: &Encoder, spec: &PretrainSpec, snapshot: &Snapshot) -> Markup 
             dt { "Segments" } dd { (text::counted(u64::from(spec.model.segment_length) + 1, "step")) }
             dt { "Steps" } dd { (text::count(spec.optim.steps)) }
             dt { "Episodes" } dd { (episodes(snapshot)) " (" (link::whole(snapshot.id.as_str())) ")" }
-            dt { "Made by" } dd { (link::whole(encoder.job_id.as_str())) ", with its losses and every setting" }
+            dt { "Created by" } dd { (link::whole(encoder.job_id.as_str())) ", with its losses and every setting" }
             dt { "Checkpoint (BLAKE3)" } dd.id { (encoder.checkpoint) }
         }
     }

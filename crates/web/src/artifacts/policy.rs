@@ -72,7 +72,7 @@ fn facts(policy: &Policy, job: &Job, snapshot: &Snapshot, deployments: &[Deploym
                 @if deployments.is_empty() { "not deployed" }
                 @for deployment in deployments { a href=(format!("/deployments/{}", deployment.name)) { (deployment.name) } " " }
             }
-            dt { "Made by" } dd { (link::whole(policy.job_id.as_str())) }
+            dt { "Created by" } dd { (link::whole(policy.job_id.as_str())) }
             dt { "Checkpoint (BLAKE3)" } dd.id { (policy.checkpoint) }
         }
     }

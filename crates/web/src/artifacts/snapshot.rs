@@ -56,11 +56,11 @@ fn figures(snapshot: &Snapshot, held: &[FrozenEpisode]) -> Markup {
         dl.figures {
             div { dt { "Experts" } dd { (text::count(snapshot.expert_episodes)) } }
             div { dt { "Imperfect" } dd { (text::count(snapshot.imperfect_episodes)) } }
-            div { dt { "Labelled otherwise since" } dd { (text::count(relabelled)) } }
+            div { dt { "Relabelled since" } dd { (text::count(relabelled)) } }
             @if deleted > 0 { div { dt { "Recordings deleted" } dd { (text::count(deleted)) } } }
         }
         @if deleted > 0 {
-            p.note.bad { "Recordings were deleted for good: no job can use this snapshot any more. Make a new one, or push them again." }
+            p.note.bad { "Recordings were permanently deleted, so jobs cannot use this snapshot. Create a new snapshot, or push the recordings again." }
         }
     }
 }
@@ -89,7 +89,7 @@ fn row(held: &FrozenEpisode) -> Markup {
         td { (held.role.as_str()) }
         td { (label(&held.then)) }
         td.number { @match held.then.version { Some(version) => (version), None => "–" } }
-        td { @if held.relabelled() { span.tag.warned { "now" } " " (label(&held.now)) } @else { span.soft { "the same" } } }
+        td { @if held.relabelled() { span.tag.warned { "now" } " " (label(&held.now)) } @else { span.soft { "unchanged" } } }
     } }
 }
 
@@ -138,9 +138,9 @@ fn facts(snapshot: &Snapshot) -> Markup {
     html! {
         dl.facts.panel {
             dt { "Snapshot" } dd.id { (snapshot.id) }
-            dt { "Made" } dd { (text::time(snapshot.created_at)) " UTC" }
+            dt { "Created" } dd { (text::time(snapshot.created_at)) " UTC" }
             dt { "Rule" } dd { (episodes(snapshot)) }
-            @if rule.max_experts > 0 || rule.imperfect_per_expert > 0.0 { dt { "Seed of the limits" } dd { (rule.seed) } }
+            @if rule.max_experts > 0 || rule.imperfect_per_expert > 0.0 { dt { "Sampling seed" } dd { (rule.seed) } }
         }
     }
 }
@@ -165,7 +165,7 @@ mod tests {
         let held: Vec<FrozenEpisode> = (0..250).map(|_| one()).collect();
         let shown = table(&held).into_string();
         assert_eq!(shown.matches("<tr>").count(), 1 + SHOWN);
-        assert!(shown.contains("the same") && shown.contains("<td class=\"number\">–</td>"));
+        assert!(shown.contains("unchanged") && shown.contains("<td class=\"number\">–</td>"));
         let snapshot = Snapshot {
             id: SnapshotId::new(),
             task_id: gleaner_core::id::TaskId::new(),

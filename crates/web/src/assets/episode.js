@@ -262,6 +262,6 @@
     fetch(`/episodes/${about.id}/scores.json?run=${about.run}`, { headers: { accept: 'application/json' } })
       .then((response) => (response.ok ? response.json() : Promise.reject(new Error(response.statusText))))
       .then((answer) => { scores = answer; go(step); })
-      .catch((error) => labelling.warn(`The scores did not come: ${error.message}`));
+      .catch((error) => labelling.warn(`The scores could not be loaded: ${error.message}`));
   }
 })();

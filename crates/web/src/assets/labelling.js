@@ -45,7 +45,7 @@ const labelling = (() => {
     });
     const answer = await response.json().catch(() => ({}));
     if (response.ok) return answer.episodes;
-    throw Object.assign(new Error(answer.error ?? `the server answered ${response.status}`), { changed: answer.changed });
+    throw Object.assign(new Error(answer.error ?? `the server responded with status ${response.status}`), { changed: answer.changed });
   }
 
   const many = (items) => (items.length === 1 ? page.find(items[0].id).name : `${items.length} episodes`);
@@ -57,7 +57,7 @@ const labelling = (() => {
     const first = changed[0];
     const others = changed.length > 1 ? ` and ${changed.length - 1} more` : '';
     warn(`${first.by || 'Another person'} labelled ${page.find(first.id).name} ${first.outcome} at ${first.at} UTC ` +
-      `meanwhile${others}. Nothing was changed.`,
+      `in the meantime${others}. No label was changed.`,
       { text: `Label ${label.outcome} anyway`, act: () => send(asked, label) });
   }
 
@@ -90,7 +90,7 @@ const labelling = (() => {
   function takeBack() {
     queue = queue.then(async () => {
       const last = done.pop();
-      if (!last) return say('There is nothing to undo.');
+      if (!last) return say('No labels to undo.');
       const alike = new Map();
       last.forEach((one) => {
         const key = JSON.stringify([one.outcome, one.cohort]);

@@ -29,7 +29,7 @@ pub(super) fn sessions(request: &PageRequest, deployment: &str) -> Markup {
     let own: Vec<_> = all.iter().filter(|(session, _)| session.deployment == deployment).collect();
     html! {
         @if own.is_empty() {
-            p.panel.empty { "No session is open." }
+            p.panel.empty { "No open sessions." }
         } @else {
             p.soft { (text::counted(own.len() as u64, "session")) " open"
                 @if own.len() > MOST { ", the newest " (MOST) " are shown" } "." }

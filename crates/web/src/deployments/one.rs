@@ -85,7 +85,7 @@ fn scorer(change: &DeploymentChange) -> Markup {
     html! {
         @match &change.assignment.score_run_id {
             Some(run) => a.id href=(format!("/runs/{run}")) { (run) },
-            None => span.soft { "none: deploy with a score run to see q while a robot acts" },
+            None => span.soft { "none; deploy with a score run to score sessions while they run" },
         }
     }
 }

@@ -10,7 +10,7 @@ pub(super) fn figures(view: &View) -> Markup {
     let cameras = &view.task.spec.cameras;
     html! {
         @if cameras.is_empty() {
-            p.panel.empty { "This task has no camera; its numbers are below." }
+            p.panel.empty { "This task has no camera. Its other values are plotted below." }
         }
         div.cameras {
             @for camera in cameras {
@@ -45,6 +45,6 @@ pub(super) fn scrubber(view: &View, times: &[f64]) -> Markup {
             input #step type="range" min="0" max=(last) value=(view.step) step="1";
             output #at for="step" { "step " (view.step) " of " (last) " · " (format!("{time:.2}")) " s" }
         }
-        p.formats.hint { kbd { "Space" } " plays, " kbd { "←" } " " kbd { "→" } " step, with Shift ten; click a plot to go there." }
+        p.formats.hint { kbd { "Space" } " plays, " kbd { "←" } " " kbd { "→" } " move by one step, with Shift by ten. Click a plot to jump to a step." }
     }
 }

@@ -37,9 +37,9 @@ pub(super) fn timeline(view: &View, times: &[f64]) -> Markup {
                     (panels("Action", &numbers.action, times))
                 }
                 Err(error) if error.kind() == Kind::Internal => {
-                    p.note.bad { "The recording's steps cannot be read; the server's log has the cause." }
+                    p.note.bad { "The steps of the recording cannot be read; see the server's log for the cause." }
                 }
-                Err(error) => p.note.bad { "The recording's steps cannot be shown: " (error.message()) },
+                Err(error) => p.note.bad { "The steps of the recording cannot be shown: " (error.message()) },
             }
         }
     }
@@ -67,9 +67,9 @@ fn quality(view: &View, scored: &Scored, times: &[f64]) -> Markup {
         }
         p.formats {
             @if scores.role == Role::Expert {
-                "An expert of this run: compared with the other experts, and kept whole for any β. "
+                "This episode is an expert of the run: it is compared with the other experts and kept in full for every β. "
             }
-            "Shaded where a kept segment ends: q > β there. Each covers that step and the "
+            "Shading marks steps at which a kept segment ends (q > β). A segment covers that step and the "
             (text::counted(u64::from(scored.segment_length), "step")) " before. "
             a href=(format!("/runs/{}?beta={}", scored.run.id, view.beta)) { "The run" } ", "
             a href=(format!("/episodes/{}/scores.json?run={}", view.id(), scored.run.id)) { "these scores as JSON" }

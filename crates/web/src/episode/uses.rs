@@ -17,7 +17,7 @@ pub(super) fn panel(view: &View) -> Markup {
     }
     html! {
         section.panel aria-labelledby="uses-head" {
-            h2 #uses-head { "Went into" }
+            h2 #uses-head { "Used in snapshots" }
             ul.uses { @for held in uses { (one(held)) } }
             @if *of > u64::from(MOST) { p.soft { "and " (text::counted(of - u64::from(MOST), "older snapshot")) } }
         }

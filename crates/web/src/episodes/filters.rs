@@ -14,7 +14,7 @@ pub(super) fn form(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup
         (word.to_owned(), word.to_owned())
     });
     html! {
-        form.filters method="get" role="search" aria-label="Which episodes" {
+        form.filters method="get" role="search" aria-label="Filter episodes" {
             (choice(("outcome", "Outcome"), &parameters.outcome, "any", &outcomes))
             (choice(("cohort", "Cohort"), &parameters.cohort, "any", &cohort_choices(&parameters.cohort, cohorts)))
             (choice(("findings", "Report"), &parameters.findings, "any", &[

@@ -118,7 +118,7 @@ fn overtaken(changed: &[Overtaken]) -> Response {
         })
     };
     let answer = json!({
-        "error": "another person has labelled some of these episodes meanwhile; no label was changed",
+        "error": "another person labelled some of these episodes in the meantime; no label was changed",
         "changed": changed.iter().map(row).collect::<Vec<_>>(),
     });
     (StatusCode::CONFLICT, axum::Json(answer)).into_response()
@@ -161,16 +161,16 @@ pub(super) fn bar(cohorts: &[String]) -> Markup {
 const KEYS: &[(&[&str], &str)] = &[
     (&["j", "↓"], "Next episode"),
     (&["k", "↑"], "Previous episode"),
-    (&["s"], "Success, and on to the next"),
-    (&["f"], "Failure, and on to the next"),
-    (&["u"], "Unknown, and on to the next"),
+    (&["s"], "Label success and move to the next episode"),
+    (&["f"], "Label failure and move to the next episode"),
+    (&["u"], "Label unknown and move to the next episode"),
     (&["z"], "Undo the last labelling"),
-    (&["a"], "Label anyway, when another person was first"),
-    (&["Esc"], "Cancel, or dismiss a message"),
-    (&["x"], "Select; with Shift and a click, all between"),
+    (&["a"], "Label anyway, after another person labelled the episode"),
+    (&["Esc"], "Cancel, or dismiss the message"),
+    (&["x"], "Select; Shift and a click select a range"),
     (&["o", "Enter"], "Open the episode"),
     (&["n", "p"], "Next page, previous page"),
-    (&["?"], "These keys"),
+    (&["?"], "Show these keys"),
 ];
 
 /// The place of a script's messages.
@@ -221,7 +221,7 @@ mod tests {
             ("outcome: ", json!({ "episodes": labelled, "outcome": "won" })),
             ("cohort: ", json!({ "episodes": labelled, "outcome": "success", "cohort": "a\nb" })),
             ("reason: ", json!({ "episodes": labelled, "outcome": "success", "reason": "x".repeat(300) })),
-            ("body: ", json!({ "episodes": labelled, "outcome": "success", "author": "somebody else" })),
+            ("body: ", json!({ "episodes": labelled, "outcome": "success", "author": "another person" })),
         ] {
             let error = sent(&body).unwrap_err();
             assert!(error.message().starts_with(field), "{field} {error}");

@@ -132,7 +132,7 @@ fn body(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {
         (filters::form(view, runs, cohorts))
         @if view.rows.is_empty() {
             p.panel.empty {
-                "No episode matches. " a href=(view.request.uri.path()) { "Show all" } ", or add some with "
+                "No episodes match these filters. " a href=(view.request.uri.path()) { "Show all" } ", or add some with "
                 code { "gleaner push" } "."
             }
         } @else {

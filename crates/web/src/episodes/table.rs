@@ -51,7 +51,7 @@ fn heads(view: &View, pictures: bool) -> Markup {
             (head(SortKey::Findings, "Report", false))
             (head(SortKey::MeanQ, "Mean q", true))
             th scope="col" { "Last label (UTC)" }
-            (head(SortKey::Date, "Arrived (UTC)", false))
+            (head(SortKey::Date, "Added (UTC)", false))
         } }
     }
 }

@@ -57,10 +57,10 @@ fn standing(job: &Job, now: Millis) -> Markup {
                 div { dt { "Submitted" } dd { (text::time(job.created_at)) " UTC" } }
                 @if let Some(started) = job.started_at { div { dt { "Newest attempt" } dd { (text::time(started)) " UTC" } } }
                 @if let Some(took) = took(job, now) {
-                    div { dt { @if job.state.ended() { "Took" } @else { "Runs for" } } dd { (text::seconds(took)) } }
+                    div { dt { @if job.state.ended() { "Took" } @else { "Running for" } } dd { (text::seconds(took)) } }
                 }
                 div { dt { "Attempts" } dd { (job.attempt) " of " (job.max_attempts) } }
-                @if job.peak_memory_bytes > 0 { div { dt { "Most memory" } dd { (text::bytes(job.peak_memory_bytes)) } } }
+                @if job.peak_memory_bytes > 0 { div { dt { "Peak memory" } dd { (text::bytes(job.peak_memory_bytes)) } } }
                 @if let Some(step) = job.checkpoint_step { div { dt { "Checkpoint" } dd { "after step " (text::count(step)) } } }
             }
         }

@@ -65,7 +65,7 @@ fn actions(request: &PageRequest, job: &Job) -> Markup {
                 @if request.may(Page::CancelJob) && !job.cancel_requested { (form("cancel", "danger", ("Cancel", "Cancels the job and the jobs that wait for it"))) }
             },
             JobState::Failed | JobState::Cancelled => {
-                @if request.may(Page::RetryJob) { (form("retry", "primary", ("Try again", "Submits the same order again, with the jobs that waited for it"))) }
+                @if request.may(Page::RetryJob) { (form("retry", "primary", ("Retry", "Submits the job again with the same settings, and the jobs that waited for it"))) }
             },
             JobState::Succeeded => {},
         }
@@ -95,7 +95,7 @@ async fn made_of(backend: &dyn Backend, job: &Job) -> Result<Markup> {
             " downloads " span.id { (result) } }
         }
     };
-    Ok(html! { h2 { "Made" } p.panel { (made) } })
+    Ok(html! { h2 { "Result" } p.panel { (made) } })
 }
 
 /// The jobs it waits or waited for.
@@ -108,7 +108,7 @@ async fn waits(backend: &dyn Backend, job: &Job) -> Result<Markup> {
         needed.push(backend.job(id).await?);
     }
     Ok(html! {
-        h2 { @if job.state == JobState::Queued { "Waits for" } @else { "Waited for" } }
+        h2 { @if job.state == JobState::Queued { "Waiting for" } @else { "Waited for" } }
         ul.panel.waits { @for job in &needed {
             li { (course::state(job)) " " (job.spec.kind().as_str()) " " (link::whole(job.id.as_str())) }
         } }
@@ -119,7 +119,7 @@ fn record(job: &Job) -> Markup {
     html! {
         dl.facts.panel {
             dt { "Job" } dd.id { (job.id) }
-            dt { "Makes" } dd.id { (job.result_id) }
+            dt { "Result" } dd.id { (job.result_id) }
             dt { "Priority" } dd { (job.priority) }
             @if !job.key.is_empty() { dt { "Key" } dd { (job.key) } }
             @if let Some(ended) = job.ended_at { dt { "Ended" } dd { (text::time(ended)) " UTC" } }

@@ -60,11 +60,11 @@ pub(crate) async fn show(request: PageRequest) -> Answer {
         p.lead { "Jobs of all tasks, newest first." }
         (parameters.form(&tasks))
         @if jobs.is_empty() {
-            p.panel.empty { "No job matches." }
+            p.panel.empty { "No jobs match these filters." }
         } @else {
             div.scroll { table {
                 thead { tr {
-                    th { "State" } th { "Kind" } th { "Job" } th { "Task" } th { "Progress" } th { "What it does" }
+                    th { "State" } th { "Kind" } th { "Job" } th { "Task" } th { "Progress" } th { "Summary" }
                     th.number { "Attempt" } th.number { "Age" }
                 } }
                 tbody #jobs data-live[live] { @for job in &jobs { (row(job, &names, now)) } }
@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_parsed_or_refused_with_the_known_ones() {
+    fn unknown_words_are_rejected_with_the_known_ones() {
         let read = |text| word("state", text, JobState::from_word, &JobState::ALL.map(JobState::as_str));
         assert_eq!((read("").unwrap(), read("failed").unwrap()), (None, Some(JobState::Failed)));
         let answer = read("done").unwrap_err();

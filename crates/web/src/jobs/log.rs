@@ -24,7 +24,7 @@ pub(super) fn newest(job: &JobId, log: &Result<String>) -> Markup {
         section #log-section aria-labelledby="log-head" {
             h2 #log-head { "Log" }
             @match log {
-                Err(_) => p.note.bad { "The log cannot be read; the server's own log has the cause." },
+                Err(_) => p.note.bad { "The log cannot be read; see the server's own log for the cause." },
                 Ok(log) if log.is_empty() => p.panel.empty { "The log is empty." },
                 Ok(log) => (lines(job, last(log, SHOWN))),
             }
@@ -35,7 +35,7 @@ pub(super) fn newest(job: &JobId, log: &Result<String>) -> Markup {
 fn lines(job: &JobId, lines: &str) -> Markup {
     html! {
         div #log.panel.log tabindex="0" role="region" aria-label="Log, the newest lines" { pre { (lines) } }
-        p.formats { "The newest lines, times in UTC. " a href=(format!("/jobs/{job}/log")) { "The whole kept log, as text" } }
+        p.formats { "The newest lines, times in UTC. " a href=(format!("/jobs/{job}/log")) { "The whole stored log as text" } }
     }
 }
 

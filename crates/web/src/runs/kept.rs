@@ -56,7 +56,7 @@ pub(crate) fn figures(what: &WhatIf) -> Markup {
         dl.figures {
             div { dt { "Segments kept" } dd { (text::count(segments)) small { " of " (text::count(of_segments)) } } }
             div { dt { "Share kept" } dd { (text::share(segments, of_segments)) } }
-            div { dt { "Episodes that contribute" } dd { (text::count(episodes)) small { " of " (text::count(of_episodes)) } } }
+            div { dt { "Episodes with kept segments" } dd { (text::count(episodes)) small { " of " (text::count(of_episodes)) } } }
             div {
                 dt { "Lowest similarity kept" }
                 dd { @match what.threshold { Some(w) => (format!("{w:.3}")), None => "–" } }

@@ -120,7 +120,7 @@ impl RunsOfTask {
         html! {
             div.scroll { table {
                 thead { tr {
-                    th { "Run" } th { "Made (UTC)" } th.number { "Experts" } th.number { "Imperfect" } th { "Scored by" }
+                    th { "Run" } th { "Created (UTC)" } th.number { "Experts" } th.number { "Imperfect" } th { "Scored by" }
                     th { "Normaliser" } th { "Encoder" } th { "Datasets" }
                 } }
                 tbody {
@@ -157,7 +157,7 @@ impl RunsOfTask {
     fn policy_table(&self) -> Markup {
         html! {
             div.scroll { table {
-                thead { tr { th { "Policy" } th { "Made (UTC)" } th { "Kind" } th { "Trained on" } th { "Job" } } }
+                thead { tr { th { "Policy" } th { "Created (UTC)" } th { "Kind" } th { "Trained on" } th { "Job" } } }
                 tbody { @for policy in &self.policies { tr {
                     td { (link::brief(policy.id.as_str(), Some(&format!("/policies/{}", policy.id)))) }
                     td.when { (text::time(policy.created_at)) }

@@ -93,12 +93,12 @@ async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatI
                             Selection::Beta(beta) => input type="hidden" name="beta" value=(beta);,
                             Selection::TopFraction(part) => input type="hidden" name="top_fraction" value=(part);,
                         }
-                        button.primary type="submit" { "Make dataset" }
+                        button.primary type="submit" { "Create dataset" }
                     }
                 }
             }
             @if beta.is_none() {
-                p.note { "The shown top fraction: " (link::selection(what.selection)) ". Move the slider for a β." }
+                p.note { "Showing a top fraction: " (link::selection(what.selection)) ". Move the slider to select by β." }
             }
             p #trouble.note.bad role="alert" hidden {}
         }
@@ -110,7 +110,7 @@ fn following(summary: &dyn RunSummary, what: &WhatIf, order: Order) -> Markup {
     let run = &summary.run().id;
     let counts = format!("/runs/{run}/what-if?{}", parameter(what.selection));
     html! {
-        section #counts aria-live="polite" aria-label="What is kept" { (kept::figures(what)) }
+        section #counts aria-live="polite" aria-label="Kept segments" { (kept::figures(what)) }
         h2 { "By cohort" }
         div #by-cohort {
             (kept::cohorts(what))
@@ -145,7 +145,7 @@ fn facts(run: &ScoreRun, snapshot: &Snapshot) -> Markup {
             dt { "Episodes" } dd { (artifacts::episodes(snapshot)) " (" (link::whole(run.snapshot_id.as_str())) ")" }
             dt { "Encoder" } dd { (link::whole(run.encoder_id.as_str())) }
             @if let Some(base) = &run.extends { dt { "Extends" } dd { (link::whole(base.as_str())) } }
-            dt { "Made by" } dd { (link::whole(run.job_id.as_str())) }
+            dt { "Created by" } dd { (link::whole(run.job_id.as_str())) }
         }
     }
 }

@@ -114,7 +114,7 @@ impl Out<'_> {
     /// The original messages of consecutive kept steps.
     fn stretch(&self, kept: &KeptInput, range: Range<usize>, manifest: &mut Vec<u8>) -> Result<ExportFile, Failure> {
         let KeptInput { episode, segments, similarities, qualities } = kept;
-        let unscored = || Failure::Retryable(format!("the server gave no scores for the kept steps of {}", episode.id));
+        let unscored = || Failure::Retryable(format!("the server sent no scores for the kept steps of {}", episode.id));
         let segments = segments.get(range).ok_or_else(unscored)?;
         let steps = file_steps(segments, qualities).ok_or_else(unscored)?;
         let (first_step, last_step) = (count(*steps.start()), count(*steps.end()));
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_step_takes_its_better_neighbour_along() {
+    fn a_single_step_is_exported_with_its_better_neighbour() {
         let q = [0.9, 0.1, 0.9, 0.3, 0.9];
         assert_eq!(file_steps(&kept(&[1, 2, 3]), &q), Some(1..=3));
         assert_eq!(file_steps(&kept(&[0]), &q), Some(0..=1));

@@ -202,7 +202,7 @@ fn may(role: Role, path: &str) -> bool {
 }
 
 #[tokio::test]
-async fn every_rpc_with_every_role() {
+async fn every_rpc_is_permitted_as_its_row_states() {
     let fixture = Fixture::new().await;
     for role in Role::ALL {
         fixture.token(role.as_str(), role, None).await;

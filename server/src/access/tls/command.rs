@@ -1,4 +1,4 @@
-//! `gleaner-server tls …`: an authority and certificates of a lab's own, made beside a running server or without one.
+//! `gleaner-server tls …`: a private authority and its certificates, created beside a running server or without one.
 
 use std::{io::Write, path::Path, time::SystemTime};
 
@@ -19,11 +19,11 @@ const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
 /// Longest name of a client, in characters: X.509 allows 64 for a common name.
 const LONGEST_CLIENT: usize = 64;
 
-/// Makes or renews certificates and tells `out` what to do with them.
+/// Creates or renews certificates and writes instructions for their use to `out`.
 ///
 /// # Errors
 /// Invalid naming a flag; Exists when a file would be replaced; Precondition when the authority cannot be used; Internal
-/// when the disk refuses.
+/// when the disk rejects a write.
 pub fn run(config: &TlsConfig, out: &mut impl Write) -> Result<()> {
     match &config.command {
         TlsCommand::Init { server, overwrite } => init(server, *overwrite, out),
@@ -118,9 +118,9 @@ fn client(config: &TlsClientConfig, out: &mut impl Write) -> Result<()> {
     write(
         out,
         format_args!(
-            "made a certificate for the client {name}, valid until {until}; give it {cert} and {key}:\n  \
-             export GLEANER_CLIENT_CERT={cert} GLEANER_CLIENT_KEY={key}\n\
-             the server asks for it when it runs with --client-ca {ca}",
+            "made a certificate for the client {name}, valid until {until}; give it {cert} and {key}:\n  export \
+             GLEANER_CLIENT_CERT={cert} GLEANER_CLIENT_KEY={key}\nthe server requires it when it runs with --client-ca \
+             {ca}",
             until = until(&issued),
             cert = quoted(&cert),
             key = quoted(&key),
@@ -154,7 +154,7 @@ impl Names {
         Ok(names)
     }
 
-    /// The first name, as an address has it.
+    /// The first name, in the form of an address.
     fn for_address(&self) -> String {
         match (self.alternatives.first(), self.shown.first()) {
             (Some(SanType::IpAddress(std::net::IpAddr::V6(address))), _) => format!("[{address}]"),
@@ -163,14 +163,14 @@ impl Names {
     }
 }
 
-/// This machine's host name, if it is one that a certificate can have.
+/// The host name of this machine, if a certificate can contain it.
 fn host_name() -> Option<String> {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok()?;
     let name = name.trim();
     server_name(name).ok().map(|_| name.to_owned())
 }
 
-/// A path as a shell takes it.
+/// A path, quoted for a shell.
 fn quoted(path: &Path) -> String {
     let path = path.display().to_string();
     let plain =

@@ -1,5 +1,5 @@
 //! The folder that certificates are made in: an authority, a server's certificate, those of clients. Keys are readable by
-//! their owner alone, and no file is replaced unless that was asked for.
+//! their owner only, and no file is replaced unless requested.
 
 use std::{
     fs::{self, DirBuilder, File, Permissions},
@@ -11,7 +11,7 @@ use std::{
 use super::issue::Issued;
 use crate::error::{Error, Result};
 
-/// Who a certificate is for.
+/// The owner of a certificate.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Owner<'a> {
     Authority,
@@ -24,15 +24,15 @@ pub(super) enum Owner<'a> {
 pub(super) struct Folder(PathBuf);
 
 impl Folder {
-    /// The folder at this place, which need not be there yet.
+    /// The folder at this path, which may not exist yet.
     pub(super) fn at(path: PathBuf) -> Self {
         Self(path)
     }
 
-    /// Makes the folder, readable by its owner alone. One that is there stays as it is.
+    /// Creates the folder, readable by its owner only. An existing one is unchanged.
     ///
     /// # Errors
-    /// Internal when the disk refuses.
+    /// Internal when the disk rejects a write.
     pub(super) fn create(&self) -> Result<()> {
         let created = match self.0.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => fs::create_dir_all(parent),
@@ -57,7 +57,7 @@ impl Folder {
         self.cert(owner).with_extension("key")
     }
 
-    /// A file that is there of those that making `owner`'s certificate would replace.
+    /// An existing file that a new certificate of `owner` would replace.
     pub(super) fn existing(&self, owner: Owner<'_>) -> Option<PathBuf> {
         [self.cert(owner), self.key(owner)].into_iter().find(|path| path.symlink_metadata().is_ok())
     }
@@ -79,7 +79,7 @@ impl Folder {
     /// Writes a certificate and its key, in one step each, the key first.
     ///
     /// # Errors
-    /// Exists when a file is there and is not to be replaced; Internal when the disk refuses.
+    /// Exists when a file exists and must not be replaced; Internal when the disk rejects a write.
     pub(super) fn write(&self, owner: Owner<'_>, issued: &Issued, replace: bool) -> Result<()> {
         self.put(&self.key(owner), &issued.key, 0o600, replace)?;
         self.put(&self.cert(owner), &issued.cert, 0o644, replace)

@@ -17,7 +17,7 @@ use super::parsed::Parsed;
 use crate::error::{Error, Result};
 
 const DAY: u64 = 24 * 60 * 60;
-/// Validity of an authority: the longer one is trusted, the more rarely clients need a new ca.pem.
+/// Validity of an authority. With a longer one, clients need a new ca.pem less often.
 const AUTHORITY_DAYS: u64 = 3650;
 /// Clocks of robots may be behind by this much.
 const CLOCK_SKEW: u64 = DAY;
@@ -55,7 +55,7 @@ impl Authority {
         Ok((Self { issuer: Issuer::new(params, key), expires }, issued))
     }
 
-    /// An authority that was made earlier, from its certificate and key.
+    /// An existing authority, from its certificate and key.
     ///
     /// # Errors
     /// A sentence when they cannot be read, do not belong together, or have expired.

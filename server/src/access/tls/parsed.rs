@@ -1,4 +1,4 @@
-//! What a certificate says, and what of it keeps clients from connecting.
+//! The content of a certificate, and its properties that prevent clients from connecting.
 
 use std::net::IpAddr;
 
@@ -10,10 +10,10 @@ use x509_parser::{
     prelude::{FromDer as _, X509Certificate},
 };
 
-/// How long before its end a certificate is warned about, in seconds.
+/// Time before the end of a certificate from which it causes a warning, in seconds.
 const SOON: i64 = 30 * 24 * 60 * 60;
 
-/// A certificate, as far as this server cares.
+/// The parts of a certificate that this server uses.
 #[derive(Debug, Clone)]
 pub(super) struct Parsed {
     /// Seconds since 1970.
@@ -63,7 +63,7 @@ impl Parsed {
     /// Why clients will refuse a server with this certificate now or soon, each with the fix.
     pub(super) fn warnings(&self, now: Timestamp) -> Vec<String> {
         let now = now.as_second();
-        let renew = "renew it with `gleaner-server tls renew`, or with whatever made it";
+        let renew = "renew it with `gleaner-server tls renew`, or with the tool that issued it";
         let mut warnings = Vec::new();
         if self.not_after < now {
             warnings.push(format!("it expired on {} and clients refuse it; {renew}", day(self.not_after)));

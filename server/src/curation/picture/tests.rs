@@ -54,7 +54,7 @@ fn each_camera_shows_its_own_pixels() {
 }
 
 #[test]
-fn near_is_light_far_is_dark_and_no_reading_is_black() {
+fn near_is_light_far_is_dark_and_missing_depth_is_black() {
     assert_eq!(grey(&[0, 0, 100, 0, 44, 1]), [0, 0, 0, 255, 255, 255, 32, 32, 32]);
     assert_eq!(grey(&[7, 0, 7, 0]), [255; 6], "all as near");
     assert_eq!(grey(&[0, 0]), [0; 3], "nothing measured");

@@ -109,7 +109,7 @@ async fn with_one_slot_a_push_waits_for_one_inspection_of_another_client() {
 }
 
 #[tokio::test]
-async fn a_scored_recording_whose_client_left_gives_its_place_back() {
+async fn a_scored_recording_of_a_disconnected_client_frees_its_slot() {
     let lab = Lab::new(&["--inspect-parallel", "1"]).await;
     let (hog, gone) = (token("hog"), token("gone"));
     let slow = lab.finishing(&hog, "slow;").await;
@@ -143,7 +143,7 @@ async fn open_uploads_of_a_client_have_a_limit_that_a_restart_keeps() {
     assert_eq!(f.files(&["uploads"]).len(), 2, "the refused upload left no file");
     f.ingest.start(new(&other, b"third")).await.unwrap();
     // The author is a client's own label and is not counted.
-    let renamed = NewUpload { author: "somebody else".into(), ..new(&one, b"fourth") };
+    let renamed = NewUpload { author: "another person".into(), ..new(&one, b"fourth") };
     assert_eq!(f.ingest.start(renamed).await.unwrap_err().kind(), Kind::Exhausted);
 
     lab.fixture.reopen().await;
@@ -170,7 +170,7 @@ async fn concurrent_starts_do_not_pass_the_limit_together() {
 }
 
 #[tokio::test]
-async fn zero_is_no_limit_on_open_uploads() {
+async fn a_limit_of_zero_allows_any_number_of_open_uploads() {
     let lab = Lab::new(&["--max-open-uploads-per-caller", "0"]).await;
     for number in 0..5 {
         lab.fixture.start(format!("content {number}").as_bytes()).await;

@@ -42,7 +42,7 @@ async fn a_recording_that_exceeds_a_limit_is_rejected_and_not_kept() {
         ("memory", "more than 64 MiB of memory"),
         ("reserve", "more than 64 MiB of memory"),
         ("disk", "decoded images take more than 64 MiB"),
-        ("panic", "breaks the reader"),
+        ("panic", "its reader crashed"),
     ] {
         let f = real(misbehaviour, &["--inspect-memory-bytes", "67108864", "--inspect-seconds", "60"]).await;
         let error = f.push(b"recording").await.unwrap_err();

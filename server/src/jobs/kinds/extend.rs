@@ -27,7 +27,7 @@ pub(super) async fn extension(
     task: &TaskId,
     run: &ScoreRunId,
     (encoder, snapshot): (Option<EncoderId>, Option<SnapshotId>),
-    asked: ScoreSpec,
+    requested: ScoreSpec,
 ) -> Result<JobSpec> {
     let base = jobs.0.store.score_run(run).await?;
     same_task("spec.score.extends", run.as_str(), &base.task_id, task)?;
@@ -38,9 +38,9 @@ pub(super) async fn extension(
         ));
     }
     let JobSpec::Score { spec: frozen, .. } = jobs.0.store.job(&base.job_id).await?.spec else {
-        return Err(Error::internal("reading a run's spec", "its job is no scoring"));
+        return Err(Error::internal("reading a run's spec", "its job is not a score job"));
     };
-    let spec = settings(&asked, frozen)?;
+    let spec = settings(&requested, frozen)?;
     let (_, own) = jobs.encoder(task, "spec.score.encoder_id", &base.encoder_id).await?;
     let snapshot_id = scored(jobs, task, snapshot, own).await?;
     has_every_expert(jobs, &base, &snapshot_id).await?;
@@ -54,18 +54,18 @@ async fn has_every_expert(jobs: &Jobs, base: &ScoreRun, snapshot: &SnapshotId) -
     match base.expert_ids.iter().find(|id| !experts.contains(id)) {
         None => Ok(()),
         Some(lacking) => Err(Error::precondition(format!(
-            "{snapshot} has no expert {lacking}, which {} was scored with; make a snapshot that has it, or score \
-             without extends",
+            "{snapshot} has no expert {lacking}, which {} was scored with; create a snapshot with it, or score without \
+             extends",
             base.id
         ))),
     }
 }
 
 /// The run's settings with the order's device and threads. A setting at its default takes the run's value.
-fn settings(asked: &ScoreSpec, frozen: ScoreSpec) -> Result<ScoreSpec> {
+fn settings(requested: &ScoreSpec, frozen: ScoreSpec) -> Result<ScoreSpec> {
     let needs_all =
         |spec: &ScoreSpec| Family::Scorer.find(&spec.scorer.name).is_some_and(|kind| kind.needs.all_episodes);
-    if let Some(spec) = [asked, &frozen].into_iter().find(|spec| needs_all(spec)) {
+    if let Some(spec) = [requested, &frozen].into_iter().find(|spec| needs_all(spec)) {
         return Err(Error::invalid(
             "spec.score.extends",
             format!(
@@ -77,11 +77,11 @@ fn settings(asked: &ScoreSpec, frozen: ScoreSpec) -> Result<ScoreSpec> {
     let (default, fixed) = (ScoreSpec::default().values(), frozen.values());
     let differs = |name: &str, value: &Value| default.get(name) != Some(value) && fixed.get(name) != Some(value);
     let free = |name: &str| name == "device";
-    if let Some((name, _)) = asked.values().iter().find(|(name, value)| !free(name) && differs(name, value)) {
+    if let Some((name, _)) = requested.values().iter().find(|(name, value)| !free(name) && differs(name, value)) {
         return Err(Error::invalid(
             &format!("spec.score.settings.{name}"),
             "differs from that of the run to extend, which is frozen; leave it out",
         ));
     }
-    Ok(ScoreSpec { device: asked.device, threads: asked.threads, ..frozen })
+    Ok(ScoreSpec { device: requested.device, threads: requested.threads, ..frozen })
 }

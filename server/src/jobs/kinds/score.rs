@@ -135,7 +135,7 @@ async fn check_scores(
     }
     scores.sort_by_key(|scores| expected.get(&scores.episode_id).map(|(place, _)| *place));
     if scores.windows(2).any(|pair| pair[0].episode_id == pair[1].episode_id) {
-        return Err(Error::invalid("episode_scores", "an episode comes twice"));
+        return Err(Error::invalid("episode_scores", "lists an episode twice; list each episode once"));
     }
     Ok(())
 }
@@ -152,7 +152,10 @@ fn fit(field: &str, scores: &EpisodeScores, steps: u64, experts: usize) -> Resul
         return Err(Error::invalid(field, "w must be finite and q between 0 and 1"));
     }
     match match_episode.iter().find(|&&expert| usize::try_from(expert).is_ok_and(|expert| expert >= experts)) {
-        Some(expert) => Err(Error::invalid(field, format!("match_episode {expert} is out of {experts} expert_ids"))),
+        Some(expert) => Err(Error::invalid(
+            field,
+            format!("match_episode is {expert}, must be below {experts}, the number of expert_ids"),
+        )),
         None => Ok(()),
     }
 }

@@ -55,7 +55,7 @@ async fn submit_as(bench: &Bench, order: JobOrder, key: &str) -> Result<Job> {
 }
 
 #[tokio::test]
-async fn a_key_is_one_job_until_that_gives_up() {
+async fn a_key_is_one_job_until_that_job_fails() {
     let bench = Bench::new().await;
     let first = submit_as(&bench, pretrain(1), "cell 7").await.unwrap();
     assert_eq!(first.key, "cell 7");
@@ -72,7 +72,7 @@ async fn a_key_is_one_job_until_that_gives_up() {
 }
 
 #[tokio::test]
-async fn callers_at_once_share_one_job() {
+async fn concurrent_callers_share_one_job() {
     let bench = Bench::new().await;
     let (one, other) = tokio::join!(submit_as(&bench, pretrain(1), "k"), submit_as(&bench, pretrain(1), "k"));
     assert_eq!(one.unwrap().id, other.unwrap().id);
@@ -107,7 +107,7 @@ async fn an_extension_has_the_settings_of_its_base() {
 }
 
 #[tokio::test]
-async fn an_extension_that_cannot_be_is_refused() {
+async fn an_invalid_extension_is_rejected() {
     let bench = Bench::new().await;
     let base = run(&bench, ScoreSpec::default()).await;
     let refused = async |order| submit(&bench, order).await.unwrap_err();
@@ -147,7 +147,7 @@ async fn an_extension_that_cannot_be_is_refused() {
 }
 
 #[tokio::test]
-async fn a_policy_from_scratch_waits_for_no_encoder() {
+async fn a_policy_from_scratch_does_not_wait_for_an_encoder() {
     let bench = Bench::new().await;
     let first = submit(&bench, pretrain(1)).await.unwrap();
     let JobSpec::Pretrain { snapshot_id, .. } = &first.spec else { panic!("not pretrain") };

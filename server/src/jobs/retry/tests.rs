@@ -53,7 +53,7 @@ impl Bench {
 }
 
 #[tokio::test]
-async fn what_waited_for_a_failed_job_follows_its_retry() {
+async fn dependents_of_a_failed_job_follow_its_retry() {
     let bench = Bench::new().await;
     let (old, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 3, None).await.unwrap();
     let refused = bench.jobs.retry(&old[0].id).await.unwrap_err();
@@ -78,7 +78,7 @@ async fn what_waited_for_a_failed_job_follows_its_retry() {
 }
 
 #[tokio::test]
-async fn a_key_stays_with_what_was_ordered_under_it() {
+async fn a_key_finds_the_retry_of_its_job() {
     let bench = Bench::new().await;
     let order = pretrain(0);
     let queueing = || Queueing { key: "cell 7".into(), max_attempts: Some(2), ..Queueing::default() };
@@ -86,8 +86,8 @@ async fn a_key_stays_with_what_was_ordered_under_it() {
     bench.jobs.cancel(&job.id).await.unwrap();
     let again = bench.jobs.retry(&job.id).await.unwrap();
     assert!(again.id != job.id && (again.key.as_str(), again.max_attempts) == ("cell 7", 2));
-    let asked = bench.jobs.submit(&bench.task.id, order, queueing()).await.unwrap();
-    assert_eq!(asked, again, "who asks again finds the retry");
+    let repeated = bench.jobs.submit(&bench.task.id, order, queueing()).await.unwrap();
+    assert_eq!(repeated, again, "a repeated submission returns the retry");
     assert_eq!(bench.jobs.retry(&JobId::new()).await.unwrap_err().kind(), Kind::NotFound);
 }
 
@@ -105,7 +105,7 @@ async fn a_repeated_retry_queues_one_job() {
 }
 
 #[tokio::test]
-async fn what_waits_for_another_that_gave_up_is_left_out() {
+async fn dependents_of_another_failed_job_are_left_out() {
     let bench = Bench::new().await;
     let [a, c] = [bench.pretrain(1, &[]).await, bench.pretrain(2, &[]).await];
     let of_a = bench.pretrain(3, &[&a]).await;

@@ -32,7 +32,7 @@ async fn back_up(lab: &Lab, target: &Path, prune: bool) -> Result<(bool, String)
     Ok((sound, String::from_utf8(out).unwrap()))
 }
 
-async fn put_back(from: &Path, to: &Path) -> Result<bool> {
+async fn restore_to(from: &Path, to: &Path) -> Result<bool> {
     restore(&RestoreConfig { backup: from.to_owned(), data_dir: to.to_owned() }, &mut Vec::new()).await
 }
 
@@ -49,7 +49,7 @@ async fn a_restored_folder_equals_the_backed_up_one() {
 
     // Data added after the backup is not part of it.
     testing::episode(&lab.store, &lab.task, Outcome::Success, "").await;
-    assert!(put_back(&target, &new).await.unwrap());
+    assert!(restore_to(&target, &new).await.unwrap());
     let report = checked(&new, false).await;
     assert!(report.sound && report.findings.is_empty() && report.blobs == 3, "{:?}", report.findings);
     let restored = Store::open(&new.join("gleaner.db")).await.unwrap();
@@ -91,14 +91,14 @@ async fn an_interrupted_backup_leaves_the_earlier_one() {
     fs::create_dir_all(target.join("tmp")).unwrap();
     Store::copy(&lab.dir.path().join("gleaner.db"), &target.join("tmp/gleaner.db")).await.unwrap();
     Blobs::at(&target).put(b"copied before the interruption").unwrap();
-    assert!(put_back(&target, &folders.path("new")).await.unwrap());
+    assert!(restore_to(&target, &folders.path("new")).await.unwrap());
     let restored = Store::open(&folders.path("new/gleaner.db")).await.unwrap();
     assert_eq!(restored.outcome_counts(&lab.task.id).await.unwrap().success, 1);
     // A first backup that was interrupted cannot be restored.
     let begun = folders.path("begun");
     fs::create_dir_all(&begun).unwrap();
     fs::write(begun.join("BACKUP"), "").unwrap();
-    assert_eq!(put_back(&begun, &folders.path("other")).await.unwrap_err().kind(), Kind::Precondition);
+    assert_eq!(restore_to(&begun, &folders.path("other")).await.unwrap_err().kind(), Kind::Precondition);
     assert!(!folders.path("other").exists());
     assert!(back_up(&lab, &begun, false).await.is_ok(), "the next one resumes");
 }
@@ -110,7 +110,7 @@ async fn missing_blobs_are_reported_and_the_rest_is_backed_up_and_restored() {
     fs::write(lab.blobs.path(&lab.checkpoint), b"encodes").unwrap();
     let (sound, summary) = back_up(&lab, &target, false).await.unwrap();
     assert!(!sound && summary.contains(lab.checkpoint.as_str()) && summary.contains("pol_"), "{summary}");
-    assert!(!put_back(&target, &folders.path("new")).await.unwrap());
+    assert!(!restore_to(&target, &folders.path("new")).await.unwrap());
     assert_eq!(Blobs::at(&folders.path("new")).get(&lab.recording).unwrap(), b"failure");
     // Once repaired, the next backup is complete.
     lab.blobs.put(b"encoder").unwrap();
@@ -125,7 +125,7 @@ async fn a_damaged_backup_is_detected() {
     fs::write(Blobs::at(&target).path(&lab.recording), b"failurf").unwrap();
     let report = checked(&target, false).await;
     assert!(report.findings[0].subject.contains(lab.recording.as_str()), "{:?}", report.findings);
-    assert!(!put_back(&target, &folders.path("new")).await.unwrap());
+    assert!(!restore_to(&target, &folders.path("new")).await.unwrap());
     let verify =
         BackupConfig { target: target.clone(), data_dir: lab.dir.path().to_owned(), verify: true, prune: false };
     assert!(backup(&verify, &mut Vec::new()).await.unwrap());
@@ -134,11 +134,11 @@ async fn a_damaged_backup_is_detected() {
     let last = database.len() - 1;
     database[last] ^= 1;
     fs::write(target.join("gleaner.db"), database).unwrap();
-    let error = put_back(&target, &folders.path("newer")).await.unwrap_err();
+    let error = restore_to(&target, &folders.path("newer")).await.unwrap_err();
     assert!(error.message().contains("manifest"), "{error}");
     let check = CheckConfig { data_dir: target.clone(), fast: false, json: false };
     // The last page may have rows, or the schema, without which there is no report.
-    match look_through(&check).await {
+    match check_folder(&check).await {
         Ok(report) => assert!(!report.sound),
         Err(error) => assert!(error.kind() == Kind::Precondition && error.message().contains("is damaged"), "{error}"),
     }
@@ -152,10 +152,10 @@ async fn other_data_is_never_overwritten() {
     fs::create_dir_all(&full).unwrap();
     fs::write(full.join("thesis.txt"), "mine").unwrap();
     for error in [
-        put_back(&target, &full).await.unwrap_err(),
+        restore_to(&target, &full).await.unwrap_err(),
         back_up(&lab, &full, false).await.unwrap_err(),
         back_up(&lab, &lab.dir.path().join("in the middle"), false).await.unwrap_err(),
-        put_back(&full, &folders.path("new")).await.unwrap_err(),
+        restore_to(&full, &folders.path("new")).await.unwrap_err(),
     ] {
         assert_eq!(error.kind(), Kind::Precondition, "{error}");
     }
@@ -169,5 +169,5 @@ async fn other_data_is_never_overwritten() {
     drop(held);
     // An empty folder is accepted.
     fs::create_dir_all(folders.path("empty")).unwrap();
-    assert!(put_back(&target, &folders.path("empty")).await.unwrap());
+    assert!(restore_to(&target, &folders.path("empty")).await.unwrap());
 }

@@ -112,7 +112,7 @@ async fn a_dangling_row_is_found() {
     let lab = lab().await;
     testing::run(&lab.store, "pragma foreign_keys = off; delete from snapshots; pragma foreign_keys = on").await;
     let found = problems(&lab, true).await;
-    assert!(found.iter().any(|problem| problem.contains("a row of snapshots that is not there")), "{found:?}");
+    assert!(found.iter().any(|problem| problem.contains("a row of snapshots that does not exist")), "{found:?}");
 }
 
 #[tokio::test]
@@ -122,7 +122,7 @@ async fn a_folder_without_a_database_is_refused() {
     let path = dir.path().to_str().unwrap();
     let cli = Cli::try_parse_from(["gleaner-server", "check", "--data-dir", path, "--json"]).unwrap();
     let crate::config::Command::Keep(crate::config::MaintenanceCommand::Check(config)) = cli.command else {
-        unreachable!("it is check")
+        unreachable!("the command is check")
     };
     let error = super::super::check::check(&config, &mut Vec::new()).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition);

@@ -2,7 +2,7 @@
 //! jumping clocks and interrupted sweeps.
 
 use super::{
-    sweeping::{DAY, in_days, room, stored},
+    sweeping::{DAY, in_days, stored, sweeper},
     *,
 };
 use crate::{
@@ -12,28 +12,28 @@ use crate::{
 };
 
 /// Removes the rows of an episode, as if the database were another one.
-async fn lose_rows(lab: &Lab, episode: &crate::domain::episode::Episode) {
+async fn delete_rows(lab: &Lab, episode: &crate::domain::episode::Episode) {
     for table in ["labels where episode_id", "episodes where id"] {
         run(&lab.store, &format!("delete from {table} = '{}'", episode.id)).await;
     }
 }
 
 #[tokio::test]
-async fn a_sweep_that_would_take_a_large_share_stops_before_it_removes_anything() {
+async fn a_sweep_above_the_largest_share_stops_before_it_removes_a_file() {
     let lab = lab().await;
-    let mut room = room(&lab, 0);
+    let mut sweeper = sweeper(&lab, 0);
     let gone = stored(&lab, b"deleted by a person").await;
     lab.store.delete_episodes(std::slice::from_ref(&gone.id), false).await.unwrap();
     for number in 0..9_u8 {
         lab.blobs.put(&[b"\x89MCAP0\r\n".as_slice(), &[number]].concat()).unwrap();
     }
-    let error = room.sweep(in_days(2)).await.unwrap_err();
+    let error = sweeper.sweep(in_days(2)).await.unwrap_err();
     for part in ["--max-sweep-share 0.05", "move 9 recordings and results", "rebuild"] {
         assert!(error.message().contains(part), "{error}");
     }
     assert!(lab.blobs.contains(&gone.recording) && lab.store.episode(&gone.id).await.is_ok());
-    room.maintenance.max_sweep_share = 1.0;
-    let counts = room.sweep(in_days(2)).await.unwrap();
+    sweeper.maintenance.max_sweep_share = 1.0;
+    let counts = sweeper.sweep(in_days(2)).await.unwrap();
     assert_eq!((counts.trashed, counts.episodes, counts.blobs), (9, 1, 1));
     assert_eq!(lab.blobs.list_trash().unwrap().len(), 9);
 }
@@ -41,23 +41,23 @@ async fn a_sweep_that_would_take_a_large_share_stops_before_it_removes_anything(
 #[tokio::test]
 async fn an_orphan_stays_in_the_trash_for_its_days() {
     let lab = lab().await;
-    let (room, orphan) = (room(&lab, 30), lab.blobs.put(b"of a job that died").unwrap());
-    assert_eq!(room.sweep(in_days(2)).await.unwrap().trashed, 1);
+    let (sweeper, orphan) = (sweeper(&lab, 30), lab.blobs.put(b"of a job that died").unwrap());
+    assert_eq!(sweeper.sweep(in_days(2)).await.unwrap().trashed, 1);
     assert!(!lab.blobs.contains(&orphan));
-    assert_eq!(room.sweep(in_days(29)).await.unwrap().blobs, 0);
+    assert_eq!(sweeper.sweep(in_days(29)).await.unwrap().blobs, 0);
     assert_eq!(lab.blobs.list_trash().unwrap()[0].id.as_ref(), Some(&orphan));
-    assert_eq!(room.sweep(in_days(31)).await.unwrap().blobs, 1);
+    assert_eq!(sweeper.sweep(in_days(31)).await.unwrap().blobs, 1);
     assert!(lab.blobs.list_trash().unwrap().is_empty());
 }
 
 #[tokio::test]
 async fn a_recording_not_deleted_by_a_person_stays_in_the_trash() {
     let lab = lab().await;
-    let (room, episode) = (room(&lab, 30), stored(&lab, b"acknowledged").await);
+    let (sweeper, episode) = (sweeper(&lab, 30), stored(&lab, b"acknowledged").await);
     describe_queued(&lab.store, &lab.blobs).await.unwrap();
-    lose_rows(&lab, &episode).await;
+    delete_rows(&lab, &episode).await;
     for days in [2, 40, 4000] {
-        room.sweep(in_days(days)).await.unwrap();
+        sweeper.sweep(in_days(days)).await.unwrap();
     }
     assert_eq!(lab.blobs.list_trash().unwrap()[0].id.as_ref(), Some(&episode.recording));
     let report = checked(lab.dir.path(), true).await;
@@ -68,42 +68,42 @@ async fn a_recording_not_deleted_by_a_person_stays_in_the_trash() {
 #[tokio::test]
 async fn an_interrupted_deletion_is_completed_by_later_sweeps() {
     let lab = lab().await;
-    let (room, episode) = (room(&lab, 0), stored(&lab, b"deleted").await);
+    let (sweeper, episode) = (sweeper(&lab, 0), stored(&lab, b"deleted").await);
     lab.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
     describe_queued(&lab.store, &lab.blobs).await.unwrap();
-    lose_rows(&lab, &episode).await;
-    assert_eq!(room.sweep(in_days(2)).await.unwrap().trashed, 1);
-    assert_eq!(room.sweep(in_days(3)).await.unwrap().blobs, 1);
+    delete_rows(&lab, &episode).await;
+    assert_eq!(sweeper.sweep(in_days(2)).await.unwrap().trashed, 1);
+    assert_eq!(sweeper.sweep(in_days(3)).await.unwrap().blobs, 1);
     assert!(lab.blobs.list_trash().unwrap().is_empty() && !lab.blobs.contains(&episode.recording));
 }
 
 #[tokio::test]
 async fn a_clock_that_jumps_forty_days_at_boot_empties_no_trash() {
     let lab = lab().await;
-    let (room, gone) = (room(&lab, 30), stored(&lab, b"deleted yesterday").await);
+    let (sweeper, gone) = (sweeper(&lab, 30), stored(&lab, b"deleted yesterday").await);
     let upload = testing::upload(&lab.task, b"open");
     lab.store.insert_upload(&upload, None).await.unwrap();
     lab.store.delete_episodes(std::slice::from_ref(&gone.id), false).await.unwrap();
-    room.note_time_as_of(in_days(0), None).await;
+    sweeper.note_time_as_of(in_days(0), None).await;
     // The machine boots with a clock forty days ahead.
-    room.note_time_as_of(in_days(40), None).await;
-    let counts = room.sweep(in_days(40)).await.unwrap();
+    sweeper.note_time_as_of(in_days(40), None).await;
+    let counts = sweeper.sweep(in_days(40)).await.unwrap();
     assert_eq!((counts.episodes, counts.blobs, counts.trashed, counts.uploads), (0, 0, 0, 0));
     assert!(lab.blobs.contains(&gone.recording));
     for day in 41..=69 {
-        room.note_time_as_of(in_days(day), Some(DAY)).await;
+        sweeper.note_time_as_of(in_days(day), Some(DAY)).await;
     }
-    assert_eq!(room.sweep(in_days(69)).await.unwrap().episodes, 0, "twenty-nine days have passed");
-    room.note_time_as_of(in_days(70), Some(DAY)).await;
-    room.note_time_as_of(in_days(71), Some(DAY)).await;
-    let counts = room.sweep(in_days(71)).await.unwrap();
+    assert_eq!(sweeper.sweep(in_days(69)).await.unwrap().episodes, 0, "twenty-nine days have passed");
+    sweeper.note_time_as_of(in_days(70), Some(DAY)).await;
+    sweeper.note_time_as_of(in_days(71), Some(DAY)).await;
+    let counts = sweeper.sweep(in_days(71)).await.unwrap();
     assert_eq!((counts.episodes, counts.blobs), (1, 1), "the days have passed by the server's own count");
 }
 
 #[tokio::test]
 async fn sidecars_follow_labels_and_deletions_and_are_removed_with_their_episode() {
     let lab = lab().await;
-    let (room, episode) = (room(&lab, 0), stored(&lab, b"labelled").await);
+    let (sweeper, episode) = (sweeper(&lab, 0), stored(&lab, b"labelled").await);
     let read = || {
         let all = lab.blobs.descriptions(&episode.recording).unwrap();
         all.iter().filter_map(|json| Description::read(json)).collect::<Vec<_>>()
@@ -113,12 +113,12 @@ async fn sidecars_follow_labels_and_deletions_and_are_removed_with_their_episode
     lab.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
     describe_queued(&lab.store, &lab.blobs).await.unwrap();
     assert!(read().len() == 1 && read()[0].is_deleted_recording());
-    room.sweep(in_days(1)).await.unwrap();
+    sweeper.sweep(in_days(1)).await.unwrap();
     assert!(read().is_empty() && lab.blobs.list_trash().unwrap().is_empty());
     assert_eq!(describe_queued(&lab.store, &lab.blobs).await.unwrap(), 0);
 }
 
-impl crate::maintenance::Room {
+impl crate::maintenance::Sweeper {
     /// Records the clock as if it showed `now`.
     async fn note_time_as_of(&self, now: std::time::SystemTime, ran: Option<std::time::Duration>) {
         self.store.note_time(Millis::of(now), ran).await.unwrap();
@@ -129,27 +129,27 @@ impl crate::maintenance::Room {
 #[tokio::test]
 async fn deletions_during_a_long_copy_stop_no_later_sweep() {
     let lab = lab().await;
-    let room = room(&lab, 0);
+    let sweeper = sweeper(&lab, 0);
     let mut gone = Vec::new();
     for number in 0..12_u8 {
         gone.push(stored(&lab, &[b"\x89MCAP0\r\n".as_slice(), &[number]].concat()).await.id);
     }
     lab.store.delete_episodes(&gone, false).await.unwrap();
     let copying = crate::blobs::Copying::begin(lab.dir.path()).unwrap();
-    let counts = room.sweep(in_days(1)).await.unwrap();
+    let counts = sweeper.sweep(in_days(1)).await.unwrap();
     assert_eq!((counts.episodes, counts.blobs), (12, 0));
     drop(copying);
-    assert_eq!(room.sweep(in_days(3)).await.unwrap().trashed, 12);
-    assert_eq!(room.sweep(in_days(4)).await.unwrap().blobs, 12);
+    assert_eq!(sweeper.sweep(in_days(3)).await.unwrap().trashed, 12);
+    assert_eq!(sweeper.sweep(in_days(4)).await.unwrap().blobs, 12);
 }
 
 /// A recording without a description, from an earlier version, is recognised by its first bytes.
 #[tokio::test]
 async fn a_recording_without_a_description_stays_in_the_trash() {
     let lab = lab().await;
-    let (room, id) = (room(&lab, 0), lab.blobs.put(b"\x89MCAP0\r\nsteps").unwrap());
+    let (sweeper, id) = (sweeper(&lab, 0), lab.blobs.put(b"\x89MCAP0\r\nsteps").unwrap());
     for days in [2, 40, 4000] {
-        room.sweep(in_days(days)).await.unwrap();
+        sweeper.sweep(in_days(days)).await.unwrap();
     }
     assert_eq!(lab.blobs.list_trash().unwrap()[0].id.as_ref(), Some(&id));
 }

@@ -3,7 +3,7 @@
 use std::fs;
 
 use super::{
-    sweeping::{in_days, room, stored},
+    sweeping::{in_days, stored, sweeper},
     *,
 };
 use crate::{
@@ -105,11 +105,11 @@ async fn an_undeleted_recording_in_the_trash_is_restored() {
     for table in ["labels where episode_id", "episodes where id"] {
         testing::run(&lab.store, &format!("delete from {table} = '{}'", episodes[0].id)).await;
     }
-    room(&lab, 30).sweep(in_days(2)).await.unwrap();
+    sweeper(&lab, 30).sweep(in_days(2)).await.unwrap();
     assert!(!lab.blobs.contains(&episodes[0].recording));
     lab.store.close().await;
     let (_, text) = rebuilt(lab.dir.path()).await;
-    assert!(text.contains("1 episodes; ") && text.contains("1 blobs taken back"), "{text}");
+    assert!(text.contains("1 episodes; ") && text.contains("1 blobs restored"), "{text}");
     assert!(lab.blobs.contains(&episodes[0].recording));
     assert!(reopen(lab.dir.path()).await.episode(&episodes[0].id).await.is_ok());
 }
@@ -182,9 +182,9 @@ async fn an_undeleted_recording_stays_in_spite_of_an_older_database() {
         }
         let store = Store::open_with_blobs(lab.dir.path(), &lab.blobs, true).await.unwrap();
         let again = Lab { ingest: crate::ingest::testing::open_on(&lab.dir, &store).await, store, ..lab };
-        let counts = room(&again, 0).sweep(in_days(2)).await.unwrap();
+        let counts = sweeper(&again, 0).sweep(in_days(2)).await.unwrap();
         assert_eq!(counts.episodes, 1, "the row of the older copy is removed");
-        room(&again, 0).sweep(in_days(9)).await.unwrap();
+        sweeper(&again, 0).sweep(in_days(9)).await.unwrap();
         assert_eq!(again.blobs.list_trash().unwrap()[0].id.as_ref(), Some(&episodes[1].recording));
         return;
     }

@@ -21,11 +21,11 @@ fn address(page: Page) -> String {
 
 async fn status(pages: &Pages, client: &Client, page: Page) -> StatusCode {
     let request = client.request(page.method(), &address(page), String::new());
-    pages.ask(request).await.status
+    pages.send(request).await.status
 }
 
 #[tokio::test]
-async fn every_page_with_every_role() {
+async fn every_page_is_permitted_as_its_row_states() {
     let pages = Pages::open(true).await;
     let mut known = Vec::new();
     for role in Role::ALL {
@@ -109,7 +109,7 @@ async fn a_foreign_host_name_reads_no_page() {
     ] {
         let mut request = Client::default().request(Method::GET, "/", String::new());
         request.headers_mut().insert(HOST, host.parse().unwrap());
-        assert_eq!(pages.ask(request).await.status, status, "{host}");
+        assert_eq!(pages.send(request).await.status, status, "{host}");
     }
 }
 
@@ -148,7 +148,7 @@ async fn a_browser_signs_in_and_out() {
 }
 
 #[tokio::test]
-async fn an_ended_token_is_treated_as_no_token() {
+async fn an_ended_token_is_treated_like_a_missing_token() {
     let pages = Pages::open(false).await;
     let browser = pages.visitor().await;
     let soon = Millis::now().after(std::time::Duration::from_millis(300));
@@ -209,7 +209,7 @@ async fn every_response_has_its_security_headers() {
         assert!(!text.contains("<style") && !text.contains(" style=") && !text.contains("onclick"), "{path}");
     }
     assert_eq!(pages.get(&visitor, "/nothing/here").await.status, StatusCode::NOT_FOUND);
-    assert_eq!(pages.ask(visitor.request(Method::DELETE, "/", String::new())).await.status, StatusCode::NOT_FOUND);
+    assert_eq!(pages.send(visitor.request(Method::DELETE, "/", String::new())).await.status, StatusCode::NOT_FOUND);
 }
 
 #[tokio::test]
@@ -235,7 +235,7 @@ async fn an_incomplete_form_times_out() {
     tokio::time::pause();
     let begun = tokio::time::Instant::now();
     let endless = StreamBody::new(futures::stream::pending::<std::io::Result<Frame<Bytes>>>());
-    let reply = pages.ask(visitor.request(Method::POST, "/sign-in", endless)).await;
+    let reply = pages.send(visitor.request(Method::POST, "/sign-in", endless)).await;
     assert_eq!(reply.status, StatusCode::GATEWAY_TIMEOUT);
     assert!(reply.text().contains("timed out"), "{}", reply.text());
     assert!((29..60).contains(&begun.elapsed().as_secs()), "{:?}", begun.elapsed());

@@ -62,7 +62,7 @@ async fn a_snapshot_shows_its_labels_after_they_changed() {
     let (then, now) = row.split_once(">now<").unwrap();
     assert!(then.contains("tag failure") && then.contains("bob"), "{row}");
     assert!(now.contains("tag unknown") && now.contains("=carol"), "{row}");
-    assert!(after.contains("<dt>Labelled otherwise since</dt><dd>1</dd>"), "{after}");
+    assert!(after.contains("<dt>Relabelled since</dt><dd>1</dd>"), "{after}");
 
     let content = rows(&pages, &format!("{path}?format=json")).await;
     let changed = content.iter().find(|row| row["episode_id"] == failure["episode_id"]).unwrap();
@@ -86,11 +86,14 @@ async fn a_removed_recording_is_not_a_link() {
     let store = &pages.services.store;
     store.delete_episodes(std::slice::from_ref(&episode), true).await.unwrap();
     let shown = text(&pages, &path).await;
-    assert!(shown.contains("in the trash") && shown.contains(&link) && !shown.contains("deleted for good"), "{shown}");
+    assert!(
+        shown.contains("in the trash") && shown.contains(&link) && !shown.contains("permanently deleted"),
+        "{shown}"
+    );
     assert_eq!(store.sweep_trash(Millis(i64::MAX)).await.unwrap().purged, 1);
     let shown = text(&pages, &path).await;
     assert!(shown.contains("recording deleted") && !shown.contains(&link), "{shown}");
-    assert!(shown.contains("deleted for good"), "{shown}");
+    assert!(shown.contains("permanently deleted"), "{shown}");
     assert_eq!(rows(&pages, &format!("{path}?format=json")).await[0]["standing"], "deleted");
 }
 

@@ -106,7 +106,7 @@ async fn missing_data_is_reported_and_the_rest_is_shown() {
     assert!(text.contains("No finished score run has scored this episode"));
     assert!(
         text.contains("The recording&#39;s steps cannot be read")
-            || text.contains("The recording's steps cannot be read")
+            || text.contains("The steps of the recording cannot be read")
     );
     assert!(text.contains("reach.mcap") && text.contains("data-label=\"success\""));
 
@@ -122,11 +122,11 @@ async fn the_page_links_to_its_snapshots() {
     let store = &lab.pages.services.store;
     let expert = testing::episode(store, &lab.task, Outcome::Success, "").await;
     let weak = testing::episode(store, &lab.task, Outcome::Failure, "bob").await;
-    assert!(!lab.get(&format!("/episodes/{}", weak.id)).await.text().contains("Went into"));
+    assert!(!lab.get(&format!("/episodes/{}", weak.id)).await.text().contains("Used in snapshots"));
     let oldest = results::encoder(store, &lab.task).await.snapshot_id;
     testing::run(store, &format!("update episodes set outcome = 'success' where id = '{}'", weak.id)).await;
     let content = lab.get(&format!("/episodes/{}", weak.id)).await.text();
-    let panel = content.split("Went into").nth(1).unwrap().split("</section>").next().unwrap();
+    let panel = content.split("Used in snapshots").nth(1).unwrap().split("</section>").next().unwrap();
     assert!(panel.contains(&format!("href=\"/snapshots/{oldest}\"")) && panel.contains(" as imperfect"), "{panel}");
     assert!(panel.contains("tag failure") && panel.contains("bob"), "as labelled then: {panel}");
     testing::episode(store, &lab.task, Outcome::Failure, "").await;

@@ -52,7 +52,7 @@ impl Lab {
         let path = format!("/tasks/{}/labels", self.task.spec.name);
         let mut request = client.request(Method::POST, &path, body.to_string());
         request.headers_mut().insert(ACCEPT, HeaderValue::from_static(JSON));
-        let reply = self.pages.ask(request).await;
+        let reply = self.pages.send(request).await;
         (reply.status, serde_json::from_slice(&reply.body).unwrap_or_default())
     }
 }
@@ -143,7 +143,7 @@ async fn an_invalid_label_changes_nothing() {
         assert!(answer["error"].as_str().unwrap().contains(message), "{answer}");
     }
     let audit = store.audit(Millis(0), 10).await.unwrap();
-    assert_eq!(audit.len(), 5, "the log hears of each");
+    assert_eq!(audit.len(), 5, "the log has an entry for each");
     let about = |id: &str| audit.iter().filter(|entry| entry.subjects.contains(&format!("episode_id={id}"))).count();
     assert_eq!([elsewhere.as_str(), foreign["id"].as_str().unwrap(), episode.id.as_str()].map(about), [1, 1, 3]);
     assert!(audit.iter().all(|entry| entry.subjects[0] == "task=reach" && entry.subjects.len() <= 32), "{audit:?}");
@@ -177,7 +177,7 @@ async fn invalid_parameters_are_named() {
         assert!(reply.text().contains(content), "{query} {}", reply.text());
     }
     let reply = lab.table("?page=9").await;
-    assert!(reply.status == StatusCode::OK && reply.text().contains("No episode matches"));
+    assert!(reply.status == StatusCode::OK && reply.text().contains("No episodes match"));
 }
 
 #[tokio::test]

@@ -100,7 +100,7 @@ async fn a_job_is_cancelled_once_and_retried() {
     assert_eq!(pages.services.store.job(&job.id).await.unwrap().state, JobState::Cancelled);
     assert_eq!(pages.post(&visitor, &cancel, (FORM, &proof)).await.status, StatusCode::CONFLICT);
     let shown = pages.get(&visitor, &format!("/jobs/{}", job.id)).await.text();
-    assert!(shown.contains("Try again") && !shown.contains(">Cancel<"));
+    assert!(shown.contains(">Retry<") && !shown.contains(">Cancel<"));
     let again = pages.post(&visitor, &retry, (FORM, &proof)).await;
     let page = again.headers[LOCATION].to_str().unwrap();
     assert!(page.starts_with("/jobs/job_") && page != format!("/jobs/{}", job.id));

@@ -53,7 +53,7 @@ async fn tasks_are_found_by_a_part_of_their_name() {
     assert!(found.contains("pour_0040") && !found.contains("fold_0001") && found.contains("value=\"POUR\""), "{found}");
     assert!(!found.contains("Page 1 of"));
     assert_eq!(text(&pages, "/?text=pour&format=json").await.matches("\"task\":").count(), 5);
-    assert!(text(&pages, "/?text=none%20such").await.contains("No task name contains this text"));
+    assert!(text(&pages, "/?text=none%20such").await.contains("No tasks have this text"));
 }
 
 #[tokio::test]

@@ -47,7 +47,7 @@ async fn counts_follow_the_threshold_on_the_page_and_for_programs() {
     assert_eq!(shown.status, StatusCode::OK);
     let text = shown.text();
     assert!(text.contains("<dd>21<small> of 40</small></dd>") && text.contains("value=\"0.4\""), "{text}");
-    assert!(text.contains("Make dataset") && text.contains("ada") && !text.contains("style="));
+    assert!(text.contains("Create dataset") && text.contains("ada") && !text.contains("style="));
 
     let content = json(&pages, &format!("/runs/{}/what-if?beta=0.5", run.id)).await;
     assert_eq!((&content["total"]["kept_segments"], &content["total"]["kept_episodes"]), (&20.into(), &1.into()));
@@ -137,7 +137,7 @@ async fn a_viewer_gets_no_buttons() {
     {
         let client = Client::with(&pages.token(role).await);
         let shown = pages.get(&client, &path).await.text();
-        assert_eq!(shown.contains("Make dataset"), offered, "{role:?}");
+        assert_eq!(shown.contains("Create dataset"), offered, "{role:?}");
         let made = pages.post(&client, &format!("{path}/datasets"), (JSON, "{\"beta\":0.5}")).await;
         assert_eq!(made.status == StatusCode::FORBIDDEN, !offered);
     }

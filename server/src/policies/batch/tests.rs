@@ -57,7 +57,7 @@ async fn waiting_requests_are_answered_together_up_to_the_batch_limit() {
 }
 
 #[tokio::test]
-async fn requests_of_callers_that_are_gone_are_not_run() {
+async fn requests_of_disconnected_callers_are_not_run() {
     let (engine, mut control) = engine(8, 8).await;
     let mut busy = pin!(engine.infer(input(1.0)));
     assert!(poll!(&mut busy).is_pending());

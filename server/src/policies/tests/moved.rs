@@ -17,7 +17,7 @@ async fn a_session_uses_the_stored_policy_even_if_memory_is_behind() {
 }
 
 #[tokio::test]
-async fn a_move_completes_even_if_its_caller_is_gone() {
+async fn a_move_completes_even_if_its_caller_disconnects() {
     let (go_on, done) = (Arc::new(tokio::sync::Notify::new()), Arc::new(tokio::sync::Notify::new()));
     let (go_on_here, done_here) = (Arc::clone(&go_on), Arc::clone(&done));
     let mut moving = Box::pin(move_to_end(async move {

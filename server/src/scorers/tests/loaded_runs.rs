@@ -30,7 +30,7 @@ fn in_memory(loaded: &LoadedRuns<Parrot>, runs: &[&ScoreRunId]) -> Vec<bool> {
 #[tokio::test]
 async fn a_run_is_loaded_once_for_concurrent_callers() {
     let (loaded, run, loads) = (LoadedRuns::new(1), ScoreRunId::new(), Arc::new(AtomicU32::new(0)));
-    let ask = || {
+    let load = || {
         let (of, loads) = (Arc::downgrade(&loaded), Arc::clone(&loads));
         loaded.ready(&run, || async move {
             loads.fetch_add(1, Ordering::SeqCst);
@@ -38,9 +38,9 @@ async fn a_run_is_loaded_once_for_concurrent_callers() {
             Ok(ready_in(of).await.0)
         })
     };
-    let (one, two) = tokio::join!(ask(), ask());
+    let (one, two) = tokio::join!(load(), load());
     assert!(Arc::ptr_eq(&one.unwrap(), &two.unwrap()));
-    assert!(Arc::ptr_eq(&ask().await.unwrap(), &ask().await.unwrap()));
+    assert!(Arc::ptr_eq(&load().await.unwrap(), &load().await.unwrap()));
     assert_eq!(loads.load(Ordering::SeqCst), 1);
 }
 
@@ -48,7 +48,7 @@ async fn a_run_is_loaded_once_for_concurrent_callers() {
 async fn a_load_continues_without_its_caller_and_serves_the_next() {
     let (loaded, run, loads) = (LoadedRuns::new(1), ScoreRunId::new(), Arc::new(AtomicU32::new(0)));
     let (begun, release) = (Arc::new(Notify::new()), Arc::new(Notify::new()));
-    let ask = || {
+    let load = || {
         let (of, loads) = (Arc::downgrade(&loaded), Arc::clone(&loads));
         let (begun, release) = (Arc::clone(&begun), Arc::clone(&release));
         loaded.ready(&run, || async move {
@@ -58,14 +58,14 @@ async fn a_load_continues_without_its_caller_and_serves_the_next() {
             Ok(ready_in(of).await.0)
         })
     };
-    let mut impatient = Box::pin(ask());
+    let mut impatient = Box::pin(load());
     tokio::select! {
         _ = &mut impatient => panic!("it was not released"),
         () = begun.notified() => {}
     }
     drop(impatient);
     release.notify_one();
-    assert!(ask().await.is_ok());
+    assert!(load().await.is_ok());
     assert_eq!(loads.load(Ordering::SeqCst), 1);
 }
 

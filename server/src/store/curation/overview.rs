@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn tasks_come_in_pages_and_by_a_part_of_their_name() {
+    async fn tasks_are_paged_and_found_by_a_part_of_their_name() {
         let (_dir, store) = testing::store().await;
         assert_eq!(store.totals().await.unwrap(), crate::domain::curation::Totals::default());
         for name in ["Pick_cube", "push_cube", "pick_peg", "100%"] {

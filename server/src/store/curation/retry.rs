@@ -69,7 +69,7 @@ pub(in crate::store) async fn expect_none_alike(tx: &mut Transaction<'_, Sqlite>
             .map_err(fault("looking for a job that does the same"))?;
     match alike {
         Some(id) => {
-            Err(Error::exists(format!("{id} does the same and has not ended; look at that one, or cancel it first")))
+            Err(Error::exists(format!("{id} has the same order and has not ended; watch it, or cancel it first")))
         }
         None => Ok(()),
     }

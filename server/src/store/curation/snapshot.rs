@@ -83,7 +83,7 @@ impl Store {
         })
         .fetch_all(self.read())
         .await
-        .map_err(fault("asking which snapshots hold an episode"))?;
+        .map_err(fault("reading the snapshots of an episode"))?;
         Ok((uses, of))
     }
 }

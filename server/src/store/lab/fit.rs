@@ -67,8 +67,8 @@ pub(super) fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) ->
         (None, None) if blobs.is_empty()? => return Ok(None),
         (None, _) => "the database is missing or empty, and the folder holds blobs".to_owned(),
         (Some(Lab { missing, .. }), _) if *missing != 0 => format!(
-            "the database is a mixture of two copies: it counts {missing} episodes more than it has. Perhaps its \
-             write-ahead log ({}-wal) is another copy's",
+            "the database is a mixture of two copies: it records {missing} more episodes than it contains. Its \
+             write-ahead log ({}-wal) may belong to another copy",
             data_folder::DATABASE
         ),
         // A database from before stamps, or a crash before the first one.

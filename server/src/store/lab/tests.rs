@@ -36,7 +36,7 @@ async fn refused(dir: &Path, part: &str) {
     let before = fs::read(data_folder::stamp::path(dir)).ok();
     let error = open(dir, false).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition, "{error}");
-    for part in [part, "Nothing was changed", "restore BACKUP", "rebuild --data-dir", "--accept-database"] {
+    for part in [part, "The data folder is unchanged", "restore BACKUP", "rebuild --data-dir", "--accept-database"] {
         assert!(error.message().contains(part), "{part}: {error}");
     }
     assert_eq!(fs::read(data_folder::stamp::path(dir)).ok(), before);
@@ -128,14 +128,14 @@ async fn the_database_of_another_folder_is_refused() {
 }
 
 #[tokio::test]
-async fn blobs_that_are_not_mounted_are_missed() {
+async fn unmounted_blobs_are_detected() {
     let dir = used().await;
     fs::rename(dir.path().join("blobs"), dir.path().join("elsewhere")).unwrap();
     refused(dir.path(), "not mounted").await;
 }
 
 #[tokio::test]
-async fn a_crash_before_the_first_stamp_is_no_misfit() {
+async fn a_crash_before_the_first_stamp_is_accepted() {
     let dir = tempfile::tempdir().unwrap();
     Blobs::open(dir.path()).unwrap();
     Store::open(&data_folder::database(dir.path())).await.unwrap().close().await;

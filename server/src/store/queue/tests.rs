@@ -84,7 +84,7 @@ async fn a_job_waits_for_all_it_needs() {
 }
 
 #[tokio::test]
-async fn each_job_is_claimed_once_however_many_ask() {
+async fn each_job_is_claimed_once_by_concurrent_workers() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let mut ids = Vec::new();
@@ -132,7 +132,7 @@ async fn a_crash_resumes_until_the_attempts_are_used_up() {
 }
 
 #[tokio::test]
-async fn a_requeued_job_forgets_the_metrics_it_will_report_again() {
+async fn a_requeued_job_drops_the_metrics_after_its_checkpoint() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let id = queue(&store, export(&task, 0, &[])).await.unwrap();
@@ -156,7 +156,7 @@ async fn a_requeued_job_forgets_the_metrics_it_will_report_again() {
 }
 
 #[tokio::test]
-async fn a_cancel_takes_queued_dependents_along_and_stops_the_worker() {
+async fn a_cancel_includes_queued_dependents_and_stops_the_worker() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let first = queue(&store, export(&task, 0, &[])).await.unwrap();
@@ -165,8 +165,8 @@ async fn a_cancel_takes_queued_dependents_along_and_stops_the_worker() {
     let other = queue(&store, export(&task, -5, &[])).await.unwrap();
     let (held, _) = claim(&store).await.unwrap();
 
-    let asked = store.cancel_job(&first).await.unwrap().job;
-    assert_eq!((asked.state, asked.cancel_requested), (JobState::Running, true));
+    let cancelled = store.cancel_job(&first).await.unwrap().job;
+    assert_eq!((cancelled.state, cancelled.cancel_requested), (JobState::Running, true));
     for dependent in [&second, &third] {
         assert_eq!(store.job(dependent).await.unwrap().state, JobState::Cancelled);
     }
@@ -212,7 +212,7 @@ async fn reports_of_an_old_attempt_are_refused() {
 }
 
 #[tokio::test]
-async fn only_legal_moves_are_made() {
+async fn only_legal_transitions_are_made() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let id = queue(&store, export(&task, 0, &[])).await.unwrap();

@@ -14,7 +14,7 @@ use crate::{
 };
 
 #[tokio::test]
-async fn scores_come_back_as_they_went() {
+async fn scores_round_trip() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let expert = testing::episode(&store, &task, Outcome::Success, "").await;
@@ -41,7 +41,7 @@ async fn scores_come_back_as_they_went() {
 }
 
 #[tokio::test]
-async fn the_histogram_sees_imperfect_segments_only() {
+async fn the_histogram_counts_imperfect_segments_only() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let expert = testing::episode(&store, &task, Outcome::Success, "").await;

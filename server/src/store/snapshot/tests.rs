@@ -54,7 +54,7 @@ async fn a_snapshot_needs_both_sides() {
 }
 
 #[tokio::test]
-async fn snapshots_come_newest_first() {
+async fn snapshots_are_listed_newest_first() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     testing::episode(&store, &task, Outcome::Success, "ada").await;

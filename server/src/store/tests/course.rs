@@ -107,9 +107,9 @@ impl Course {
             }
             Event::Ghost(at) => {
                 if !self.over.is_empty() {
-                    let ghost = &self.over[at % self.over.len()];
-                    assert!(self.store.end_attempt(ghost, &AttemptEnd::Stopped).await.unwrap().is_none());
-                    assert!(self.store.attempted(ghost).await.unwrap().is_none());
+                    let ended_attempt = &self.over[at % self.over.len()];
+                    assert!(self.store.end_attempt(ended_attempt, &AttemptEnd::Stopped).await.unwrap().is_none());
+                    assert!(self.store.attempted(ended_attempt).await.unwrap().is_none());
                 }
             }
         }
@@ -188,7 +188,7 @@ impl Course {
 }
 
 #[test]
-fn jobs_keep_to_their_states_under_any_events() {
+fn jobs_keep_to_their_state_machine_under_any_events() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let (_dir, store) = runtime.block_on(testing::store());
     let task = runtime.block_on(testing::task(&store));

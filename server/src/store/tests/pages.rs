@@ -11,7 +11,7 @@ use crate::{
 };
 
 #[test]
-fn pages_of_any_size_are_the_whole_list_once() {
+fn pages_of_any_size_have_each_row_once() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let (_dir, store) = runtime.block_on(testing::store());
     let (task, all) = runtime.block_on(async {

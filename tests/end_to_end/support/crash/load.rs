@@ -87,7 +87,7 @@ async fn push(lab: &Lab, recording: &Recording) {
     lab.ledger.add_episode(&uploaded.episode);
 }
 
-/// Pushes as `gleaner push` does, and again when it has given up.
+/// Pushes as `gleaner push` does, and again after it has failed.
 async fn send(lab: &Lab, recording: &Recording) -> Uploaded {
     lab.ledger.add_attempt(&blake3::hash(&recording.bytes).to_hex());
     let path = lab.recordings.path().join(&recording.name);

@@ -29,7 +29,7 @@ const RECORDINGS: &str = "recordings";
 
 #[derive(Args, Debug)]
 pub(crate) struct DemoArgs {
-    /// The gleaner-server binary.
+    /// Path of the gleaner-server binary.
     #[arg(long, value_name = "PATH")]
     server_bin: PathBuf,
     /// Folder for the server's data, the recordings and the report.
@@ -57,7 +57,7 @@ impl DemoArgs {
         write(&self.dir, &found)?;
         context.output.result(|| document(&found.report), || found.report.markdown())?;
         context.output.next(format_args!(
-            "open {}; or look around at http://127.0.0.1:7401: {} serve --data-dir {} --web-listen 127.0.0.1:7401",
+            "open {}, or browse the pages at http://127.0.0.1:7401: {} serve --data-dir {} --web-listen 127.0.0.1:7401",
             self.dir.join("report.md").display(),
             self.server_bin.display(),
             self.dir.join(DATA).display()
@@ -83,7 +83,7 @@ fn fresh(folder: &Path) -> Result<()> {
         }
         if !marker.exists() {
             return Err(Failure::message(format!(
-                "{} is there, but not from a demo; choose another --dir",
+                "{} exists and is not from a demo; choose another --dir",
                 part.display()
             )));
         }
@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_a_demo_left_is_cleared() {
+    fn only_files_of_an_earlier_demo_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let data = folder.path().join(DATA);
         std::fs::create_dir(&data).unwrap();

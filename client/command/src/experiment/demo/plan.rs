@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn given_settings_change_what_they_name_and_nothing_else() {
+    fn given_settings_change_only_the_settings_they_name() {
         let plan = Plan::with("[data]\nexperts = 7\n[base]\ntrain = { steps = 3 }\n").unwrap();
         assert_eq!(plan.experiment.recordings.cohorts[0].count, 7);
         let cell = plan.cells().next().unwrap();

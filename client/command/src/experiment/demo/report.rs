@@ -78,7 +78,7 @@ impl Report {
     fn separation_section(&self, text: &mut String) {
         heading(
             text,
-            "Does q tell the steps before an episode went wrong from those after?",
+            "Does q separate the steps before a failure from those after it?",
             "| imperfect agent | episodes | good steps | wrong steps | mean q good | mean q wrong | AUROC |\n\
              |---|---:|---:|---:|---:|---:|---:|",
         );
@@ -97,7 +97,7 @@ impl Report {
     fn threshold_section(&self, text: &mut String) {
         heading(
             text,
-            "What each threshold keeps of the imperfect segments (q > β)",
+            "Imperfect segments kept by each threshold (q > β)",
             "| β | kept | share | precision | recall |\n|---:|---:|---:|---:|---:|",
         );
         for row in &self.thresholds {
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_says_what_was_found_and_gaps_as_gaps() {
+    fn the_table_has_the_results_and_leaves_gaps_empty() {
         let text = report().markdown();
         for row in [
             "| expert | 4 | 120 | 4 |",

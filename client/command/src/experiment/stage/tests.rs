@@ -15,7 +15,7 @@ fn counts(graph: &Graph) -> Vec<(&'static str, usize)> {
 }
 
 #[test]
-fn cells_share_the_stages_that_are_the_same() {
+fn cells_share_equal_stages() {
     let beta = graph("[[study]]\ntable = \"beta\"\n");
     let expected = [("snapshot", 1), ("pretrain", 3), ("score", 3), ("dataset", 21), ("train", 21), ("evaluate", 21)];
     assert_eq!(counts(&beta), expected);
@@ -33,7 +33,7 @@ fn cells_share_the_stages_that_are_the_same() {
 }
 
 #[test]
-fn a_stage_is_after_what_it_works_on() {
+fn a_stage_follows_its_inputs() {
     let graph = graph("[[study]]\ntable = \"methods\"\n[[study]]\ntable = \"scoring\"\n");
     for (index, stage) in graph.stages.iter().enumerate() {
         assert!(stage.input.is_none_or(|input| input < index));
@@ -43,7 +43,7 @@ fn a_stage_is_after_what_it_works_on() {
 }
 
 #[test]
-fn keys_stay_from_run_to_run_and_change_with_what_matters() {
+fn keys_are_stable_between_runs_and_change_with_relevant_settings() {
     let keys = |studies: &str, device| {
         let graph = Graph::new(&Experiment::parse(&format!("{DATA}{studies}")).unwrap(), device);
         graph.stages.into_iter().map(|stage| stage.key).collect::<Vec<_>>()
@@ -59,7 +59,7 @@ fn keys_stay_from_run_to_run_and_change_with_what_matters() {
 }
 
 #[test]
-fn settings_that_a_method_does_not_use_do_not_part_its_stages() {
+fn unused_settings_do_not_separate_the_stages_of_a_method() {
     let trains = |base: &str| {
         let graph = graph(&format!(
             "[base]\nseeds = [0]\n{base}\n[[study]]\ntable = \"cells\"\naxes = {{ method = [\"tf_bc\"] }}\n"
@@ -84,7 +84,7 @@ fn settings_that_a_method_does_not_use_do_not_part_its_stages() {
 
 /// Experiments under way find their stages by these keys: should they change, all of them would start again.
 #[test]
-fn keys_stay_from_version_to_version() {
+fn keys_are_stable_between_versions() {
     let graph = graph(
         "[base]\nseeds = [7]\n[[study]]\ntable = \"methods\"\naxes = { method = [\"bc\", \"tf_bc\", \"ssdf_base\", \"ssdf\", \"act\", \"ssdf_act\"] }\n[[study]]\ntable = \"scoring\"\n",
     );

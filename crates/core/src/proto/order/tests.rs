@@ -125,7 +125,7 @@ fn a_complete_spec_survives_the_wire() {
 }
 
 #[test]
-fn a_pipeline_has_no_gaps() {
+fn a_pipeline_with_a_missing_stage_is_rejected() {
     let full = v1::PipelineSpec {
         pretrain: Some(v1::PretrainSpec::default()),
         score: true,

@@ -35,7 +35,7 @@ impl Completion {
             };
         }
         if self.0.is_some() {
-            return Err(Error::invalid("message", "only one result may come"));
+            return Err(Error::invalid("message", "must be the only result"));
         }
         self.0 = Some(first(message)?);
         Ok(())
@@ -109,7 +109,7 @@ pub(super) fn scores_from(scores: v1::EpisodeScores) -> Result<EpisodeScores> {
         expert_ids: _,
     } = scores;
     if distance_m.len() != distance_o.len() || distance_a.len() != distance_o.len() {
-        return Err(Error::invalid("message.episode_scores", "the three distances must be of one length"));
+        return Err(Error::invalid("message.episode_scores", "the three distances must have the same length"));
     }
     let distances = distance_o.into_iter().zip(distance_m).zip(distance_a).map(|((o, m), a)| [o, m, a]).collect();
     Ok(EpisodeScores {
@@ -193,12 +193,12 @@ mod tests {
     }
 
     #[test]
-    fn messages_out_of_turn_are_refused() {
+    fn messages_out_of_order_are_rejected() {
         let mut swapped = completion_messages(scores());
         swapped.reverse();
         assert!(put_together(swapped).is_err());
         let twice = [completion_messages(scores()), completion_messages(scores())].concat();
-        assert!(put_together(twice).unwrap_err().message().contains("only one result"));
+        assert!(put_together(twice).unwrap_err().message().contains("the only result"));
         assert_eq!(put_together(Vec::new()).unwrap_err().message(), "message: must be set");
     }
 

@@ -79,7 +79,7 @@ fn segments_from(kept: v1::KeptSegments, experts: &[EpisodeId]) -> Result<KeptIn
         || ![0, end_steps.len()].contains(&matches)
         || similarities.len() != qualities.len()
     {
-        return Err(Error::invalid("kept", "its lists must be of one length"));
+        return Err(Error::invalid("kept", "its lists must have the same length"));
     }
     let mut matches = match_steps.into_iter().zip(match_episodes);
     let segments = end_steps.into_iter().zip(weights).map(|(end_step, weight)| {
@@ -87,7 +87,7 @@ fn segments_from(kept: v1::KeptSegments, experts: &[EpisodeId]) -> Result<KeptIn
             None | Some((_, 0)) => None,
             Some((step, number)) => {
                 let expert = usize::try_from(number).ok().and_then(|number| experts.get(number - 1));
-                let unknown = || Error::invalid("kept.match_episodes", "counts in no match_episode_ids");
+                let unknown = || Error::invalid("kept.match_episodes", "is out of the range of match_episode_ids");
                 Some(Nearest { episode_id: expert.ok_or_else(unknown)?.clone(), end_step: step })
             }
         };

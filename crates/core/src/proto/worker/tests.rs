@@ -97,7 +97,7 @@ fn millions_of_kept_steps_fit_a_message() {
 }
 
 #[test]
-fn progress_survives_the_wire_unless_it_is_no_number() {
+fn progress_round_trips_and_non_finite_metrics_are_rejected() {
     let progress_sent = Progress {
         done: 3,
         total: 9,

@@ -112,7 +112,7 @@ fn gather<'a>(
         if !features.comparable() {
             return Err(LearnError::invalid(
                 format!("episode {}", trajectory.id),
-                "is too far from the encoder's data to be standardised; mend it or leave it out",
+                "is too far from the encoder's data to be standardised; correct it or leave it out",
             ));
         }
         progress.advance(features.count())?;
@@ -138,7 +138,7 @@ fn class(episodes: &[Episode<'_>], fold: usize) -> Tensor {
 fn describe(episode: &Episode<'_>, role: Role, mlp: &Mlp) -> Result<EpisodeScores, LearnError> {
     let w = mlp.log_probability(&episode.inputs);
     if !w.iter().all(|w| w.is_finite()) {
-        let message = "is too far from the other episodes for the classifier; mend it or use another scorer";
+        let message = "is too far from the other episodes for the classifier; correct it or use another scorer";
         return Err(LearnError::invalid(format!("episode {}", episode.id), message));
     }
     let (match_episode, match_step, distances) = (Vec::new(), Vec::new(), Vec::new());

@@ -22,7 +22,7 @@ pub(super) const KIND: ScorerKind = ScorerKind {
 gleaner_core::settings! {
     /// The features that are compared.
     struct FeatureSpec {
-        /// Scale of the features before they are compared.
+        /// Scaling of the features before they are compared.
         feature_scale: FeatureScale = FeatureScale::Whitened, FeatureScale::shape();
     }
 }

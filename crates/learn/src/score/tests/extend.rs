@@ -105,7 +105,7 @@ fn a_run_with_one_expert_has_no_local_scale_and_is_not_extended() {
     let spec = ScoreSpec::default();
     let base = base(run(&experts[..1], &imperfect, &spec), &experts[..1]);
     let message = try_extend(&experts, &imperfect, &base, &spec).unwrap_err().to_string();
-    assert!(message.starts_with("base.experts: ") && message.contains("score anew"), "{message}");
+    assert!(message.starts_with("base.experts: ") && message.contains("score without extends"), "{message}");
 }
 
 #[test]

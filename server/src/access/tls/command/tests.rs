@@ -1,4 +1,4 @@
-//! What the command makes, held against the TLS that serves and a client's, and what it refuses.
+//! Certificates of the command, tried with the TLS of the server and of a client, and its rejections.
 
 use std::{os::unix::fs::PermissionsExt as _, path::PathBuf, sync::Arc, time::Duration};
 
@@ -33,7 +33,7 @@ impl Lab {
         lab
     }
 
-    /// Runs `gleaner-server tls …`; what it printed.
+    /// Runs `gleaner-server tls …` and returns its output.
     fn tls(&self, words: &[&str]) -> Result<String> {
         let data = self.0.path().join("lab");
         let all = [&["gleaner-server", "tls"], words, &["--data-dir", data.to_str().unwrap()]].concat();
@@ -66,7 +66,7 @@ impl Lab {
     }
 
     /// Shakes hands with a server as this name, as a client that trusts `ca`, with the certificate `own` if any.
-    async fn shakes(&self, tls: &Tls, name: &str, ca: &CertificateDer<'static>, own: Option<&str>) -> bool {
+    async fn handshake_succeeds(&self, tls: &Tls, name: &str, ca: &CertificateDer<'static>, own: Option<&str>) -> bool {
         let mut roots = RootCertStore::empty();
         roots.add(ca.clone()).unwrap();
         let client = ClientConfig::builder_with_provider(Arc::new(crypto::ring::default_provider()))
@@ -94,11 +94,11 @@ async fn a_client_with_the_authority_accepts_the_server_under_each_of_its_names_
     let lab = Lab::with(&["--name", "lab7.example", "--name", "10.0.0.7"]);
     let (tls, ca) = (lab.serves(false), lab.der("ca.pem"));
     for name in ["lab7.example", "10.0.0.7", "localhost", "127.0.0.1", "::1"] {
-        assert!(lab.shakes(&tls, name, &ca, None).await, "{name}");
+        assert!(lab.handshake_succeeds(&tls, name, &ca, None).await, "{name}");
     }
-    assert!(!lab.shakes(&tls, "lab8.example", &ca, None).await);
+    assert!(!lab.handshake_succeeds(&tls, "lab8.example", &ca, None).await);
     let stranger = Lab::with(&[]);
-    assert!(!lab.shakes(&tls, "localhost", &stranger.der("ca.pem"), None).await);
+    assert!(!lab.handshake_succeeds(&tls, "localhost", &stranger.der("ca.pem"), None).await);
 }
 
 #[tokio::test]
@@ -110,27 +110,30 @@ async fn renewal_keeps_the_authority_and_the_names_and_changes_the_key() {
     assert_eq!(lab.der("ca.pem"), ca);
     assert!(lab.read("server.pem") != old_cert && lab.read("server.key") != old_key);
     for name in ["lab7", "fd00::7", "127.0.0.1"] {
-        assert!(lab.shakes(&lab.serves(false), name, &ca, None).await, "{name}");
+        assert!(lab.handshake_succeeds(&lab.serves(false), name, &ca, None).await, "{name}");
     }
     lab.tls(&["renew", "--name", "lab9"]).unwrap();
-    assert!(lab.shakes(&lab.serves(false), "lab9", &ca, None).await);
-    assert!(!lab.shakes(&lab.serves(false), "lab7", &ca, None).await, "names that are given replace the old ones");
+    assert!(lab.handshake_succeeds(&lab.serves(false), "lab9", &ca, None).await);
+    assert!(
+        !lab.handshake_succeeds(&lab.serves(false), "lab7", &ca, None).await,
+        "names that are given replace the old ones"
+    );
 }
 
 #[tokio::test]
-async fn only_client_certificates_are_accepted_where_clients_are_asked_for_one() {
+async fn only_client_certificates_are_accepted_as_client_certificates() {
     let lab = Lab::with(&[]);
     let output = lab.tls(&["client", "arm1"]).unwrap();
     assert!(output.contains("client-arm1.pem") && output.contains("--client-ca"), "{output}");
     let (tls, ca) = (lab.serves(true), lab.der("ca.pem"));
-    assert!(lab.shakes(&tls, "localhost", &ca, Some("client-arm1")).await);
-    assert!(!lab.shakes(&tls, "localhost", &ca, Some("server")).await, "a server's is for servers");
+    assert!(lab.handshake_succeeds(&tls, "localhost", &ca, Some("client-arm1")).await);
+    assert!(!lab.handshake_succeeds(&tls, "localhost", &ca, Some("server")).await, "a server's is for servers");
     let other = lab.tls(&["client", "arm1"]).unwrap_err();
     assert_eq!(other.kind(), Kind::Exists);
 }
 
 #[test]
-fn keys_are_readable_by_their_owner_alone_and_nothing_is_replaced_unasked() {
+fn keys_are_readable_by_their_owner_only_and_files_are_not_replaced_by_default() {
     let lab = Lab::new();
     let output = lab.tls(&["init", "--name", "lab7"]).unwrap();
     for part in
@@ -158,7 +161,7 @@ fn keys_are_readable_by_their_owner_alone_and_nothing_is_replaced_unasked() {
 }
 
 #[test]
-fn certificates_have_the_extensions_that_strict_verifiers_ask_for() {
+fn certificates_have_the_extensions_that_strict_verifiers_require() {
     let lab = Lab::with(&["--name", "lab7"]);
     let (ca, server) = (lab.der("ca.pem"), lab.der("server.pem"));
     let (_, ca) = X509Certificate::from_der(&ca).unwrap();
@@ -183,7 +186,7 @@ fn certificates_have_the_extensions_that_strict_verifiers_ask_for() {
 }
 
 #[test]
-fn what_cannot_be_used_is_refused_with_the_fix() {
+fn unusable_certificates_are_rejected_with_the_fix() {
     let lab = Lab::new();
     let refused = |words: &[&str], kind: Kind, part: &str| {
         let error = lab.tls(words).unwrap_err();
@@ -194,7 +197,7 @@ fn what_cannot_be_used_is_refused_with_the_fix() {
     }
     refused(&["renew"], Kind::Precondition, "tls init");
     refused(&["client", "arm1"], Kind::Precondition, "tls init");
-    assert!(!lab.file("").exists(), "nothing was made");
+    assert!(!lab.file("").exists(), "no certificate was created");
     lab.tls(&["init"]).unwrap();
     for name in ["", "../arm", "a/b", "a b", "\u{1b}"] {
         refused(&["client", name], Kind::Invalid, "NAME");

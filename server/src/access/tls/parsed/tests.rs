@@ -1,4 +1,4 @@
-//! What certificates are warned about.
+//! The warnings about certificates.
 
 use rcgen::{BasicConstraints, CertificateParams, IsCa, KeyPair, PKCS_ED25519, date_time_ymd};
 

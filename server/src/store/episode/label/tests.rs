@@ -105,7 +105,7 @@ async fn a_label_on_an_old_version_changes_nothing_and_returns_the_newer_label()
 }
 
 #[tokio::test]
-async fn of_two_at_once_one_is_first() {
+async fn of_two_concurrent_labels_one_is_first() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let versions = seen(&store, &task).await;

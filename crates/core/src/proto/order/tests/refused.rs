@@ -158,7 +158,7 @@ fn every_number_of_a_spec_is_checked() {
 
 /// Numbers on the wire are doubles; JSON has no form for some of them.
 #[test]
-fn numbers_that_are_none_are_rejected() {
+fn malformed_numbers_are_rejected() {
     for wrong in [f64::NAN, f64::INFINITY] {
         let value = prost_types::Value { kind: Some(prost_types::value::Kind::NumberValue(wrong)) };
         let fields = [("learning_rate".to_owned(), value)].into();
