@@ -12,6 +12,7 @@ use gleaner_proto::{
 use crate::support::{
     api::Api,
     errors::{absent_id, expect_alive, expect_errors},
+    lab,
     shared::{NAME, shared},
 };
 
@@ -49,6 +50,11 @@ async fn invalid_policy_requests_are_rejected() {
         get_evaluation(GetEvaluationRequest { evaluation_id: "x".into() }) => InvalidArgument ["evaluation_id: "];
         get_evaluation(GetEvaluationRequest { evaluation_id: absent_id("eval") }) => NotFound [&absent_id("eval")];
     );
+    // Never trained with its history hidden.
+    let train = lab::train(train_spec::Data::ExpertsOf(shared.encoder.clone()), 1);
+    let job = api.succeed(lab::TASK, lab::with(train, serde_json::json!({"history_dropout": 0.0}))).await;
+    let hidden = DeployRequest { hide_history: true, ..deploy("x@prod", &job.result_id, "") };
+    expect_errors!(api.policies: deploy(hidden) => InvalidArgument ["hide_history: "];);
     expect_alive(&mut api).await;
 }
 

@@ -34,14 +34,16 @@ pub fn files(folder: &Path) -> Vec<PathBuf> {
     tree(folder, |_| true).into_iter().filter(|path| !path.is_dir()).collect()
 }
 
-/// The project's own files with this extension below a path of the workspace: no build outputs, environments or caches. The
+/// The project's own files with this extension below a path of the workspace: no build outputs, generated code,
+/// environments or caches. The
 /// path of a file gives that file.
 pub fn sources(path: &str, extension: &str) -> Vec<PathBuf> {
     let path = root().join(path);
     if path.is_file() {
         return vec![path];
     }
-    let own = |name: &str| !name.starts_with('.') && !matches!(name, "target" | "node_modules" | "build" | "dist");
+    let own =
+        |name: &str| !name.starts_with('.') && !matches!(name, "target" | "node_modules" | "build" | "dist" | "_proto");
     let found = tree(&path, own).into_iter();
     found.filter(|path| path.is_file() && path.extension().is_some_and(|found| found == extension)).collect()
 }
