@@ -54,6 +54,18 @@ class Standard(nn.Module):
         return (x - self.mean) / self.deviation
 
 
+class ActionStandard(Standard):
+    """As Standard, for what is predicted: a value that never changed is held."""
+
+    def __init__(self, size: int):
+        super().__init__((size,), (size,))
+        # Whether each value changed, and its value where it did not.
+        self.register_buffer("held", torch.stack([torch.ones(size), torch.zeros(size)]))
+
+    def invert(self, x: Tensor) -> Tensor:
+        return (x * self.deviation + self.mean) * self.held[0] + self.held[1]
+
+
 class CameraStandard(nn.Module):
     """Of what the image encoder reads, and of what its head predicts."""
 
@@ -71,7 +83,7 @@ class Statistics(nn.Module):
     def __init__(self, shape: Shape, size: Size):
         super().__init__()
         self.proprioception = Standard((shape.proprioception,), (shape.proprioception,))
-        self.action = Standard((shape.action,), (shape.action,))
+        self.action = ActionStandard(shape.action)
         side = min(shape.side, size.target)
         self.camera = nn.ModuleList(CameraStandard(shape.channels, side) for _ in range(shape.cameras))
 

@@ -47,8 +47,7 @@ class Policy:
         embedded = learner.steps(Batch(images, proprioception, action, index, valid, None))
         tokens = learner.model.token(embedded, index, None)
         z = learner.model.transformer(tokens, attention_mask(valid, causal=True))
-        standard = learner.statistics.action
-        return learner.model.head["action"](z[0, -1, PROPRIOCEPTION]) * standard.deviation + standard.mean
+        return learner.statistics.action.invert(learner.model.head["action"](z[0, -1, PROPRIOCEPTION]))
 
 
 class Episode:

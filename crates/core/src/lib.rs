@@ -46,6 +46,7 @@ pub mod job;
 pub mod kinds;
 pub mod limit;
 pub mod live;
+pub mod looks;
 pub mod observation;
 pub mod order;
 pub mod policy;
@@ -79,8 +80,8 @@ pub use schema::{Problem, Setting, Shape, Values};
 pub use secret::Secret;
 pub use settings::{Group, Word, Words};
 pub use spec::{
-    Augmentation, Chosen, Device, EvaluateSpec, ModelSpec, NormaliserKind, OptimSpec, Preset, PretrainSpec, RunSpec,
-    ScoreSpec, SizeSpec, TrainSpec, jobs, schema_of,
+    ActionToken, Augmentation, Chosen, Device, EvaluateSpec, ModelSpec, NormaliserKind, OptimSpec, Preset,
+    PretrainSpec, RunSpec, ScoreSpec, SizeSpec, TrainSpec, jobs, schema_of,
 };
 pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use gleaner_core::{Group, ModelSpec, Values};
+use gleaner_core::{ActionToken, Group, ModelSpec, Values, Words as _};
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
@@ -90,7 +90,12 @@ pub fn inspect(bytes: &[u8]) -> Result<CheckpointInfo, LearnError> {
     if version.format_version != FORMAT_VERSION {
         return Err(LearnError::Version { found: version.format_version, supported: FORMAT_VERSION });
     }
-    let mut info: CheckpointInfo = serde_json::from_str(header).map_err(unreadable)?;
+    let mut header: serde_json::Value = serde_json::from_str(header).map_err(unreadable)?;
+    if let Some(model) = header.get_mut("model").and_then(serde_json::Value::as_object_mut) {
+        // Earlier versions had no other way.
+        model.entry("action_token").or_insert_with(|| ActionToken::Proprioception.as_str().into());
+    }
+    let mut info: CheckpointInfo = serde_json::from_value(header).map_err(unreadable)?;
     info.shape.validate()?;
     if info.kind == CheckpointKind::Policy {
         // The headers of the first policies have no kind, because there was only one.
@@ -199,6 +204,19 @@ mod tests {
         assert!(!String::from_utf8_lossy(&bytes).contains("finetune"));
         assert_eq!(inspect(&bytes).unwrap().policy, Some("finetune".to_owned()));
         assert_eq!(inspect(&write(&info(), &tensors()).unwrap()).unwrap().policy, None);
+    }
+
+    #[test]
+    fn a_header_of_an_earlier_version_reads_actions_from_the_proprioception() {
+        let query = ModelSpec { action_token: ActionToken::Query, ..ModelSpec::default() };
+        let bytes = write(&CheckpointInfo { model: query, ..info() }, &tensors()).unwrap();
+        assert_eq!(inspect(&bytes).unwrap().model.action_token, ActionToken::Query);
+        // Blanks keep the file's length, which its first bytes hold.
+        let setting = br#"\"action_token\":\"query\","#;
+        let at = bytes.windows(setting.len()).position(|part| part == setting).unwrap();
+        let mut earlier = bytes;
+        earlier[at..at + setting.len()].fill(b' ');
+        assert_eq!(inspect(&earlier).unwrap().model.action_token, ActionToken::Proprioception);
     }
 
     #[test]

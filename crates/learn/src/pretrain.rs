@@ -58,7 +58,7 @@ pub fn pretrain(
             let batch = draw(network, &data, &segments, spec, step);
             pretrain_loss(&objectives, network, &batch, spec, step)
         };
-        let finished = training.run(&spec.optim, spec.run.checkpoint_every, &loss, monitor)?;
+        let finished = training.run(&spec.optim, spec.run.checkpoint_every, &loss, &|_| Vec::new(), monitor)?;
         with_feature_scale(&finished, &data, spec)
     })
 }
@@ -119,7 +119,8 @@ fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &Pre
     let drawn = segments.draw(&mut rng, spec.optim.batch, spec.optim.stretch);
     let window = spec.model.window();
     let mut batch = Batch::collect(&network.shape, data, &drawn, window, network.device());
-    batch.augment(&spec.augmentation, &mut generator(spec.run.seed, Purpose::Augmentation, step));
+    let standard = &network.statistics.proprioception;
+    batch.augment(&spec.augmentation, standard, &mut generator(spec.run.seed, Purpose::Augmentation, step));
     batch
 }
 

@@ -27,6 +27,8 @@ pub(crate) enum Purpose {
     KeptStyle = 8,
     /// The episodes on which the scale of features is measured; the counter is 0.
     FeatureScale = 9,
+    /// The pairs of segments by which a policy's inputs are compared; the counter is 0.
+    Shares = 10,
 }
 
 /// The generator of `purpose` at `counter`.

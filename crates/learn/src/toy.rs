@@ -10,7 +10,7 @@ use rand::RngExt;
 use crate::random::{Purpose, generator};
 use crate::shape::{CameraShape, TaskShape};
 use crate::trajectory::Trajectory;
-use gleaner_core::{ModelSpec, OptimSpec, Preset, PretrainSpec, RunSpec, TrainSpec};
+use gleaner_core::{ModelSpec, OptimSpec, PretrainSpec, RunSpec, TrainSpec};
 
 pub(crate) const SIDE: u32 = 16;
 
@@ -71,7 +71,7 @@ pub(crate) fn optim(steps: u64) -> OptimSpec {
 
 pub(crate) fn pretrain_spec(steps: u64) -> PretrainSpec {
     PretrainSpec {
-        model: ModelSpec { preset: Preset::Tiny, segment_length: 3 },
+        model: ModelSpec { segment_length: 3, ..ModelSpec::default() },
         optim: optim(steps),
         run: RunSpec { seed: 11, ..RunSpec::default() },
         ..PretrainSpec::default()

@@ -130,13 +130,15 @@ impl<N: Learner> Training<N> {
         Ok(Resumed::Unfinished(Box::new(training)))
     }
 
-    /// Takes the remaining steps and returns the finished checkpoint, without optimiser state. When it is asked to
+    /// Takes the remaining steps and returns the finished checkpoint, without optimiser state. `last` gives metrics of the
+    /// trained network, which are those of the last step too. When it is asked to
     /// stop, it stores its present state.
     pub(crate) fn run(
         mut self,
         optim: &OptimSpec,
         checkpoint_every: u32,
         loss: &dyn Fn(&N, u64) -> Loss,
+        last: &dyn Fn(&N) -> Vec<(&'static str, f64)>,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, LearnError> {
         let mut kept = self.info.step;
@@ -148,8 +150,11 @@ impl<N: Learner> Training<N> {
                 }
                 return Err(LearnError::Cancelled);
             }
-            let metrics = self.step(optim, loss)?;
+            let mut metrics = self.step(optim, loss)?;
             let done = self.info.step;
+            if done == optim.steps {
+                metrics.extend(last(&self.network));
+            }
             monitor.progress(done, optim.steps, &metrics);
             if done.is_multiple_of(u64::from(checkpoint_every)) && done < optim.steps {
                 self.keep(monitor)?;

@@ -5,7 +5,7 @@ mod score_run;
 
 use clap::Parser as _;
 use futures::channel::mpsc::{UnboundedSender, unbounded};
-use gleaner_core::{ModelSpec, OptimSpec, Preset, PretrainSpec, RunSpec, TrainSpec};
+use gleaner_core::{ModelSpec, OptimSpec, PretrainSpec, RunSpec, TrainSpec};
 use gleaner_learn::{CameraShape, FrameBytes, Silent, TaskShape, Trajectory, pretrain, train_policy};
 use tempfile::TempDir;
 use tokio_util::sync::CancellationToken;
@@ -87,7 +87,7 @@ fn trained(seed: u64) -> Vec<u8> {
     let rising = |count: u16| (0..count).map(|i| f32::from(i) / 10.0).collect::<Vec<_>>();
     let episode = Trajectory::new(&shape(), "ep", frames, rising(2 * steps), rising(steps)).unwrap();
     let optim = OptimSpec { steps: 1, batch: 2, stretch: 2, ..OptimSpec::default() };
-    let model = ModelSpec { preset: Preset::Tiny, segment_length: 2 };
+    let model = ModelSpec { segment_length: 2, ..ModelSpec::default() };
     let run = RunSpec { seed, ..RunSpec::default() };
     let spec = PretrainSpec { model, optim, run, ..PretrainSpec::default() };
     let encoder = pretrain(&shape(), std::slice::from_ref(&episode), &spec, None, &mut Silent).unwrap();

@@ -34,6 +34,19 @@ crate::settings! {
     }
 }
 
+crate::words! {
+    /// The token that a transformer's action is read from.
+    pub enum ActionToken {
+        /// The newest proprioception token. Its residual stream is the proprioception.
+        Proprioception = "proprioception",
+        /// A query of its own after the newest proprioception: it attends to images and proprioception alike.
+        Query = "query",
+        /// A query that a small perceptron makes of the newest images and proprioception together, as behaviour cloning
+        /// reads them; attention adds the history.
+        Fused = "fused",
+    }
+}
+
 crate::settings! {
     /// The size of a transformer and its history.
     #[derive(Copy)]
@@ -43,6 +56,8 @@ crate::settings! {
         /// Steps of a segment before its newest one (the paper's l; 0: the newest step alone). Longer segments see more
         /// history and need more time and memory.
         pub segment_length: u32 = 6, integer_in(0, 63);
+        /// Token that the action is read from.
+        pub action_token: ActionToken = ActionToken::Proprioception, ActionToken::shape();
     }
 }
 
@@ -68,6 +83,12 @@ crate::settings! {
         /// Scale colours around the image's mean by a random factor within 1 ± this value (0: off). Higher values
         /// tolerate changes of light but saturate more pixels.
         pub contrast: f64 = 0.0, number_in(0.0, 1.0);
+        /// Shift each proprioception value by normal noise of this many standard deviations, the same for all frames of an
+        /// episode in a batch (0: off). Higher values make a policy rely on images, and less on exact positions.
+        pub proprioception_noise: f64 = 0.0, number_in(0.0, 100.0);
+        /// Chance of replacing the proprioception of an episode in a batch by its mean (0: off), so that the images have to
+        /// suffice. Higher values make a policy look more, and learn less from exact positions.
+        pub proprioception_dropout: f64 = 0.0, number_in(0.0, 1.0);
     }
 }
 

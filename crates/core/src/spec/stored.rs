@@ -7,15 +7,23 @@ use serde_json::{Value, json};
 
 use crate::kinds::Family;
 use crate::schema::Values;
+use crate::settings::Words as _;
+use crate::spec::ActionToken;
 
 /// A pretraining's settings in today's form.
 pub(super) fn pretrain(values: Values) -> Values {
-    flat(values)
+    with_action_token(flat(values))
 }
 
 /// A training's settings in today's form.
 pub(super) fn train(values: Values) -> Values {
-    used(Family::Policy, flat(values))
+    used(Family::Policy, with_action_token(flat(values)))
+}
+
+/// Earlier versions read the action from the proprioception and had no setting for it.
+fn with_action_token(mut values: Values) -> Values {
+    values.entry("action_token").or_insert_with(|| ActionToken::Proprioception.as_str().into());
+    values
 }
 
 /// A scoring's settings in today's form.

@@ -1,5 +1,6 @@
-//! Random changes to a batch's images: shifted with the edge repeated, and with brightness and contrast changed. Depth
-//! is shifted with its colour and otherwise unchanged, because it is a measurement.
+//! Random changes to a batch's inputs: images are shifted with the edge repeated, and their brightness and contrast
+//! changed. Depth is shifted with its colour and otherwise unchanged, because it is a measurement. Proprioception is
+//! shifted by noise.
 
 use std::collections::HashMap;
 
@@ -7,7 +8,9 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor};
 
-use super::{Batch, int};
+use super::{Batch, int, rows};
+use crate::normalize::Standard;
+use crate::random::normal;
 use gleaner_core::Augmentation;
 
 const COLOURS: i64 = 3;
@@ -24,9 +27,10 @@ struct Change {
 }
 
 impl Batch {
-    /// Changes the images according to `augmentation`. Each episode of the batch has one draw: each frame is stored
-    /// once for all windows that contain it, and the motion within a window is preserved.
-    pub(crate) fn augment(&mut self, augmentation: &Augmentation, rng: &mut ChaCha8Rng) {
+    /// Changes the inputs according to `augmentation`. Each episode of the batch has one draw: each frame is stored
+    /// once for all windows that contain it, and the motion within a window is preserved. Targets stay as they are.
+    /// `standard` is that of the proprioception.
+    pub(crate) fn augment(&mut self, augmentation: &Augmentation, standard: &Standard, rng: &mut ChaCha8Rng) {
         if *augmentation == Augmentation::default() {
             return;
         }
@@ -41,6 +45,33 @@ impl Batch {
                 *images = jitter(images, &changes);
             }
         }
+        let mut seen = standard.apply(&self.proprioception);
+        if augmentation.proprioception_noise > 0.0 {
+            seen += self.offsets(rng) * augmentation.proprioception_noise;
+        }
+        if augmentation.proprioception_dropout > 0.0 {
+            seen *= self.kept(augmentation.proprioception_dropout, rng);
+        }
+        if augmentation.proprioception_noise > 0.0 || augmentation.proprioception_dropout > 0.0 {
+            self.seen_proprioception = standard.invert(&seen);
+        }
+    }
+
+    /// 0 for the steps of each episode whose proprioception is dropped, otherwise 1, `[N, 1]`.
+    fn kept(&self, dropout: f64, rng: &mut ChaCha8Rng) -> Tensor {
+        let mut drawn = HashMap::new();
+        let of_episode = |episode: &usize| *drawn.entry(*episode).or_insert_with(|| !rng.random_bool(dropout));
+        let kept: Vec<f32> = self.episodes.iter().map(of_episode).map(|kept| f32::from(u8::from(kept))).collect();
+        rows(&kept, 1, self.proprioception.device())
+    }
+
+    /// A normal number for each value of each episode, `[N, M]`.
+    fn offsets(&self, rng: &mut ChaCha8Rng) -> Tensor {
+        let width = usize::try_from(self.proprioception.size()[1]).unwrap_or(0);
+        let mut drawn = HashMap::new();
+        let of_episode = |episode: &usize| drawn.entry(*episode).or_insert_with(|| normal(rng, width)).clone();
+        let offsets: Vec<f32> = self.episodes.iter().flat_map(of_episode).collect();
+        rows(&offsets, width, self.proprioception.device())
     }
 }
 
@@ -100,16 +131,60 @@ mod tests {
     }
 
     fn augmented(augmentation: Augmentation, seed: u64) -> Tensor {
+        changed(augmentation, seed).images.remove(0)
+    }
+
+    fn changed(augmentation: Augmentation, seed: u64) -> Batch {
         let mut batch = batch();
-        batch.augment(&augmentation, &mut generator(seed, Purpose::Augmentation, 0));
-        batch.images.remove(0)
+        let rows = [[0.0f32, 1.0, 5.0], [1.0, 5.0, 5.0]];
+        let standard = Standard::of_rows(rows.iter().map(<[f32; 3]>::as_slice), 3, Device::Cpu);
+        batch.augment(&augmentation, &standard, &mut generator(seed, Purpose::Augmentation, 0));
+        batch
+    }
+
+    #[test]
+    fn noise_on_proprioception_is_one_draw_an_episode_and_leaves_targets() {
+        let augmentation = Augmentation { proprioception_noise: 0.5, ..Augmentation::default() };
+        let mut drawn = Vec::new();
+        for seed in 0..200 {
+            let batch = changed(augmentation, seed);
+            assert_eq!(values(&batch.proprioception), values(&super::tests::batch().proprioception));
+            // In deviations, 0.5 and 2 of the first two values.
+            let offset = (&batch.seen_proprioception - &batch.proprioception) / Tensor::from_slice(&[0.5f32, 2.0, 1.0]);
+            let offset = values(&offset);
+            let episodes: Vec<&[f32]> = offset.chunks(4 * 3).collect();
+            for frames in &episodes {
+                assert!(frames.chunks(3).all(|frame| (frame[0] - frames[0]).abs() < 1e-5));
+            }
+            assert!(episodes.len() == 2 && (episodes[0][0] - episodes[1][0]).abs() > 1e-6);
+            drawn.extend(episodes.iter().flat_map(|frames| frames[..2].to_vec()));
+        }
+        let square: f32 = drawn.iter().map(|value| value * value).sum::<f32>() / 800.0;
+        assert!((0.2..0.3).contains(&square), "{square}, not 0.25");
+    }
+
+    #[test]
+    fn dropped_proprioception_is_the_mean_for_whole_episodes() {
+        let augmentation = Augmentation { proprioception_dropout: 0.4, ..Augmentation::default() };
+        let mut dropped = 0;
+        for seed in 0..500 {
+            let batch = changed(augmentation, seed);
+            let (seen, plain) = (values(&batch.seen_proprioception), values(&batch.proprioception));
+            for (seen, plain) in seen.chunks(4 * 3).zip(plain.chunks(4 * 3)) {
+                let mean = seen.chunks(3).all(|m| m.iter().zip([0.5, 3.0, 5.0]).all(|(a, b)| (a - b).abs() < 1e-5));
+                let same = seen.iter().zip(plain).all(|(a, b)| (a - b).abs() < 1e-5);
+                assert!(mean != same, "{seen:?}");
+                dropped += u32::from(mean);
+            }
+        }
+        assert!((340..460).contains(&dropped), "{dropped} of 1000");
     }
 
     #[test]
     fn nothing_asked_changes_nothing_and_the_same_key_repeats() {
         let plain = values(&batch().images[0]);
         assert_eq!(plain, values(&augmented(Augmentation::default(), 1)));
-        let all = Augmentation { shift_pixels: 3, brightness: 0.2, contrast: 0.2 };
+        let all = Augmentation { shift_pixels: 3, brightness: 0.2, contrast: 0.2, ..Augmentation::default() };
         let first = values(&augmented(all, 1));
         assert_eq!(first, values(&augmented(all, 1)));
         assert_ne!(first, values(&augmented(all, 2)));

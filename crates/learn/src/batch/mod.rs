@@ -23,6 +23,8 @@ pub(crate) struct Batch {
     pub(crate) images: Vec<Tensor>,
     /// `[N, M]` in physical units.
     pub(crate) proprioception: Tensor,
+    /// The same as the model sees it: with noise, if there is any.
+    pub(crate) seen_proprioception: Tensor,
     /// `[N, A]` in physical units.
     pub(crate) action: Tensor,
     /// The step of each place of each window.
@@ -50,9 +52,11 @@ impl Batch {
             action.extend_from_slice(data[*trajectory].action_at(shape, *step));
         }
         let weight: Vec<f32> = segments.iter().map(|segment| segment.weight).collect();
+        let proprioception = rows(&proprioception, shape.proprioception, device);
         Self {
             images: images(shape, &frames, device),
-            proprioception: rows(&proprioception, shape.proprioception, device),
+            seen_proprioception: proprioception.shallow_clone(),
+            proprioception,
             action: rows(&action, shape.action, device),
             windows,
             weight: Tensor::from_slice(&weight).to_device(device),

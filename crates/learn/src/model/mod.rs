@@ -15,16 +15,16 @@ pub(crate) use transformer::{Attention, Transformer};
 
 use std::collections::BTreeMap;
 
-use tch::{Device, Tensor, nn};
+use tch::{Device, Kind, Tensor, nn};
 
-use crate::batch::{Batch, Windows};
+use crate::batch::{Batch, Windows, int};
 use crate::error::LearnError;
 use crate::normalize::Statistics;
 use crate::shape::TaskShape;
 use gleaner_core::ModelSpec;
 use heads::Heads;
-use tokens::Tokens;
-use transformer::{mask, whole_mask};
+use tokens::{MODALITIES, Tokens};
+use transformer::{QUERY, mask, whole_mask};
 
 /// The network of one task.
 pub(crate) struct Network {
@@ -38,6 +38,7 @@ pub(crate) struct Network {
     transformer: Transformer,
     /// The masks of a window without padding.
     causal: Tensor,
+    queried: Tensor,
     bidirectional: Tensor,
 }
 
@@ -70,9 +71,10 @@ impl Network {
         Self {
             heads: Heads::new(&(&root / "head"), shape, &size),
             images: ImageEncoder::new(&(&root / "image"), shape, &size),
-            tokens: Tokens::new(&(&root / "token"), shape, size.width, spec.window()),
+            tokens: Tokens::new(&(&root / "token"), shape, size.width, &spec),
             transformer: Transformer::new(&(&root / "transformer"), &size),
             causal: whole_mask(spec.window(), Attention::Causal, device),
+            queried: whole_mask(spec.window(), Attention::Queried, device),
             bidirectional: whole_mask(spec.window(), Attention::Bidirectional, device),
             shape: shape.clone(),
             spec,
@@ -127,7 +129,7 @@ impl Network {
     /// The steps of a batch, `[N, 3, d]`; every frame is encoded once.
     pub(crate) fn batch_steps(&self, batch: &Batch) -> Tensor {
         let embedded = self.embed_images(&batch.images);
-        self.steps(&embedded, &batch.proprioception, &batch.action)
+        self.steps(&embedded, &batch.seen_proprioception, &batch.action)
     }
 
     /// Features z of the last `keep` steps of each window, `[W, keep, 3, d]`.
@@ -135,19 +137,47 @@ impl Network {
     /// `steps` is `[N, 3, d]`; `hidden` `[W, L, 3]` marks the elements that are masked out, M(τ).
     pub(crate) fn features(&self, steps: &Tensor, windows: &Windows, view: View<'_>, keep: usize) -> Tensor {
         let tokens = self.tokens.windows(steps, windows, view.hidden);
-        self.transformer.forward(&tokens, &self.mask(windows, view.attention), keep)
+        self.transformer.forward(&tokens, &self.mask(windows, view.attention, tokens.kind()), keep)
+    }
+
+    /// The standardised action after the history of each of the last `keep` steps, `[W, keep, A]`: a_t is read from the
+    /// query, or from the token of m_t, which attend to o_i … m_t and never to a_t.
+    ///
+    /// `steps` and `hidden` as in [`Network::features`].
+    pub(crate) fn actions(&self, steps: &Tensor, windows: &Windows, hidden: Option<&Tensor>, keep: usize) -> Tensor {
+        let Some(tokens) = self.tokens.queried(steps, windows, hidden, keep == 1) else {
+            let view = View { attention: Attention::Causal, hidden };
+            return self.heads.action(&Modality::Proprioception.of(&self.features(steps, windows, view, keep)));
+        };
+        let features = if keep == 1 {
+            // The query is where the newest a would be.
+            Modality::Action.of(&self.transformer.forward(
+                &tokens,
+                &self.mask(windows, Attention::Causal, tokens.kind()),
+                1,
+            ))
+        } else {
+            let mask = self.mask(windows, Attention::Queried, tokens.kind());
+            let kept = self.transformer.last_tokens(&tokens, &mask, int(keep) * (MODALITIES + 1));
+            kept.unflatten(1, [-1, MODALITIES + 1]).select(2, QUERY)
+        };
+        self.heads.action(&features)
     }
 
     /// The attention mask. Computing one costs as much as a layer of one window, so the mask of nearly every pass is
     /// precomputed.
-    fn mask(&self, windows: &Windows, attention: Attention) -> Tensor {
+    ///
+    /// It has the kind of the tokens: of two kinds, the library's fused attention computes wrong values without an error.
+    fn mask(&self, windows: &Windows, attention: Attention, kind: Kind) -> Tensor {
         if windows.length != self.spec.window() || windows.valid_places.contains(&false) {
             return mask(&windows.valid, attention);
         }
-        match attention {
-            Attention::Causal => self.causal.shallow_clone(),
-            Attention::Bidirectional => self.bidirectional.shallow_clone(),
-        }
+        let whole = match attention {
+            Attention::Causal => &self.causal,
+            Attention::Queried => &self.queried,
+            Attention::Bidirectional => &self.bidirectional,
+        };
+        whole.to_kind(kind)
     }
 }
 

@@ -5,6 +5,7 @@ use crate::batch::{Segment, Segments, values};
 use crate::normalize::Sample;
 use crate::toy;
 use crate::trajectory::Trajectory;
+use gleaner_core::{ActionToken, Words as _};
 
 const DEVICE: Device = Device::Cpu;
 
@@ -120,4 +121,20 @@ fn a_hidden_element_is_not_seen() {
     let at = |data: &Trajectory, view| features(&network, data, &[segment(5)], view);
     assert_eq!(largest_difference(&at(&data, view), &at(&changed, view)), 0.0);
     assert!(largest_difference(&at(&data, View::WHOLE), &at(&changed, View::WHOLE)) > 1e-4);
+}
+
+#[test]
+fn actions_of_the_newest_step_alone_are_those_of_all_steps() {
+    for action_token in ActionToken::ALL.iter().map(|word| word.value) {
+        let data = toy::episode("e", 1, 6, true);
+        let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), &[&data]), 8, DEVICE);
+        let spec = ModelSpec { action_token, ..toy::pretrain_spec(1).model };
+        let network = Network::new(&toy::shape(), spec, statistics, 3, DEVICE);
+        let batch = Batch::collect(&network.shape, &[&data], &[segment(1), segment(5)], 4, DEVICE);
+        let steps = network.batch_steps(&batch);
+        let every = network.actions(&steps, &batch.windows, None, 4);
+        assert_eq!(every.size(), [2, 4, 2]);
+        let newest = network.actions(&steps, &batch.windows, None, 1);
+        assert!(largest_difference(&every.narrow(1, 3, 1), &newest) < 1e-5);
+    }
 }

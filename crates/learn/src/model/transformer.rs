@@ -14,27 +14,44 @@ pub(crate) enum Attention {
     Bidirectional,
     /// A token attends to itself and those before it; m_t never attends to a_t.
     Causal,
+    /// As causal, with a query after each step's m, to which no other token attends.
+    Queried,
 }
 
-/// `[W, 1, 3 L, 3 L]` of `bool`, true where the query (row) may attend to the key (column).
+/// A query's place among a step's tokens o, m, query, a.
+pub(super) const QUERY: i64 = 2;
+
+impl Attention {
+    /// Tokens of a step.
+    fn tokens(self) -> i64 {
+        MODALITIES + i64::from(self == Self::Queried)
+    }
+}
+
+/// `[W, 1, 3 L, 3 L]`, or `4 L` with queries, of `bool`, true where the query (row) may attend to the key (column).
 ///
 /// No token of the episode attends to padding. Every token attends to itself, because the softmax of a padded query
 /// without any key would not be a number.
 pub(crate) fn mask(valid: &Tensor, attention: Attention) -> Tensor {
-    let keys = valid.repeat_interleave_self_int(MODALITIES, 1, None);
+    let keys = valid.repeat_interleave_self_int(attention.tokens(), 1, None);
     let size = keys.size()[1];
     let own = Tensor::eye(size, (Kind::Bool, valid.device()));
     let seen = keys.unsqueeze(1).unsqueeze(1);
     match attention {
         Attention::Bidirectional => seen.logical_or(&own),
-        Attention::Causal => {
+        Attention::Causal | Attention::Queried => {
             let before = Tensor::ones([size, size], (Kind::Bool, valid.device())).tril(0);
-            seen.logical_and(&before).logical_or(&own)
+            let mut seen = seen.logical_and(&before);
+            if attention == Attention::Queried {
+                let place = Tensor::arange(size, (Kind::Int64, valid.device())).remainder(attention.tokens());
+                seen = seen.logical_and(&place.ne(QUERY));
+            }
+            seen.logical_or(&own)
         }
     }
 }
 
-/// As [`mask`], of windows of `length` steps without padding: `[1, 1, 3 L, 3 L]`, to be added to the input of a
+/// As [`mask`], of windows of `length` steps without padding, one window, to be added to the input of a
 /// softmax.
 pub(super) fn whole_mask(length: usize, attention: Attention, device: Device) -> Tensor {
     let seen = mask(&Tensor::ones([1, int(length)], (Kind::Bool, device)), attention);
@@ -163,6 +180,17 @@ mod tests {
             let weights = added.exp();
             assert!(weights.equal(&seen.to_kind(Kind::Float)), "what is seen counts in full, the rest not at all");
         }
+    }
+
+    #[test]
+    fn a_query_sees_what_comes_before_and_is_seen_by_none() {
+        // o, m, query, a of each step; the first step is padding.
+        let rows = rows(&[false, true, true], Attention::Queried);
+        let seen = |row: usize| rows[row].iter().map(|seen| if *seen { '1' } else { '0' }).collect::<String>();
+        assert_eq!(seen(6), "000011100000");
+        assert_eq!(seen(7), "000011010000");
+        assert_eq!(seen(10), "000011011110");
+        assert_eq!(seen(11), "000011011101");
     }
 
     #[test]

@@ -67,7 +67,7 @@ impl Standard {
     }
 
     /// Statistics per dimension of rows of `width` values, in two passes.
-    fn of_rows<'a>(rows: impl Iterator<Item = &'a [f32]> + Clone, width: usize, device: Device) -> Self {
+    pub(crate) fn of_rows<'a>(rows: impl Iterator<Item = &'a [f32]> + Clone, width: usize, device: Device) -> Self {
         let mut count = 0.0f64;
         let (mut mean, mut variance) = (vec![0.0f64; width], vec![0.0f64; width]);
         for row in rows.clone() {

@@ -1,12 +1,11 @@
 //! Action autoregression, AA: predict each action from the history before it.
 //!
-//! L_AA = max_θ E_τ Σ_t log P_θ(a_t | his(a_t)), his(a_t) = (o_i, m_i, a_i), …, (o_t, m_t). A causal pass; a_t is read
-//! from the token of m_t, which attends to o_i … m_t and never to a_t. Implemented as a loss to minimise.
+//! L_AA = max_θ E_τ Σ_t log P_θ(a_t | his(a_t)), his(a_t) = (o_i, m_i, a_i), …, (o_t, m_t). A causal pass. Implemented as a
+//! loss to minimise.
 
 use tch::Tensor;
 
 use super::{Objective, squared_error};
-use crate::model::{Modality, Network};
 
 pub(super) const OBJECTIVE: Objective = Objective {
     name: "aa",
@@ -14,16 +13,8 @@ pub(super) const OBJECTIVE: Objective = Objective {
     about: "Action autoregression: predicts each action from the history before it.",
     metric: "loss_aa",
     bidirectional: false,
-    loss: |passes| {
-        let prediction = predict(passes.network, &passes.causal());
-        loss(&prediction, &passes.targets.action, &passes.windows.valid)
-    },
+    loss: |passes| loss(&passes.actions(), &passes.targets.action, &passes.windows.valid),
 };
-
-/// The standardised action after each step's history, `[W, K, A]`, from the causal pass's features `[W, K, 3, d]`.
-pub(crate) fn predict(network: &Network, features: &Tensor) -> Tensor {
-    network.heads.action(&Modality::Proprioception.of(features))
-}
 
 /// The loss, a scalar. `prediction` and `target` are `[W, L, A]`; padding, where `valid` `[W, L]` is false, does not
 /// count.

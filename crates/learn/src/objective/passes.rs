@@ -48,8 +48,8 @@ impl<'a> Passes<'a> {
         })
     }
 
-    /// Features of the causal pass, `[W, L, 3, d]`.
-    pub(super) fn causal(&self) -> Tensor {
-        self.network.features(&self.steps, self.windows, View::CAUSAL, self.windows.length)
+    /// The action predicted after each step's history, `[W, L, A]`.
+    pub(super) fn actions(&self) -> Tensor {
+        self.network.actions(&self.steps, self.windows, None, self.windows.length)
     }
 }

@@ -1,5 +1,5 @@
-//! The policy `finetune`: the pretrained transformer, trained further by weighted behaviour cloning. A causal pass; the
-//! action is read from the last m token by the head of AA.
+//! The policy `finetune`: the pretrained transformer, trained further by weighted behaviour cloning. The pass and the head
+//! of AA, read at the newest step.
 //!
 //! In training the past of some windows is hidden, as pretraining hides elements, so that the newest step has to
 //! suffice; acting uses all steps.
@@ -18,13 +18,13 @@ use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, Policy
 use crate::batch::Chunks;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
 use crate::error::LearnError;
-use crate::model::{Attention, Network, View};
-use crate::objective::{action_autoregression, squared_error};
+use crate::model::Network;
+use crate::objective::squared_error;
 
 pub(super) const KIND: PolicyKind = PolicyKind {
     name: "finetune",
     title: "SSDF",
-    about: "The pretrained transformer, finetuned: a causal pass, the action read from the newest proprioception token.",
+    about: "The pretrained transformer, finetuned: a causal pass that predicts the newest action.",
     needs: Needs { encoder: true, history: true, images: true, all_episodes: false },
     settings: HistorySpec::schema,
     model,
@@ -80,9 +80,7 @@ impl CausalTransformer {
     /// The standardised a_t of each window, `[W, 1, A]`. The last layer processes step t alone.
     fn predict(&self, input: &PolicyInput) -> Tensor {
         let steps = self.network.steps(&input.embedded, &input.proprioception, &input.action);
-        let view = View { attention: Attention::Causal, hidden: input.hidden.as_ref() };
-        let features = self.network.features(&steps, &input.windows, view, 1);
-        action_autoregression::predict(&self.network, &features)
+        self.network.actions(&steps, &input.windows, input.hidden.as_ref(), 1)
     }
 }
 

@@ -9,6 +9,7 @@ mod kind;
 mod perceptron;
 mod scratch;
 mod serve;
+mod shares;
 mod tf_bc;
 mod train;
 

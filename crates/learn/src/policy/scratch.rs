@@ -26,7 +26,7 @@ pub(super) struct Scratch {
 /// The model of a policy whose input is one step: a history of l = 0.
 pub(super) fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
     let SizeSpec { preset } = from.chosen().read()?;
-    Ok(ModelSpec { preset, segment_length: 0 })
+    Ok(ModelSpec { preset, segment_length: 0, ..ModelSpec::default() })
 }
 
 impl Scratch {

@@ -23,7 +23,7 @@ use gleaner_core::kinds::Family;
 use gleaner_core::{Chosen, TrainSpec};
 
 /// The names of all policies.
-fn kinds() -> impl Iterator<Item = &'static str> {
+pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
     Family::Policy.kinds().iter().map(|kind| kind.name.as_str())
 }
 

@@ -9,6 +9,7 @@ use tch::Tensor;
 
 use super::find;
 use super::kind::{Losses, PolicyInit, PolicyInput, PolicyModel};
+use super::shares::shares;
 use crate::batch::{Batch, Chunks, Segment, Segments, Windows};
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
@@ -27,7 +28,8 @@ type Policy = Box<dyn PolicyModel>;
 ///
 /// Each step takes the mean over a batch of expert segments and λ times the mean of q · loss over a batch of kept ones.
 /// `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`, `loss_expert`, `loss_kept` (before λ; only with kept
-/// segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`.
+/// segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`; of the
+/// last step also what the policy looks at: `share_images`, `share_camera_N`, `share_proprioception`, `share_history`.
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for an encoder that
@@ -62,7 +64,8 @@ pub fn train_policy(
             Resumed::Unfinished(training) => training,
         };
         let loss = |policy: &Policy, step| sources.loss(policy.as_ref(), spec, step);
-        training.run(&spec.optim, spec.run.checkpoint_every, &loss, monitor)
+        let last = |policy: &Policy| shares(policy.as_ref(), &sources.experts, spec.run.seed);
+        training.run(&spec.optim, spec.run.checkpoint_every, &loss, &last, monitor)
     })
 }
 
@@ -150,7 +153,7 @@ impl Source<'_> {
             draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.step));
         let drawn = self.segments.draw(&mut segments, spec.optim.batch, spec.optim.stretch);
         let (mut batch, wanted) = self.collect(policy, &drawn);
-        batch.augment(&spec.augmentation, &mut images);
+        batch.augment(&spec.augmentation, &policy.info().statistics.proprioception, &mut images);
         let hidden = hide_past(&batch.windows, policy.history_dropout(), &mut noise);
         mean_loss(policy, batch, hidden, &wanted, &mut noise)
     }
@@ -185,7 +188,7 @@ pub(super) fn mean_loss(
     wanted: &Chunks,
     noise: &mut ChaCha8Rng,
 ) -> (Tensor, Losses) {
-    let Batch { images, proprioception, action, windows, weight, .. } = batch;
+    let Batch { images, seen_proprioception: proprioception, action, windows, weight, .. } = batch;
     let input = PolicyInput { embedded: policy.embed_images(&images), proprioception, action, windows, hidden };
     let losses = policy.losses(&input, wanted, noise);
     ((&losses.each * weight).mean(None), losses)

@@ -41,7 +41,7 @@ fn looks(name: &&str) -> bool {
 #[test]
 fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
     for kind in kinds() {
-        let augmentation = Augmentation { shift_pixels: 2, brightness: 0.1, contrast: 0.1 };
+        let augmentation = Augmentation { shift_pixels: 2, brightness: 0.1, contrast: 0.1, ..Augmentation::default() };
         let mut spec = TrainSpec { augmentation, ..spec(kind, 6) };
         spec.run.checkpoint_every = 2;
         let (result, straight) = train(&spec, None);

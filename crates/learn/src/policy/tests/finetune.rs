@@ -3,8 +3,7 @@
 use super::*;
 use crate::batch::{Batch, Segments};
 use crate::checkpoint;
-use crate::model::{Network, View};
-use crate::objective::action_autoregression;
+use crate::model::Network;
 use crate::shape::TaskShape;
 
 fn finetune(encoder: &[u8], kept: &[WeightedSegments], spec: &TrainSpec) -> (Vec<u8>, Recorder) {
@@ -52,8 +51,7 @@ fn a_session_with_cached_embeddings_acts_like_the_full_window() {
     let data = toy::episode("session", 77, 9, true);
     let segments = Segments::every(&network.shape, &[&data]);
     let batch = Batch::collect(&network.shape, &[&data], segments.all(), 4, tch::Device::Cpu);
-    let features = network.features(&network.batch_steps(&batch), &batch.windows, View::CAUSAL, 1);
-    let full = action_autoregression::predict(&network, &features);
+    let full = network.actions(&network.batch_steps(&batch), &batch.windows, None, 1);
     let full = crate::batch::values(&network.statistics.action.invert(&full));
 
     let mut history = History::new(policy.segment_length());

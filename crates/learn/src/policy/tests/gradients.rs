@@ -7,18 +7,19 @@ use super::*;
 use crate::batch::{Batch, Segment, Segments, values};
 use crate::model::{Modality, Network, View};
 use crate::normalize::{Sample, Statistics};
-use crate::objective::action_autoregression;
 use crate::policy::kind::PolicyInput;
 use crate::policy::train::{Source, mean_loss};
 use crate::pretrain::pretrain_loss;
 use crate::random::{Purpose, generator};
-use gleaner_core::{Augmentation, PretrainSpec};
+use gleaner_core::{ActionToken, Augmentation, ModelSpec, PretrainSpec, Words as _};
 
-const STEP: f64 = 1e-5;
+// Small enough that hardly any ReLU changes sides within it.
+const STEP: f64 = 1e-7;
 
-fn network(data: &Trajectory) -> Network {
+fn network(data: &Trajectory, action_token: ActionToken) -> Network {
     let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), &[data]), 8, Device::Cpu);
-    Network::new(&toy::shape(), toy::pretrain_spec(1).model, statistics, 3, Device::Cpu)
+    let spec = ModelSpec { action_token, ..toy::pretrain_spec(1).model };
+    Network::new(&toy::shape(), spec, statistics, 3, Device::Cpu)
 }
 
 /// The window that ends at step 5.
@@ -32,21 +33,25 @@ fn of_each_step(action: &Tensor) -> Vec<f32> {
     values(&action.grad().abs().amax([1i64].as_slice(), false))
 }
 
+fn tokens() -> impl Iterator<Item = ActionToken> {
+    ActionToken::ALL.iter().map(|word| word.value)
+}
+
 #[test]
 fn in_the_causal_pass_no_action_moves_its_own_prediction_or_an_earlier_one() {
     let data = toy::episode("e", 1, 6, true);
-    let network = network(&data);
-    for place in 0..4usize {
+    for (token, place) in tokens().flat_map(|token| (0..4usize).map(move |place| (token, place))) {
+        let network = network(&data, token);
         let batch = window(&data);
         let action = batch.action.set_requires_grad(true);
         let steps = network.steps(&network.embed_images(&batch.images), &batch.proprioception, &action);
-        let features = network.features(&steps, &batch.windows, View::CAUSAL, 4);
-        let prediction = action_autoregression::predict(&network, &features);
+        let prediction = network.actions(&steps, &batch.windows, None, 4);
         prediction.select(1, i64::try_from(place).unwrap()).square().sum(None).backward();
         let moved = of_each_step(&action);
-        assert!(moved[place..].iter().all(|gradient| *gradient == 0.0), "{place}: {moved:?}");
-        assert!(moved[..place].iter().all(|gradient| *gradient > 1e-7), "{place}: {moved:?}");
+        assert!(moved[place..].iter().all(|gradient| *gradient == 0.0), "{token:?} {place}: {moved:?}");
+        assert!(moved[..place].iter().all(|gradient| *gradient > 1e-7), "{token:?} {place}: {moved:?}");
     }
+    let network = network(&data, ActionToken::default());
     // In the other pass the neighbours of an action take it as input.
     let batch = window(&data);
     let action = batch.action.set_requires_grad(true);
@@ -92,6 +97,7 @@ fn to_double(parameters: &[(String, Tensor)]) {
 fn double(mut batch: Batch) -> Batch {
     batch.images = batch.images.iter().map(|images| images.to_kind(Kind::Double)).collect();
     batch.proprioception = batch.proprioception.to_kind(Kind::Double);
+    batch.seen_proprioception = batch.proprioception.shallow_clone();
     batch.action = batch.action.to_kind(Kind::Double);
     batch
 }
@@ -126,16 +132,18 @@ fn agree(parameters: &[(String, Tensor)], loss: &dyn Fn() -> Tensor) {
 #[test]
 fn pretrainings_gradients_agree_with_finite_differences() {
     let data = toy::episode("e", 1, 6, true);
-    let network = network(&data);
-    to_double(&network.parameters());
     let spec = PretrainSpec { augmentation: Augmentation::default(), ..toy::pretrain_spec(1) };
-    let loss = || {
-        let objectives = crate::objective::find(&spec.objectives).unwrap();
-        let total = pretrain_loss(&objectives, &network, &double(window(&data)), &spec, 0).total;
-        assert_eq!(total.kind(), Kind::Double);
-        total
-    };
-    agree(&network.parameters(), &loss);
+    let objectives = crate::objective::find(&spec.objectives).unwrap();
+    for token in tokens() {
+        let network = network(&data, token);
+        to_double(&network.parameters());
+        let loss = || {
+            let total = pretrain_loss(&objectives, &network, &double(window(&data)), &spec, 0).total;
+            assert_eq!(total.kind(), Kind::Double);
+            total
+        };
+        agree(&network.parameters(), &loss);
+    }
 }
 
 #[test]

@@ -1,0 +1,165 @@
+//! What a policy looks at: the shares of its action that its inputs explain. Independent of the kind of policy.
+//!
+//! The share of an input is its total Sobol index by Jansen's estimator: E[(f(x) − f(x′))²] / 2 Var f(x), where x′ is x
+//! with that input taken from a segment of another episode. 0: the action ignores the input; 1: nothing else matters. The
+//! inputs overlap (the history has images too) and depend on each other, so shares need not add up to 1.
+
+use rand::RngExt;
+use tch::{Kind, Tensor, no_grad_guard};
+
+use super::kind::{PolicyInput, PolicyModel};
+use super::train::Source;
+use crate::batch::{Batch, Segment, Windows, int};
+use crate::random::{Purpose, generator};
+
+/// Pairs of segments: enough for a standard error of a few hundredths.
+const PAIRS: usize = 128;
+/// Action values that vary less than this part of a standard deviation are constant.
+const STILL: f64 = 1e-6;
+/// The metric of each camera; a task has at most that many.
+const CAMERAS: [&str; 16] = [
+    "share_camera_0",
+    "share_camera_1",
+    "share_camera_2",
+    "share_camera_3",
+    "share_camera_4",
+    "share_camera_5",
+    "share_camera_6",
+    "share_camera_7",
+    "share_camera_8",
+    "share_camera_9",
+    "share_camera_10",
+    "share_camera_11",
+    "share_camera_12",
+    "share_camera_13",
+    "share_camera_14",
+    "share_camera_15",
+];
+
+/// The inputs of whole windows, laid out one after the other: W windows over W L steps.
+struct Inputs {
+    images: Vec<Tensor>,
+    proprioception: Tensor,
+    action: Tensor,
+}
+
+/// The shares as metrics: `share_images`, `share_camera_0` … in the order of the task's cameras (with several cameras),
+/// `share_proprioception`, and `share_history` (the images, proprioception and actions of the steps before the newest,
+/// for a policy with a history). Empty if no two episodes have a whole window.
+pub(super) fn shares(policy: &dyn PolicyModel, source: &Source<'_>, seed: u64) -> Vec<(&'static str, f64)> {
+    let _no_grad = no_grad_guard();
+    let window = policy.info().window;
+    let [ours, theirs] = pairs(source, window, seed);
+    if ours.is_empty() {
+        return Vec::new();
+    }
+    let [ours, theirs] = [ours, theirs].map(|segments| inputs(policy, source, &segments));
+    let cameras = ours.images.len();
+    let act = |images: &[Tensor], proprioception: &Tensor, action: &Tensor| {
+        let places = proprioception.size()[0];
+        let valid = vec![true; usize::try_from(places).unwrap_or(0)];
+        let input = PolicyInput {
+            embedded: policy.embed_images(images),
+            proprioception: proprioception.shallow_clone(),
+            action: action.shallow_clone(),
+            windows: Windows::in_order(valid, window, proprioception.device()),
+            hidden: None,
+        };
+        policy.act(&input).select(1, 0).to_kind(Kind::Double)
+    };
+    let base = act(&ours.images, &ours.proprioception, &ours.action);
+    let share = |changed: Tensor| {
+        let variance = base.var_dim([0i64].as_slice(), false, false);
+        let moving = variance.gt(STILL).to_kind(Kind::Double);
+        let change = (changed - &base).square().mean_dim([0i64].as_slice(), false, Kind::Double);
+        let each = change / (variance.clamp_min(STILL) * 2.0) * &moving;
+        each.sum(Kind::Double).double_value(&[]) / moving.sum(Kind::Double).double_value(&[]).max(1.0)
+    };
+    let mut shares = vec![("share_images", share(act(&theirs.images, &ours.proprioception, &ours.action)))];
+    for (camera, name) in CAMERAS.into_iter().enumerate().take(if cameras > 1 { cameras } else { 0 }) {
+        let swapped = |at: usize| if at == camera { &theirs.images[at] } else { &ours.images[at] }.shallow_clone();
+        let images: Vec<Tensor> = (0..cameras).map(swapped).collect();
+        shares.push((name, share(act(&images, &ours.proprioception, &ours.action))));
+    }
+    shares.push(("share_proprioception", share(act(&ours.images, &theirs.proprioception, &ours.action))));
+    if window > 1 {
+        let past = |ours: &Tensor, theirs: &Tensor| {
+            let each = |all: &Tensor| all.unflatten(0, [-1, int(window)]);
+            let (past, newest) = (each(theirs).narrow(1, 0, int(window) - 1), each(ours).narrow(1, int(window) - 1, 1));
+            Tensor::cat(&[past, newest], 1).flatten(0, 1)
+        };
+        let images: Vec<Tensor> = ours.images.iter().zip(&theirs.images).map(|(a, b)| past(a, b)).collect();
+        let (m, a) = (past(&ours.proprioception, &theirs.proprioception), past(&ours.action, &theirs.action));
+        shares.push(("share_history", share(act(&images, &m, &a))));
+    }
+    shares
+}
+
+/// Segments with whole windows, and for each one of another episode.
+fn pairs(source: &Source<'_>, window: usize, seed: u64) -> [Vec<Segment>; 2] {
+    let whole: Vec<&Segment> = source.segments.all().iter().filter(|segment| segment.step + 1 >= window).collect();
+    let mut pairs = [Vec::new(), Vec::new()];
+    let several = whole.iter().any(|segment| segment.trajectory != whole[0].trajectory);
+    let mut rng = generator(seed, Purpose::Shares, 0);
+    while several && pairs[0].len() < PAIRS {
+        let [ours, theirs] = [(); 2].map(|()| *whole[rng.random_range(0..whole.len())]);
+        if ours.trajectory != theirs.trajectory {
+            pairs[0].push(ours);
+            pairs[1].push(theirs);
+        }
+    }
+    pairs
+}
+
+/// Every place of the segments' windows, each window with steps of its own.
+fn inputs(policy: &dyn PolicyModel, source: &Source<'_>, segments: &[Segment]) -> Inputs {
+    let info = policy.info();
+    let batch = Batch::collect(info.shape, &source.data, segments, info.window, info.device);
+    let spread = |steps: &Tensor| steps.index_select(0, &batch.windows.index);
+    Inputs {
+        images: batch.images.iter().map(spread).collect(),
+        proprioception: spread(&batch.proprioception),
+        action: spread(&batch.action),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::super::tests::{kinds, untrained};
+    use super::*;
+    use crate::batch::Segments;
+    use crate::toy;
+    use crate::trajectory::Trajectory;
+
+    fn of(kind: &str, data: &[&Trajectory]) -> BTreeMap<&'static str, f64> {
+        let policy = untrained(kind, data);
+        let source = Source { segments: Segments::every(&toy::shape(), data), data: data.to_vec() };
+        shares(policy.as_ref(), &source, 1).into_iter().collect()
+    }
+
+    #[test]
+    fn every_policy_looks_at_its_inputs_and_at_nothing_else() {
+        let experts = toy::experts(4, 9);
+        let data: Vec<&Trajectory> = experts.iter().collect();
+        for kind in kinds() {
+            let found = of(kind, &data);
+            let looks = gleaner_core::kinds::Family::Policy.find(kind).unwrap().needs.images;
+            assert_eq!(found["share_images"] > 1e-3, looks, "{kind}: {found:?}");
+            assert!(found["share_proprioception"] > 1e-3, "{kind}: {found:?}");
+            if !looks {
+                let alone = found["share_proprioception"];
+                assert!((0.7..1.3).contains(&alone), "{kind}: nothing else explains its action: {alone}");
+            }
+            let remembers = gleaner_core::kinds::Family::Policy.find(kind).unwrap().needs.history;
+            assert_eq!(found.contains_key("share_history"), remembers, "{kind}");
+        }
+    }
+
+    #[test]
+    fn a_single_episode_explains_nothing() {
+        let data = toy::episode("e", 1, 9, true);
+        assert!(of("bc", &[&data]).is_empty());
+    }
+}
