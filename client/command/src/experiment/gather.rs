@@ -4,8 +4,11 @@ use std::collections::{HashMap, HashSet};
 
 use futures::{StreamExt as _, TryStreamExt as _};
 use gleaner_client::Client;
+use gleaner_core::job;
+use gleaner_core::looks::{Look, looks};
 use gleaner_proto::v1::{
-    CountKeptRequest, GetEpisodeScoresRequest, GetEvaluationRequest, GetScoreRunRequest, GetSnapshotRequest, Role,
+    CountKeptRequest, GetEpisodeScoresRequest, GetEvaluationRequest, GetScoreRunRequest, GetSnapshotRequest, JobState,
+    ListMetricsRequest, Metric, Role,
 };
 
 use super::difference::differences;
@@ -39,6 +42,8 @@ pub(crate) struct Gatherer<'a> {
     graph: &'a Graph,
     // By id.
     runs: HashMap<String, Run>,
+    // By training job.
+    looks: HashMap<String, Vec<Look>>,
 }
 
 impl<'a> Gatherer<'a> {
@@ -48,7 +53,7 @@ impl<'a> Gatherer<'a> {
         experiment: &'a Experiment,
         graph: &'a Graph,
     ) -> Self {
-        Self { client, recordings, experiment, graph, runs: HashMap::new() }
+        Self { client, recordings, experiment, graph, runs: HashMap::new(), looks: HashMap::new() }
     }
 
     /// Every study, with gaps for missing results.
@@ -97,9 +102,15 @@ impl<'a> Gatherer<'a> {
             selected: None,
             separation: Vec::new(),
             histogram: Vec::new(),
+            looks: Vec::new(),
         };
         if let Some(Ok(result)) = self.graph.find(chain, "evaluate").map(|index| stage_result(submitted, index)) {
             report.success = Some(self.success(&result.id).await?);
+        }
+        if let Some(Ok(result)) = self.graph.find(chain, "train").map(|index| stage_result(submitted, index))
+            && let Some(job) = result.job.as_ref().filter(|job| job.state() == JobState::Succeeded)
+        {
+            report.looks = self.looks(&job.id).await?;
         }
         if let Some(Ok(result)) = self.graph.find(chain, "score").map(|index| stage_result(submitted, index)) {
             if !self.runs.contains_key(&result.id) {
@@ -119,6 +130,21 @@ impl<'a> Gatherer<'a> {
         let reply = self.client.policies().get_evaluation(request).await?.into_inner();
         let evaluation = present(reply.evaluation, "an evaluation")?;
         Ok(Rate::new(evaluation.successes, evaluation.episodes))
+    }
+
+    /// What the policy of a training looks at; cells may share it.
+    async fn looks(&mut self, job_id: &str) -> Result<Vec<Look>> {
+        if let Some(looks) = self.looks.get(job_id) {
+            return Ok(looks.clone());
+        }
+        let request = ListMetricsRequest { job_id: job_id.to_owned() };
+        let metrics = self.client.jobs().list_metrics(request).await?.into_inner().metrics;
+        let metric = |Metric { step, name, value }| job::Metric { sequence: 0, step, name, value };
+        let metrics: Vec<job::Metric> = metrics.into_iter().map(metric).collect();
+        let set = &self.experiment.recordings;
+        let looks = looks(&metrics, &gleaner_sim::task_spec(set.task, &set.config).cameras);
+        self.looks.insert(job_id.to_owned(), looks.clone());
+        Ok(looks)
     }
 
     async fn run(&self, run_id: &str) -> Result<Run> {

@@ -1,5 +1,6 @@
 //! An experiment's report: one structure, of which the Markdown, the plots and the JSON are made.
 
+use gleaner_core::looks::Look;
 use gleaner_core::statistics::wilson;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -63,6 +64,9 @@ pub(crate) struct SeedReport {
     pub(crate) separation: Vec<Separation>,
     /// Good and bad segments by q, in equal bins over [0, 1]; of cells with scores.
     pub(crate) histogram: Vec<[u32; 2]>,
+    /// What its policy looks at.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) looks: Vec<Look>,
 }
 
 /// Successes among a number of episodes, with the 95 % Wilson interval of the rate.
@@ -200,6 +204,7 @@ pub(super) mod tests {
             separation: kept
                 .map_or_else(Vec::new, |_| vec![separation(ALL, 0.95 + shift), separation("freeze", 0.875)]),
             histogram: kept.map_or_else(Vec::new, |kept| vec![[1, 2], [u32::try_from(kept).unwrap(), 4]]),
+            looks: Vec::new(),
         }
     }
 

@@ -13,7 +13,7 @@ use super::cell::{CellSettings, RuleSettings};
 use super::file::Experiment;
 
 // Changes when a stage's meaning does.
-const FORMAT: &str = "gleaner-experiment/2";
+const FORMAT: &str = "gleaner-experiment/3";
 
 /// What a stage does, with every setting that matters to it and no other. Settings are complete but for the device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -166,10 +166,6 @@ fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work
     let trials = EvaluateSpec { episodes, max_steps, seeds: vec![seed], hide_history, ..EvaluateSpec::default() };
     let mut settings = complete(Ok(trials.values()));
     settings.remove("simulation");
-    if !hide_history {
-        // Not part of the keys of earlier versions.
-        settings.remove("hide_history");
-    }
     works.push(Work::Evaluate { settings });
     works
 }

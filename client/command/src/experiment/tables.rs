@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::report::{CellReport, PooledAuroc, Report, SeedReport, StudyReport};
 use super::study::TableKind;
-use crate::quality::ALL;
+use crate::quality::{ALL, mean};
 use crate::words;
 
 const GAP: &str = "-";
@@ -20,11 +20,11 @@ fn trains_by(cell: &CellReport, objective: &str) -> bool {
 
 /// The study's own table.
 pub(crate) fn summary(report: &Report, study: &StudyReport) -> String {
-    let mut rows: Vec<(&str, Vec<String>)> = Vec::new();
-    let mut row = |name, of: &dyn Fn(&CellReport) -> Option<String>| {
+    let mut rows: Vec<(String, Vec<String>)> = Vec::new();
+    let mut row = |name: &str, of: &dyn Fn(&CellReport) -> Option<String>| {
         let values: Vec<Option<String>> = study.cells.iter().map(of).collect();
         if values.iter().any(Option::is_some) {
-            rows.push((name, values.into_iter().map(|value| value.unwrap_or_else(|| GAP.into())).collect()));
+            rows.push((name.to_owned(), values.into_iter().map(|value| value.unwrap_or_else(|| GAP.into())).collect()));
         }
     };
     if study.table == TableKind::Objectives {
@@ -49,9 +49,29 @@ pub(crate) fn summary(report: &Report, study: &StudyReport) -> String {
     row("reserved segments", &|cell| cell.pooled.kept.map(|kept| format!("{kept:.0}")));
     row("of which good (precision), %", &|cell| cell.pooled.precision.map(percent));
     row("of the good kept (recall), %", &|cell| cell.pooled.recall.map(percent));
+    for input in inputs(study) {
+        row(&format!("looks at {input}"), &|cell| look(cell, &input).map(|share| format!("{share:.2}")));
+    }
     row("AUROC of q", &|cell| cell.auroc().map(|auroc| three(auroc.mean)));
     let labels: Vec<String> = study.cells.iter().map(label).collect();
     transposed(&labels, &rows)
+}
+
+/// The inputs that the cells' policies look at, in the order of their reports.
+fn inputs(study: &StudyReport) -> Vec<String> {
+    let mut inputs: Vec<String> = Vec::new();
+    for look in study.cells.iter().flat_map(|cell| &cell.seeds).flat_map(|seed| &seed.looks) {
+        if !inputs.contains(&look.input) {
+            inputs.push(look.input.clone());
+        }
+    }
+    inputs
+}
+
+/// The share of the action that an input explains, mean over the cell's seeds.
+fn look(cell: &CellReport, input: &str) -> Option<f64> {
+    let looks = cell.seeds.iter().flat_map(|seed| &seed.looks).filter(|look| look.input == input);
+    mean(&looks.map(|look| look.share).collect::<Vec<_>>())
 }
 
 // A cell's label, and how much of it there is when that is not all.
@@ -179,7 +199,7 @@ pub(crate) fn behaviour(report: &Report, cell: &CellReport) -> Option<f64> {
     (episodes > 0).then_some(share)
 }
 
-fn transposed(labels: &[String], rows: &[(&str, Vec<String>)]) -> String {
+fn transposed<N: std::fmt::Display>(labels: &[String], rows: &[(N, Vec<String>)]) -> String {
     let mut text = format!("| | {} |\n|---|{}\n", labels.join(" | "), "---:|".repeat(labels.len()));
     for (name, values) in rows {
         text.push_str(&format!("| {name} | {} |\n", values.join(" | ")));
@@ -227,6 +247,20 @@ mod tests {
         let text = summary(&report(), &study(TableKind::Objectives, cells));
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[2..6], ["| MTP | ✓ | ✓ |", "| TR |  |  |", "| AA |  | ✓ |", "| success, % | 50.0 | 60.0 |"]);
+    }
+
+    #[test]
+    fn what_a_policy_looks_at_is_a_row_for_each_input() {
+        let looking = |share: f64| {
+            let look = gleaner_core::looks::Look { input: "images".into(), share };
+            crate::experiment::report::SeedReport { looks: vec![look], ..seed(0, Some(5), None) }
+        };
+        let cells = vec![
+            cell("1", CellSettings::default(), vec![looking(0.25), looking(0.75)]),
+            cell("2", CellSettings::default(), vec![seed(0, Some(6), None)]),
+        ];
+        let text = summary(&report(), &study(TableKind::Cells, cells));
+        assert!(text.contains("| looks at images | 0.50 | - |"), "{text}");
     }
 
     #[test]

@@ -5,6 +5,7 @@ use gleaner_core::{
     Error,
     id::PolicyId,
     job::{Job, JobSpec},
+    looks::{Look, looks},
     policy::{Deployment, Policy},
     snapshot::Snapshot,
 };
@@ -34,6 +35,7 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
         return Err(Error::internal("reading a policy's spec", "its job is not a training job").into());
     };
     let snapshot = backend.snapshot(snapshot_id).await?;
+    let looks = looks(&backend.sparse_metrics(&job.id, 1).await?, &task.spec.cameras);
     let body = html! {
         h1 { "Policy " (link::tail(policy.id.as_str())) }
         p.lead { (policy.kind) ", trained on experts" @if policy.dataset_id.is_some() { " and kept segments" }
@@ -46,6 +48,10 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
             (evaluations::table(&tried))
             (sheet::links(&request))
         }
+        @if !looks.is_empty() {
+            h2 { "What it looks at" }
+            (shares(&looks))
+        }
         h2 { "Lineage" }
         (of_job(backend, &job).await?)
         h2 { "Facts" }
@@ -53,6 +59,18 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
     };
     let head = Head { title: "Policy", tab: Tab::Runs, task: Some(&task.spec.name), script: None };
     Ok(shell::page(&request, &head, &body).into_response())
+}
+
+/// The share of its action that each input explains.
+fn shares(looks: &[Look]) -> Markup {
+    html! {
+        p.soft { "The share of the action that changes when an input is taken from another expert's episode. Near 0: ignored; near 1: "
+            "nothing else matters. Inputs depend on each other, so shares need not add up to 1." }
+        div.scroll { table {
+            thead { tr { th { "Input" } th.number { "Share" } } }
+            tbody { @for look in looks { tr { td { (look.input) } td.number { (format!("{:.2}", look.share)) } } } }
+        } }
+    }
 }
 
 fn facts(policy: &Policy, job: &Job, snapshot: &Snapshot, deployments: &[Deployment]) -> Markup {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use gleaner_core::job::Metric;
+use gleaner_core::{job::Metric, looks};
 use maud::{Markup, html};
 
 use crate::plot::{Frame, range, roomy};
@@ -25,7 +25,8 @@ pub(super) struct Family<'a> {
 /// The families, losses first.
 pub(super) fn families(metrics: &[Metric]) -> Vec<Family<'_>> {
     let mut curves: BTreeMap<&str, BTreeMap<&str, Points>> = BTreeMap::new();
-    for metric in metrics {
+    // What a policy looks at is one value, shown with the policy.
+    for metric in metrics.iter().filter(|metric| !metric.name.starts_with(looks::PREFIX)) {
         let word = metric.name.split('_').next().unwrap_or_default();
         #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 steps")]
         let point = (metric.step as f64, metric.value);

@@ -166,9 +166,21 @@ async fn a_policy_shows_its_success_and_inputs() {
     store.insert_evaluation(&evaluation).await.unwrap();
     store.deploy("arm", &task.id, &crate::domain::policy::Assignment::of(&policy.id)).await.unwrap();
     let path = format!("/policies/{}", policy.id);
+    let plain = pages.get(&Client::default(), &path).await.text();
+    assert!(!plain.contains("What it looks at"), "no share is reported");
+    results::metrics(store, &policy.job_id, &[("share_images", 0.625), ("share_camera_0", 0.25)]).await;
     let shown = pages.get(&Client::default(), &path).await.text();
     let (made_with, made_of) = (format!("/encoders/{}", encoder.id), format!("/snapshots/{}", encoder.snapshot_id));
-    for there in ["50.0 % (29.9 to 70.1)", "bench 3", "/deployments/arm", made_with.as_str(), made_of.as_str()] {
+    for there in [
+        "What it looks at",
+        "0.62",
+        "camera_0",
+        "50.0 % (29.9 to 70.1)",
+        "bench 3",
+        "/deployments/arm",
+        made_with.as_str(),
+        made_of.as_str(),
+    ] {
         assert!(shown.contains(there), "{there} is not in {shown}");
     }
     assert_eq!(json(&pages, &format!("{path}?format=json")).await[0]["successes"], 10);

@@ -152,3 +152,13 @@ pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkp
     store.commit(tx).await.unwrap();
     policy
 }
+
+/// Adds metrics of a job's first step.
+pub(crate) async fn metrics(store: &Store, job: &JobId, metrics: &[(&str, f64)]) {
+    let mut tx = store.write().await.unwrap();
+    for (name, value) in metrics {
+        let insert = sqlx::query("insert into job_metrics (job_id, step, name, value) values (?, 1, ?, ?)");
+        insert.bind(job.param()).bind(*name).bind(value).execute(&mut *tx).await.unwrap();
+    }
+    store.commit(tx).await.unwrap();
+}
