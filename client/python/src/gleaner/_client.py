@@ -52,9 +52,7 @@ class Client:
         """As `score_steps`, for a running episode: yields each step's score before it takes the next step."""
         return self._scoring.stream(run, steps)
 
-    def deploy(
-        self, name: str, policy_id: str, *, score_run: str = "", hide_history: bool = False
-    ) -> Deployment:
+    def deploy(self, name: str, policy_id: str, *, score_run: str = "", hide_history: bool = False) -> Deployment:
         """Points a deployment's name at a policy; running sessions keep theirs.
 
         With a score run each answer carries the score of the session's newest segment. With `hide_history` the policy
