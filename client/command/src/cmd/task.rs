@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use gleaner_client::ClientError;
+use gleaner_core::action::ActionRange;
 use gleaner_core::proto::task::{spec_from_proto, spec_to_proto};
 use gleaner_proto::v1::{CreateTaskRequest, GetTaskRequest, ListTasksRequest, Task};
-use gleaner_recording::TaskSpec;
+use gleaner_recording::{FieldSpec, TaskSpec};
 use gleaner_sim::SimConfig;
 
 use crate::context::Context;
@@ -131,8 +132,9 @@ fn describe(task: &Task, spec: &TaskSpec) -> String {
         let kind = if camera.depth { "RGBD" } else { "RGB" };
         format!("{} {}×{} {kind}", camera.name, camera.height, camera.width)
     });
-    let sizes = |fields: &[gleaner_recording::FieldSpec]| {
-        fields.iter().map(|field| format!("{} {}", field.name, field.size)).collect::<Vec<_>>().join(", ")
+    let sizes = |fields: &[FieldSpec]| {
+        let each = fields.iter().map(|field| format!("{} {}{}", field.name, field.size, range(field)));
+        each.collect::<Vec<_>>().join(", ")
     };
     facts([
         ("name", spec.name.clone()),
@@ -150,9 +152,30 @@ fn describe(task: &Task, spec: &TaskSpec) -> String {
     ])
 }
 
+/// The values that the robot executes, such as ` (-1 to 1)`; empty if all are.
+fn range(field: &FieldSpec) -> String {
+    match ActionRange::new(field.minimum, field.maximum, field.binary) {
+        ActionRange::Free => String::new(),
+        ActionRange::Within(minimum, maximum) => format!(" ({minimum} to {maximum})"),
+        ActionRange::AtLeast(minimum) => format!(" (at least {minimum})"),
+        ActionRange::AtMost(maximum) => format!(" (at most {maximum})"),
+        ActionRange::Binary(low, high) => format!(" ({low} or {high})"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_range_is_shown_with_its_field() {
+        let field = |minimum, maximum, binary| FieldSpec { minimum, maximum, binary, ..FieldSpec::new("gripper", 1) };
+        assert_eq!(range(&field(Some(-1.0), Some(1.0), true)), " (-1 or 1)");
+        assert_eq!(range(&field(Some(-1.0), Some(0.5), false)), " (-1 to 0.5)");
+        assert_eq!(range(&field(Some(0.0), None, false)), " (at least 0)");
+        assert_eq!(range(&field(None, Some(2.0), false)), " (at most 2)");
+        assert_eq!(range(&field(None, None, false)), "");
+    }
 
     #[test]
     fn specs_are_parsed_as_toml_or_json_and_errors_name_the_line() {

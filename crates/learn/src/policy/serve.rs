@@ -65,7 +65,7 @@ impl Policy {
         self.info.model.segment_length
     }
 
-    /// Actions that [`Policy::act`] returns for each history, k; 1 except for ACT.
+    /// Actions that [`Policy::act`] returns for each history, k; 1 for a policy that predicts single actions.
     pub fn chunk_length(&self) -> u32 {
         u32::try_from(self.model.info().chunk).unwrap_or(u32::MAX)
     }
