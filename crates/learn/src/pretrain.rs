@@ -58,7 +58,7 @@ pub fn pretrain(
             let batch = draw(network, &data, &segments, spec, step);
             pretrain_loss(&objectives, network, &batch, spec, step)
         };
-        let finished = training.run(&spec.optim, spec.run.checkpoint_every, &loss, &|_| Vec::new(), monitor)?;
+        let finished = training.run(&spec.optim, spec.run.checkpoint_every, &loss, &|_, _| Vec::new(), monitor)?;
         with_feature_scale(&finished, &data, spec)
     })
 }

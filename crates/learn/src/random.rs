@@ -29,6 +29,8 @@ pub(crate) enum Purpose {
     FeatureScale = 9,
     /// The pairs of segments by which a policy's inputs are compared; the counter is 0.
     Shares = 10,
+    /// The experts that are held out, and the random parts of their losses; the counter is 0 and the step.
+    Validation = 11,
 }
 
 /// The generator of `purpose` at `counter`.

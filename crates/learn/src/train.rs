@@ -130,15 +130,15 @@ impl<N: Learner> Training<N> {
         Ok(Resumed::Unfinished(Box::new(training)))
     }
 
-    /// Takes the remaining steps and returns the finished checkpoint, without optimiser state. `last` gives metrics of the
-    /// trained network, which are those of the last step too. When it is asked to
+    /// Takes the remaining steps and returns the finished checkpoint, without optimiser state. `report` gives
+    /// further metrics of the network after a number of steps. When it is asked to
     /// stop, it stores its present state.
     pub(crate) fn run(
         mut self,
         optim: &OptimSpec,
         checkpoint_every: u32,
         loss: &dyn Fn(&N, u64) -> Loss,
-        last: &dyn Fn(&N) -> Vec<(&'static str, f64)>,
+        report: &dyn Fn(&N, u64) -> Vec<(&'static str, f64)>,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, LearnError> {
         let mut kept = self.info.step;
@@ -152,9 +152,7 @@ impl<N: Learner> Training<N> {
             }
             let mut metrics = self.step(optim, loss)?;
             let done = self.info.step;
-            if done == optim.steps {
-                metrics.extend(last(&self.network));
-            }
+            metrics.extend(report(&self.network, done));
             monitor.progress(done, optim.steps, &metrics);
             if done.is_multiple_of(u64::from(checkpoint_every)) && done < optim.steps {
                 self.keep(monitor)?;

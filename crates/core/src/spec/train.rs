@@ -18,6 +18,8 @@ pub struct TrainSpec {
     pub optim: OptimSpec,
     /// The paper's λ: weight of the kept imperfect segments.
     pub lambda: f64,
+    /// Share of the experts that are held out.
+    pub validation_share: f64,
     /// Seed, checkpoints and device.
     pub run: RunSpec,
     /// Intra-op threads, set by the worker; `None` keeps the setting of the process.
@@ -33,6 +35,15 @@ crate::settings! {
     }
 }
 
+crate::settings! {
+    /// Experts that are held out.
+    struct Validation {
+        /// Share of the experts, drawn by the seed, that are held out of training to report `loss_validation` on (0: none). A
+        /// larger share measures overfitting better and leaves fewer experts to learn from.
+        validation_share: f64 = 0.0, number_in(0.0, 0.9);
+    }
+}
+
 impl Default for TrainSpec {
     fn default() -> Self {
         Self {
@@ -40,6 +51,7 @@ impl Default for TrainSpec {
             augmentation: Augmentation::default(),
             optim: OptimSpec::default(),
             lambda: Gleaning::default().lambda,
+            validation_share: Validation::default().validation_share,
             run: RunSpec::default(),
             threads: None,
         }
@@ -50,7 +62,8 @@ impl TrainSpec {
     /// Every setting that all policies have.
     #[must_use]
     pub fn schema() -> Vec<Setting> {
-        let groups = [Gleaning::schema(), Augmentation::schema(), OptimSpec::schema(), RunSpec::schema()];
+        let groups =
+            [Gleaning::schema(), Augmentation::schema(), Validation::schema(), OptimSpec::schema(), RunSpec::schema()];
         [vec![choice(Family::Policy)], groups.concat()].concat()
     }
 
@@ -65,6 +78,7 @@ impl TrainSpec {
             augmentation: Augmentation::read(&values)?,
             optim: OptimSpec::read(&values)?,
             lambda: Gleaning::read(&values)?.lambda,
+            validation_share: Validation::read(&values)?.validation_share,
             run: RunSpec::read(&values)?,
             threads: None,
         })
@@ -73,11 +87,12 @@ impl TrainSpec {
     /// Every setting with its value.
     #[must_use]
     pub fn values(&self) -> Values {
-        let Self { policy, augmentation, optim, lambda, run, threads: _ } = self;
+        let Self { policy, augmentation, optim, lambda, validation_share, run, threads: _ } = self;
         let mut values = Values::new();
         policy.write(Family::Policy, &mut values);
         Gleaning { lambda: *lambda }.write(&mut values);
         augmentation.write(&mut values);
+        Validation { validation_share: *validation_share }.write(&mut values);
         optim.write(&mut values);
         run.write(&mut values);
         values

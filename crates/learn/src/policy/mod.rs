@@ -12,6 +12,7 @@ mod serve;
 mod shares;
 mod tf_bc;
 mod train;
+mod validation;
 
 pub use ensemble::Ensemble;
 pub use serve::Policy;

@@ -10,6 +10,7 @@ use tch::Tensor;
 use super::find;
 use super::kind::{Losses, PolicyInit, PolicyInput, PolicyModel};
 use super::shares::shares;
+use super::validation;
 use crate::batch::{Batch, Chunks, Segment, Segments, Windows};
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
@@ -28,7 +29,8 @@ type Policy = Box<dyn PolicyModel>;
 ///
 /// Each step takes the mean over a batch of expert segments and λ times the mean of q · loss over a batch of kept ones.
 /// `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`, `loss_expert`, `loss_kept` (before λ; only with kept
-/// segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`; of the
+/// segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`; twenty
+/// times `loss_validation`, if a share of the experts is held out; of the
 /// last step also what the policy looks at: `share_images`, `share_camera_N`, `share_proprioception`, `share_history`.
 ///
 /// # Errors
@@ -64,8 +66,8 @@ pub fn train_policy(
             Resumed::Unfinished(training) => training,
         };
         let loss = |policy: &Policy, step| sources.loss(policy.as_ref(), spec, step);
-        let last = |policy: &Policy| shares(policy.as_ref(), &sources.experts, spec.run.seed);
-        training.run(&spec.optim, spec.run.checkpoint_every, &loss, &last, monitor)
+        let report = |policy: &Policy, done| sources.report(policy.as_ref(), spec, done);
+        training.run(&spec.optim, spec.run.checkpoint_every, &loss, &report, monitor)
     })
 }
 
@@ -99,7 +101,12 @@ pub(super) struct Source<'a> {
 struct Sources<'a> {
     experts: Source<'a>,
     kept: Source<'a>,
+    /// Experts that training does not see.
+    held_out: Source<'a>,
 }
+
+/// How often a training measures its loss on the experts that it does not see.
+const VALIDATIONS: u64 = 20;
 
 /// The parameters of one batch's random numbers: seed, step, and the purposes of segments, images, noise.
 struct Draw {
@@ -113,16 +120,32 @@ const KEPT: [Purpose; 3] = [Purpose::KeptBatch, Purpose::KeptAugmentation, Purpo
 
 impl<'a> Sources<'a> {
     fn new(shape: &TaskShape, experts: &'a [Trajectory], kept: &'a [WeightedSegments], spec: &TrainSpec) -> Self {
-        let experts: Vec<&Trajectory> = experts.iter().collect();
+        let (experts, held_out) = validation::split(experts, spec);
         // With λ = 0 kept segments have no weight, so they are not even read.
         let kept = if spec.lambda > 0.0 { kept } else { &[] };
         Self {
             experts: Source { segments: Segments::every(shape, &experts), data: experts },
+            held_out: Source { segments: Segments::every(shape, &held_out), data: held_out },
             kept: Source {
                 data: kept.iter().map(|segments| &segments.trajectory).collect(),
                 segments: Segments::kept(kept),
             },
         }
+    }
+
+    /// Metrics beside those of each step: now and then the loss on experts that are held out, and in the end what the
+    /// policy looks at.
+    fn report(&self, policy: &dyn PolicyModel, spec: &TrainSpec, done: u64) -> Vec<(&'static str, f64)> {
+        let mut metrics = Vec::new();
+        let last = done == spec.optim.steps;
+        if last || done.is_multiple_of(spec.optim.steps.div_ceil(VALIDATIONS)) {
+            let loss = validation::loss(policy, &self.held_out, spec.run.seed, done);
+            metrics.extend(loss.map(|loss| ("loss_validation", loss)));
+        }
+        if last {
+            metrics.extend(shares(policy, &self.experts, spec.run.seed));
+        }
+        metrics
     }
 
     /// All steps of experts and the kept steps.

@@ -209,3 +209,28 @@ fn actions_are_within_the_task_s_ranges() {
         assert_eq!(policy.ensemble().push(0, chunk.clone()).unwrap(), chunk[0]);
     }
 }
+
+#[test]
+fn the_loss_on_experts_that_are_held_out_is_reported_and_they_have_no_influence() {
+    for kind in kinds() {
+        let encoder = (kind == "finetune").then(|| encoder(1));
+        let spec = TrainSpec { validation_share: 0.25, ..spec(kind, 3) };
+        let train = |experts: &[Trajectory]| {
+            let mut metrics = Metrics::default();
+            let bytes =
+                train_policy(&toy::shape(), encoder.as_deref(), experts, &[], &spec, None, &mut metrics).unwrap();
+            (bytes, metrics.0)
+        };
+        let experts = toy::experts(4, 8);
+        let (bytes, metrics) = train(&experts);
+        assert!(metrics.iter().all(|step| step["loss_validation"] > 0.0), "{kind}: {metrics:?}");
+        // One of the four is held out; another in its place changes its loss alone.
+        let replaced = (0..4).filter(|place| {
+            let mut changed = experts.clone();
+            changed[*place] = toy::episode(&experts[*place].id, 90, 8, true);
+            let (same, other) = train(&changed);
+            same == bytes && other[0]["loss_validation"] != metrics[0]["loss_validation"]
+        });
+        assert_eq!(replaced.count(), 1, "{kind}");
+    }
+}
