@@ -47,7 +47,7 @@ impl Batch {
         }
         let mut seen = standard.apply(&self.proprioception);
         if augmentation.proprioception_noise > 0.0 {
-            seen += self.offsets(rng) * augmentation.proprioception_noise;
+            seen += self.offsets(rng) * augmentation.proprioception_noise * standard.varies();
         }
         if augmentation.proprioception_dropout > 0.0 {
             seen *= self.kept(augmentation.proprioception_dropout, rng);
@@ -149,9 +149,10 @@ mod tests {
         for seed in 0..200 {
             let batch = changed(augmentation, seed);
             assert_eq!(values(&batch.proprioception), values(&super::tests::batch().proprioception));
-            // In deviations, 0.5 and 2 of the first two values.
+            // In deviations, 0.5 and 2 of the first two values; the third never varies.
             let offset = (&batch.seen_proprioception - &batch.proprioception) / Tensor::from_slice(&[0.5f32, 2.0, 1.0]);
             let offset = values(&offset);
+            assert!(offset.chunks(3).all(|frame| frame[2] == 0.0));
             let episodes: Vec<&[f32]> = offset.chunks(4 * 3).collect();
             for frames in &episodes {
                 assert!(frames.chunks(3).all(|frame| (frame[0] - frames[0]).abs() < 1e-5));

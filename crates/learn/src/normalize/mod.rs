@@ -50,6 +50,11 @@ impl Standard {
         (x - &self.mean) / &self.deviation
     }
 
+    /// 1 for each value that varies and 0 for a constant one, whose deviation was set to exactly 1.
+    pub(crate) fn varies(&self) -> Tensor {
+        self.deviation.ne(1.0).to_kind(Kind::Float)
+    }
+
     /// Back to physical units.
     pub(crate) fn invert(&self, x: &Tensor) -> Tensor {
         x * &self.deviation + &self.mean
