@@ -43,12 +43,15 @@ impl Monitor for Silent {
     }
 }
 
+/// Named values of one step.
+pub(crate) type Metrics = Vec<(&'static str, f64)>;
+
 /// The loss of one step.
 pub(crate) struct Loss {
     /// The scalar to minimise.
     pub(crate) total: Tensor,
     /// Its terms, for the metrics.
-    pub(crate) parts: Vec<(&'static str, f64)>,
+    pub(crate) parts: Metrics,
 }
 
 /// A model that the loop trains.
@@ -138,7 +141,7 @@ impl<N: Learner> Training<N> {
         optim: &OptimSpec,
         checkpoint_every: u32,
         loss: &dyn Fn(&N, u64) -> Loss,
-        report: &dyn Fn(&N, u64) -> Vec<(&'static str, f64)>,
+        report: &dyn Fn(&N, u64) -> Metrics,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, LearnError> {
         let mut kept = self.info.step;
@@ -163,11 +166,7 @@ impl<N: Learner> Training<N> {
         checkpoint::write(&self.info, &self.network.named())
     }
 
-    fn step(
-        &mut self,
-        optim: &OptimSpec,
-        loss: &dyn Fn(&N, u64) -> Loss,
-    ) -> Result<Vec<(&'static str, f64)>, LearnError> {
+    fn step(&mut self, optim: &OptimSpec, loss: &dyn Fn(&N, u64) -> Loss) -> Result<Metrics, LearnError> {
         let begin = Instant::now();
         let step = self.info.step;
         let rate = optim.learning_rate_at(step);

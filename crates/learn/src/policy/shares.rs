@@ -11,6 +11,7 @@ use super::kind::{PolicyInput, PolicyModel};
 use super::train::Source;
 use crate::batch::{Batch, Segment, Windows, int};
 use crate::random::{Purpose, generator};
+use crate::train::Metrics;
 
 /// Pairs of segments: enough for a standard error of a few hundredths.
 const PAIRS: usize = 128;
@@ -46,7 +47,7 @@ struct Inputs {
 /// The shares as metrics: `share_images`, `share_camera_0` … in the order of the task's cameras (with several cameras),
 /// `share_proprioception`, and `share_history` (the images, proprioception and actions of the steps before the newest,
 /// for a policy with a history). Empty if no two episodes have a whole window.
-pub(super) fn shares(policy: &dyn PolicyModel, source: &Source<'_>, seed: u64) -> Vec<(&'static str, f64)> {
+pub(super) fn shares(policy: &dyn PolicyModel, source: &Source<'_>, seed: u64) -> Metrics {
     let _no_grad = no_grad_guard();
     let window = policy.info().window;
     let [ours, theirs] = pairs(source, window, seed);

@@ -18,7 +18,7 @@ use crate::error::{LearnError, guard};
 use crate::normalize::Sample;
 use crate::random::{Purpose, generator};
 use crate::shape::{self, TaskShape};
-use crate::train::{Loss, Monitor, Resumed, Training};
+use crate::train::{Loss, Metrics, Monitor, Resumed, Training};
 use crate::trajectory::{Trajectory, WeightedSegments};
 
 type Policy = Box<dyn PolicyModel>;
@@ -135,7 +135,7 @@ impl<'a> Sources<'a> {
 
     /// Metrics beside those of each step: now and then the loss on experts that are held out, and in the end what the
     /// policy looks at.
-    fn report(&self, policy: &dyn PolicyModel, spec: &TrainSpec, done: u64) -> Vec<(&'static str, f64)> {
+    fn report(&self, policy: &dyn PolicyModel, spec: &TrainSpec, done: u64) -> Metrics {
         let mut metrics = Vec::new();
         let last = done == spec.optim.steps;
         if last || done.is_multiple_of(spec.optim.steps.div_ceil(VALIDATIONS)) {
