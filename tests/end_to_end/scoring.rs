@@ -55,17 +55,22 @@ async fn raw_run(api: &mut Api, encoder: &str) -> String {
     api.succeed(lab::TASK, raw).await.result_id
 }
 
-#[tokio::test]
-async fn unstored_recording_scores_like_the_stored_one() {
+/// Scores the recording of a stored episode; returns the episode, the response, and the scores that the run stored.
+async fn scored_again(place: usize) -> (Episode, ScoreRecordingResponse, EpisodeScores) {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let client = Client::connect(shared.server.url(), None).await.unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let path = recording_file(folder.path(), &RECORDINGS[FAILURE].bytes);
+    let path = recording_file(folder.path(), &RECORDINGS[place].bytes);
     let reply = client.score_recording(&shared.run, &path, |_| {}).await.unwrap();
-
-    let episode = &shared.episodes[FAILURE];
+    let episode = shared.episodes[place].clone();
     let stored = api.episode_scores(&shared.run, &episode.id).await;
+    (episode, reply, stored)
+}
+
+#[tokio::test]
+async fn unstored_recording_scores_like_the_stored_one() {
+    let (episode, reply, stored) = scored_again(FAILURE).await;
     let unnamed = EpisodeScores { episode_id: String::new(), role: Role::Unspecified.into(), ..stored };
     assert_eq!(reply.scores.unwrap(), unnamed);
     let report = reply.report.unwrap();
@@ -74,14 +79,9 @@ async fn unstored_recording_scores_like_the_stored_one() {
 
 #[tokio::test]
 async fn recording_of_an_expert_is_compared_with_the_other_experts() {
-    let shared = shared().await;
-    let mut api = Api::connect(&shared.server).await;
-    let client = Client::connect(shared.server.url(), None).await.unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let path = recording_file(folder.path(), &RECORDINGS[EXPERT].bytes);
-    let scores = client.score_recording(&shared.run, &path, |_| {}).await.unwrap().scores.unwrap();
-    let stored = api.episode_scores(&shared.run, &shared.episodes[EXPERT].id).await;
-    assert_eq!((&scores.episode_id, scores.role()), (&shared.episodes[EXPERT].id, Role::Expert));
+    let (episode, reply, stored) = scored_again(EXPERT).await;
+    let scores = reply.scores.unwrap();
+    assert_eq!((&scores.episode_id, scores.role()), (&episode.id, Role::Expert));
     assert_eq!((&scores.w, &scores.match_episode), (&stored.w, &stored.match_episode));
     assert!(scores.w.iter().all(|w| *w < 0.0), "{:?}", scores.w);
 }

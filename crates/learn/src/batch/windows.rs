@@ -60,7 +60,8 @@ impl Windows {
         }
     }
 
-    /// The elements `[W, L, 3]` of all steps but the last of each window that is marked; `None` if there are none.
+    /// The elements `[W, L, 3]` of all steps but the last of each marked window; `None` when no window is
+    /// marked, or windows have a single step.
     pub(crate) fn past_of(&self, marked: &[bool]) -> Option<Tensor> {
         if self.length < 2 || !marked.contains(&true) {
             return None;

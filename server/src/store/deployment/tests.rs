@@ -2,7 +2,12 @@
 
 use super::*;
 use crate::{
-    domain::episode::Outcome,
+    domain::{
+        episode::Outcome,
+        id::{PolicyId, ScoreRunId},
+        score::Encoder,
+        task::Task,
+    },
     error::Kind,
     store::testing::{self, results},
 };
@@ -85,19 +90,22 @@ async fn rolling_back_walks_the_history() {
     assert_eq!(kept, [0, 1, 2, 1, 0, 3, 0].map(|index: usize| made[index].clone()), "the history is complete");
 }
 
-#[tokio::test]
-async fn a_score_run_is_deployed_and_rolled_back_with_its_policy() {
-    let (_dir, store) = testing::store().await;
+/// A store with a policy that can be deployed, and the encoder that its training started from.
+async fn with_policy() -> (tempfile::TempDir, Store, Task, Encoder, PolicyId) {
+    let (dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     testing::episode(&store, &task, Outcome::Success, "").await;
     testing::episode(&store, &task, Outcome::Failure, "").await;
     let encoder = results::encoder(&store, &task).await;
     let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await.id;
+    (dir, store, task, encoder, policy)
+}
+
+#[tokio::test]
+async fn a_score_run_is_deployed_and_rolled_back_with_its_policy() {
+    let (_dir, store, task, encoder, policy) = with_policy().await;
     let run = results::run(&store, &task, &encoder, &[]).await.id;
-    let to = |run: Option<&crate::domain::id::ScoreRunId>| Assignment {
-        score_run_id: run.cloned(),
-        ..Assignment::of(&policy)
-    };
+    let to = |run: Option<&ScoreRunId>| Assignment { score_run_id: run.cloned(), ..Assignment::of(&policy) };
     let deploy = async |run| store.deploy("arm", &task.id, &to(run)).await.unwrap();
 
     assert_eq!(deploy(None).await.score_run_id(), None);
@@ -114,12 +122,7 @@ async fn a_score_run_is_deployed_and_rolled_back_with_its_policy() {
 
 #[tokio::test]
 async fn hiding_the_history_is_a_change_and_is_rolled_back() {
-    let (_dir, store) = testing::store().await;
-    let task = testing::task(&store).await;
-    testing::episode(&store, &task, Outcome::Success, "").await;
-    testing::episode(&store, &task, Outcome::Failure, "").await;
-    let encoder = results::encoder(&store, &task).await;
-    let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await.id;
+    let (_dir, store, task, _, policy) = with_policy().await;
     let hidden = |deployment: Deployment| deployment.assignment().unwrap().hide_history;
     let shown = Assignment::of(&policy);
     let hiding = Assignment { hide_history: true, ..shown.clone() };
