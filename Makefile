@@ -119,7 +119,7 @@ peers-serving: .libtorch
 fuzz: .libtorch
 	fuzz/run.sh $(FUZZ_SECONDS)
 
-# Repeats every policy, objective and scorer as data for the crate of values, after one was added or changed.
+# Repeats every policy, weighting, objective and scorer as data for the crate of values, after one was added or changed.
 kinds: .libtorch
 	$(CARGO) run --locked -q -p gleaner-learn --example kinds > crates/core/kinds.json.new
 	mv crates/core/kinds.json.new crates/core/kinds.json

@@ -16,7 +16,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 PACKAGE = "gleaner._proto"
-# Settings of jobs; policies, objectives and scorers with their own.
+# Settings of jobs; policies, weightings, objectives and scorers with their own.
 SCHEMA = ("jobs.json", "kinds.json")
 # The generator names modules after the .proto's path; inside this package they live one deeper.
 IMPORT = re.compile(r"^from gleaner\.v1 import", flags=re.MULTILINE)
@@ -61,7 +61,10 @@ def find_schema(root: Path) -> Path:
 def settings_module(schema: Path) -> str:
     """A module with one typed dictionary for the settings of each kind of job."""
     jobs, kinds = (json.loads((schema / name).read_text()) for name in SCHEMA)
-    families = {"train": ("policy", kinds["policies"]), "score": ("scorer", kinds["scorers"])}
+    families = {
+        "train": [("policy", kinds["policies"]), ("weighting", kinds["weightings"])],
+        "score": [("scorer", kinds["scorers"])],
+    }
     lines = [
         '"""Settings of jobs, generated from the server\'s schema; do not edit."""',
         "",
@@ -81,8 +84,7 @@ def settings_module(schema: Path) -> str:
         shown = [(setting, "") for setting in settings]
         if job == "pretrain":
             shown.append((chosen_of("objectives", "words", kinds["objectives"]), ""))
-        if job in families:
-            name, family = families[job]
+        for name, family in families.get(job, []):
             shown.append((chosen_of(name, "word", family), ""))
             shown += own_settings(family)
         for setting, only in shown:
@@ -99,12 +101,13 @@ def chosen_of(name: str, kind: str, family: list[dict[str, Any]]) -> dict[str, A
 
 
 def own_settings(family: list[dict[str, Any]]) -> list[tuple[dict[str, Any], str]]:
-    """The settings that only some kinds of a family have, each once, with the names of those kinds."""
+    """The settings of a family's kinds, each once, with the names of the kinds that it is limited to."""
     found: dict[str, tuple[dict[str, Any], list[str]]] = {}
     for kind in family:
         for setting in kind.get("settings", []):
             found.setdefault(setting["name"], (setting, []))[1].append(kind["name"])
-    return [(setting, f" Only for {', '.join(names)}.") for setting, names in found.values()]
+    limit = lambda names: f" Only for {', '.join(names)}." if len(names) < len(family) else ""
+    return [(setting, limit(names)) for setting, names in found.values()]
 
 
 def setting_lines(setting: dict[str, Any], only: str) -> list[str]:

@@ -67,7 +67,7 @@ pub(crate) enum Command {
     ReportEvaluation(evaluations::ReportArgs),
     /// Submit a chain of jobs: pretrain, score, filter, train, evaluate.
     Pipeline(pipeline::PipelineCommand),
-    /// List policies, objectives and scorers, and the settings of each job.
+    /// List policies, weightings, objectives and scorers, and the settings of each job.
     Kinds(kinds::KindsArgs),
     /// List jobs.
     Jobs(jobs::JobsArgs),

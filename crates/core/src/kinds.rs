@@ -1,4 +1,4 @@
-//! The kinds of each family: policies, objectives and scorers, with the settings of their own.
+//! The kinds of each family: policies, weightings, objectives and scorers, with the settings of their own.
 //!
 //! A kind is written in one file of the learning crate, which cannot be linked by clients. `kinds.json` repeats what
 //! its files state (`make kinds` writes it, a test there compares), so that client and server have every kind as data.
@@ -17,13 +17,16 @@ use crate::{
 pub struct Kinds {
     /// Kinds of policies, the results of training.
     pub policies: Vec<Kind>,
+    /// Kinds of weightings, which weigh kept segments in the loss of a policy.
+    #[serde(default)]
+    pub weightings: Vec<Kind>,
     /// Kinds of objectives, whose losses a pretraining adds up.
     pub objectives: Vec<Kind>,
     /// Kinds of scorers, which compute the scores of segments.
     pub scorers: Vec<Kind>,
 }
 
-/// One policy, objective or scorer.
+/// One policy, weighting, objective or scorer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Kind {
     /// Its word, such as `tf_bc`.
@@ -65,6 +68,8 @@ impl Needs {
 pub enum Family {
     /// The results of training.
     Policy,
+    /// The weights of kept segments in a training.
+    Weighting,
     /// Losses that a pretraining adds up.
     Objective,
     /// Scoring methods of segments.
@@ -72,11 +77,15 @@ pub enum Family {
 }
 
 impl Family {
+    /// Every family, in the order of lists.
+    pub const ALL: [Self; 4] = [Self::Policy, Self::Weighting, Self::Objective, Self::Scorer];
+
     /// The family's word, which is also the setting that chooses a kind.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Policy => "policy",
+            Self::Weighting => "weighting",
             Self::Objective => "objective",
             Self::Scorer => "scorer",
         }
@@ -87,6 +96,7 @@ impl Family {
     pub fn kinds(self) -> &'static [Kind] {
         match self {
             Self::Policy => &KINDS.policies,
+            Self::Weighting => &KINDS.weightings,
             Self::Objective => &KINDS.objectives,
             Self::Scorer => &KINDS.scorers,
         }
@@ -125,7 +135,7 @@ impl Family {
         self.kinds().iter().map(word).collect()
     }
 
-    /// Every setting of its kinds, once, with the names of the kinds that it is limited to.
+    /// Every setting of its kinds, once, with the names of the kinds that it is limited to (empty: all).
     #[must_use]
     pub fn settings(self) -> Vec<(Setting, Vec<&'static str>)> {
         let mut all: Vec<(Setting, Vec<&'static str>)> = Vec::new();
@@ -135,6 +145,11 @@ impl Family {
                     Some((_, kinds)) => kinds.push(&kind.name),
                     None => all.push((setting.clone(), vec![&kind.name])),
                 }
+            }
+        }
+        for (_, kinds) in &mut all {
+            if kinds.len() == self.kinds().len() {
+                kinds.clear();
             }
         }
         all
@@ -176,7 +191,7 @@ mod tests {
     fn the_embedded_kinds_are_readable_and_have_unique_names() {
         let read: Kinds = serde_json::from_str(include_str!("../kinds.json")).unwrap();
         assert_eq!(*KINDS, read);
-        for family in [Family::Policy, Family::Objective, Family::Scorer] {
+        for family in Family::ALL {
             let names: Vec<&str> = family.kinds().iter().map(|kind| kind.name.as_str()).collect();
             assert!(!names.is_empty());
             assert!((1..names.len()).all(|at| !names[..at].contains(&names[at])), "{names:?}");
@@ -190,8 +205,15 @@ mod tests {
     }
 
     #[test]
+    fn policies_and_weightings_share_no_setting() {
+        let names = |family: Family| family.settings().into_iter().map(|(setting, _)| setting.name).collect::<Vec<_>>();
+        let of_policies = names(Family::Policy);
+        assert!(names(Family::Weighting).iter().all(|name| !of_policies.contains(name)));
+    }
+
+    #[test]
     fn kinds_that_share_a_setting_agree_on_it() {
-        for family in [Family::Policy, Family::Objective, Family::Scorer] {
+        for family in Family::ALL {
             for (setting, _) in family.settings() {
                 for kind in family.kinds() {
                     let own = kind.settings.iter().find(|own| own.name == setting.name);

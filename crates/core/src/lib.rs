@@ -11,7 +11,7 @@
 //! - [`schema`] defines a setting and checks a map of settings.
 //! - [`PretrainSpec`], [`ScoreSpec`], [`TrainSpec`] and [`EvaluateSpec`] are the settings of each kind of job, typed;
 //!   [`settings!`] and [`words!`] declare such structs and their choices.
-//! - [`kinds`] lists the policies, objectives and scorers with the settings that only they have.
+//! - [`kinds`] lists the policies, weightings, objectives and scorers with the settings that only they have.
 //! - `proto` (feature `proto`) converts values to the messages of the API; `arguments` (feature `clap`) turns settings into
 //!   options.
 //!

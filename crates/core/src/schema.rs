@@ -28,7 +28,7 @@ impl Problem {
     }
 }
 
-/// One setting of a kind of job, a policy, an objective or a scorer.
+/// One setting of a kind of job, a policy, a weighting, an objective or a scorer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Setting {
     /// Its name, in snake case; unique among all settings of one kind of job.

@@ -17,27 +17,31 @@ pub use train::TrainSpec;
 
 use std::collections::BTreeMap;
 
+use crate::kinds::Family;
 use crate::schema::Setting;
 
-/// Every setting that a kind of job may have, with the names of the policies or scorers it is limited to (empty: all).
+/// Every setting that a kind of job may have, with the names of the policies, weightings or scorers it is limited to (empty: all).
 /// `job` is `pretrain`, `score`, `train` or `evaluate`; another job has no settings.
 #[must_use]
 pub fn schema_of(job: &str) -> Vec<(Setting, Vec<&'static str>)> {
     let common = |settings: Vec<Setting>| settings.into_iter().map(|setting| (setting, Vec::new()));
     match job {
         "pretrain" => common(PretrainSpec::schema()).collect(),
-        "score" => common(ScoreSpec::schema()).chain(crate::kinds::Family::Scorer.settings()).collect(),
-        "train" => common(TrainSpec::schema()).chain(crate::kinds::Family::Policy.settings()).collect(),
+        "score" => common(ScoreSpec::schema()).chain(Family::Scorer.settings()).collect(),
+        "train" => {
+            let own = Family::Policy.settings().into_iter().chain(Family::Weighting.settings());
+            common(TrainSpec::schema()).chain(own).collect()
+        }
         "evaluate" => common(EvaluateSpec::schema()).collect(),
         _ => Vec::new(),
     }
 }
 
-/// The settings that every job of a kind has, by kind. Choices of policies, objectives and scorers have no words here:
+/// The settings that every job of a kind has, by kind. Choices of policies, weightings, objectives and scorers have no words here:
 /// [`crate::kinds`] lists those.
 #[must_use]
 pub fn jobs() -> BTreeMap<&'static str, Vec<Setting>> {
-    let listed = ["policy", "objectives", "scorer"];
+    let listed = ["policy", "weighting", "objectives", "scorer"];
     let without =
         |settings: Vec<Setting>| settings.into_iter().filter(|setting| !listed.contains(&setting.name.as_str()));
     let job = |settings: Vec<Setting>| without(settings).collect();

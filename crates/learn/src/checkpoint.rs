@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use gleaner_core::{ActionToken, Group, ModelSpec, Values, Words as _};
+use gleaner_core::{ActionToken, Group, ModelSpec, PretrainSpec, TrainSpec, Values, Words as _};
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
@@ -56,7 +56,7 @@ pub struct CheckpointInfo {
     #[serde(default, alias = "act", skip_serializing_if = "Values::is_empty")]
     pub settings: Values,
     /// The job's settings as a JSON text, without those of its execution (device, threads, checkpoint_every). A run
-    /// resumes only under the same text.
+    /// resumes only under the same settings.
     pub spec: String,
 }
 
@@ -64,6 +64,16 @@ impl CheckpointInfo {
     /// The policy's own settings, typed.
     pub(crate) fn settings<G: Group>(&self) -> Result<G, LearnError> {
         G::read(&self.settings).map_err(|problem| LearnError::Checkpoint(format!("header: {problem}")))
+    }
+
+    /// Whether both are of runs with the same settings. An earlier version's text, which lacks the settings of today, is
+    /// read as that version meant it.
+    pub(crate) fn is_of_the_run_of(&self, other: &Self) -> bool {
+        let today = || match self.kind {
+            CheckpointKind::Encoder => serde_json::from_str(&self.spec).map(|spec: PretrainSpec| spec.identity()),
+            CheckpointKind::Policy => serde_json::from_str(&self.spec).map(|spec: TrainSpec| spec.identity()),
+        };
+        self.spec == other.spec || today().is_ok_and(|spec| spec == other.spec)
     }
 }
 
@@ -195,6 +205,21 @@ mod tests {
         let message = inspect(&bytes.unwrap()).unwrap_err().to_string();
         assert!(message.contains("version 9") && message.contains("version 1"), "{message}");
         assert!(message.contains("train it again"), "{message}");
+    }
+
+    #[test]
+    fn a_checkpoint_of_an_earlier_version_is_of_the_same_run() {
+        let today = |spec: &TrainSpec| CheckpointInfo { kind: CheckpointKind::Policy, spec: spec.identity(), ..info() };
+        let spec = TrainSpec::default();
+        let mut values: Values = serde_json::from_str(&spec.identity()).unwrap();
+        assert!(values.remove("weighting").is_some());
+        let before = CheckpointInfo { spec: serde_json::Value::Object(values).to_string(), ..today(&spec) };
+        assert!(before.is_of_the_run_of(&today(&spec)) && before.spec != today(&spec).spec);
+        let mut other = spec.clone();
+        other.run.seed += 1;
+        assert!(!before.is_of_the_run_of(&today(&other)));
+        let unreadable = CheckpointInfo { spec: "{".to_owned(), ..before };
+        assert!(!unreadable.is_of_the_run_of(&today(&spec)));
     }
 
     #[test]

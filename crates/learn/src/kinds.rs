@@ -1,4 +1,4 @@
-//! Every policy, objective and scorer of this crate as data, for `gleaner-core`.
+//! Every policy, weighting, objective and scorer of this crate as data, for `gleaner-core`.
 
 use gleaner_core::kinds::Kinds;
 
@@ -7,6 +7,7 @@ use gleaner_core::kinds::Kinds;
 pub fn kinds() -> Kinds {
     Kinds {
         policies: crate::policy::describe(),
+        weightings: crate::weighting::describe(),
         objectives: crate::objective::describe(),
         scorers: crate::score::scorer::describe(),
     }

@@ -9,8 +9,8 @@
 //!    [`LiveScorer`] scores episodes that are not stored.
 //! 4. [`train_policy`] trains a policy on experts and weighted segments, and [`Policy`] acts with it.
 //!
-//! Each stage reports to a [`Monitor`], which stores checkpoints and cancels. [`kinds`] lists the policies, objectives and
-//! scorers of the crate.
+//! Each stage reports to a [`Monitor`], which stores checkpoints and cancels. [`kinds`] lists the policies,
+//! weightings, objectives and scorers of the crate.
 //!
 //! ```no_run,standalone_crate
 //! use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
@@ -51,6 +51,7 @@ mod shape;
 mod toy;
 mod train;
 mod trajectory;
+mod weighting;
 
 pub use checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION, inspect};
 pub use device::set_threads;

@@ -114,7 +114,7 @@ impl<N: Learner> Training<N> {
     pub(crate) fn resume(bytes: &[u8], info: &CheckpointInfo, device: tch::Device) -> Result<Resumed<N>, LearnError> {
         let (stored, named) = checkpoint::read(bytes, info.kind)?;
         let same = [
-            ("spec", stored.spec == info.spec),
+            ("spec", stored.is_of_the_run_of(info)),
             ("shape", stored.shape == info.shape),
             ("model", stored.model == info.model),
         ];

@@ -1,4 +1,4 @@
-//! The kinds of jobs, policies, objectives and scorers, with every setting: its allowed values, default and
+//! The kinds of jobs, policies, weightings, objectives and scorers, with every setting: its allowed values, default and
 //! documentation.
 
 use axum::response::IntoResponse as _;
@@ -27,7 +27,7 @@ pub(super) async fn show(request: PageRequest) -> Answer {
     }
     let body = html! {
         h1 { "Kinds" }
-        p.lead { "The jobs, policies, objectives and scorers of this server, with their settings. The first of a family is its default." }
+        p.lead { "The jobs, policies, weightings, objectives and scorers of this server, with their settings. The first of a family is its default." }
         @for (title, family, kinds) in &sections {
             h2 { (title) }
             p { @for kind in kinds { a.tag href=(format!("#{family}-{}", kind.name)) { (kind.name) } " " } }
@@ -39,11 +39,12 @@ pub(super) async fn show(request: PageRequest) -> Answer {
     Ok(shell::page(&request, &head, &body).into_response())
 }
 
-fn sections() -> [Section; 4] {
+fn sections() -> [Section; 5] {
     let family = |title, family: Family| (title, family.as_str(), family.kinds().to_vec());
     [
         ("Jobs", "job", kinds::jobs()),
         family("Policies", Family::Policy),
+        family("Weightings", Family::Weighting),
         family("Objectives", Family::Objective),
         family("Scorers", Family::Scorer),
     ]

@@ -128,7 +128,7 @@ pages! {
     JobCourse = GET "/jobs/{id}/course" reads Viewer,
     /// Its workers' log.
     JobLog = GET "/jobs/{id}/log" reads Viewer,
-    /// Kinds of jobs, policies, objectives and scorers, with their settings.
+    /// Kinds of jobs, policies, weightings, objectives and scorers, with their settings.
     Kinds = GET "/kinds" reads Viewer,
     /// Cancels it and the jobs that wait for it.
     CancelJob = POST "/jobs/{id}/cancel" changes Trainer,

@@ -79,7 +79,9 @@ async fn rows_of_an_earlier_version_are_kept() {
     assert_eq!(plain(&score), ("ssdf".to_owned(), "plain".into(), false.into()), "as it was made");
     let train = store.job(&second).await.unwrap();
     assert_eq!((train.needs, train.key.as_str()), (vec![job], ""));
-    assert!(matches!(train.spec, JobSpec::Train { encoder_id: Some(_), ref spec, .. } if spec.lambda == 0.3));
+    assert!(
+        matches!(train.spec, JobSpec::Train { encoder_id: Some(_), ref spec, .. } if spec.weighting.settings["lambda"] == 0.3)
+    );
     let read = store.score_run(&run).await.unwrap();
     assert_eq!((read.spec, read.extends, read.quantiles.len()), (score, None, 0));
     assert_eq!(store.dataset(&dataset).await.unwrap().selection, Selection::Beta(0.5));

@@ -1,4 +1,4 @@
-//! `kinds`: the policies, objectives and scorers of the server, and the settings of each job.
+//! `kinds`: the policies, weightings, objectives and scorers of the server, and the settings of each job.
 
 use clap::Args;
 use gleaner_proto::v1::{Kind, ListKindsRequest, Setting};
@@ -11,7 +11,7 @@ use crate::table::table;
 
 #[derive(Args, Debug)]
 pub(crate) struct KindsArgs {
-    /// Show the settings of this job, policy, objective or scorer only, such as `act`.
+    /// Show the settings of this job, policy, weighting, objective or scorer only, such as `act`.
     kind: Option<String>,
 }
 
@@ -21,6 +21,7 @@ impl KindsArgs {
         let families = [
             ("job", &reply.jobs),
             ("policy", &reply.policies),
+            ("weighting", &reply.weightings),
             ("objective", &reply.objectives),
             ("scorer", &reply.scorers),
         ];

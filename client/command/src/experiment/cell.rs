@@ -134,7 +134,7 @@ impl CellSettings {
 
     /// The settings of the training.
     pub(super) fn train_spec(&self, seed: u64) -> Result<TrainSpec, Problem> {
-        let used = self.policy();
+        let used = self.training();
         let mut values = self.shared(|name| has("train", name) && used.uses(name));
         values.extend(self.train.clone());
         values.insert("policy".to_owned(), self.method.policy.into());

@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use super::cell::{CellSettings, RuleSettings};
 use super::file::Experiment;
+use super::used::of_weighting;
 
 // Changes when a stage's meaning does.
 const FORMAT: &str = "gleaner-experiment/3";
@@ -159,7 +160,7 @@ fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work
     }
     let mut settings = complete(cell.train_spec(seed).map(|spec| spec.values()));
     if !cell.method.gleans {
-        settings.remove("lambda");
+        settings.retain(|name, _| !of_weighting(name));
     }
     works.push(Work::Train { settings });
     let CellSettings { episodes, hide_history, .. } = *cell;

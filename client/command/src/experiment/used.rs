@@ -1,4 +1,4 @@
-//! Which settings a cell really uses: its method, policy and scorer read no others.
+//! Which settings a cell really uses: its method, policy, weighting and scorer read no others.
 //!
 //! So two cells that differ only in a setting that neither uses share their stages, and a study that varies such a
 //! setting is rejected. Must not depend on a server.
@@ -10,30 +10,34 @@ use serde_json::Value;
 
 use super::cell::{CellSettings, has};
 
-/// What a chosen policy or scorer uses.
+/// What the chosen policy and weighting, or the chosen scorer, use.
 pub(super) struct Used {
     job: &'static str,
-    kind: Option<&'static Kind>,
+    kinds: Vec<&'static Kind>,
 }
 
 impl Used {
     /// Whether it uses the setting: one of its job, or its own.
     pub(super) fn uses(&self, name: &str) -> bool {
         let common = schema_of(self.job).into_iter().any(|(setting, kinds)| setting.name == name && kinds.is_empty());
-        common && name != "seed" || self.kind.is_some_and(|kind| kind.settings.iter().any(|own| own.name == name))
+        common && name != "seed" || self.kinds.iter().any(|kind| kind.settings.iter().any(|own| own.name == name))
     }
 }
 
 impl CellSettings {
-    /// What the policy of its method uses.
-    pub(super) fn policy(&self) -> Used {
-        Used { job: "train", kind: Family::Policy.find(self.method.policy) }
+    /// What the policy of its method and its weighting use.
+    pub(super) fn training(&self) -> Used {
+        let weighting = self.chosen(Family::Weighting).ok();
+        Used { job: "train", kinds: Family::Policy.find(self.method.policy).into_iter().chain(weighting).collect() }
     }
 
     /// What its scorer uses.
     pub(super) fn scorer(&self) -> Result<Used, Problem> {
-        let name = self.settings.get("scorer").and_then(Value::as_str).unwrap_or(Family::Scorer.default_name());
-        Ok(Used { job: "score", kind: Some(Family::Scorer.kind(name)?) })
+        Ok(Used { job: "score", kinds: vec![self.chosen(Family::Scorer)?] })
+    }
+
+    fn chosen(&self, family: Family) -> Result<&'static Kind, Problem> {
+        family.kind(self.settings.get(family.as_str()).and_then(Value::as_str).unwrap_or(family.default_name()))
     }
 
     /// The same cell without everything that has no effect in it.
@@ -41,13 +45,13 @@ impl CellSettings {
         let default = Self::default();
         let mut used = self.clone();
         let scorer = self.scorer().ok().filter(|_| self.method.gleans);
-        let policy = self.policy();
+        let training = self.training();
         used.settings.retain(|name, _| {
             (self.method.pretrains() && has("pretrain", name))
                 || scorer.as_ref().is_some_and(|scorer| has("score", name) && scorer.uses(name))
-                || (has("train", name) && policy.uses(name) && (self.method.gleans || name != "lambda"))
+                || (has("train", name) && training.uses(name) && (self.method.gleans || !of_weighting(name)))
         });
-        used.hide_history &= policy.kind.is_some_and(|kind| kind.needs.history);
+        used.hide_history &= training.kinds.iter().any(|kind| kind.needs.history);
         if !self.method.gleans {
             (used.beta, used.top) = (default.beta, default.top);
         }
@@ -74,6 +78,12 @@ impl CellSettings {
         }
         Ok(())
     }
+}
+
+/// Whether a setting of a training weighs kept segments, so that it has no effect without them.
+pub(super) fn of_weighting(name: &str) -> bool {
+    let own = |kind: &Kind| kind.settings.iter().any(|setting| setting.name == name);
+    name == Family::Weighting.as_str() || Family::Weighting.kinds().iter().any(own)
 }
 
 /// The default of a job's setting.
@@ -122,6 +132,17 @@ mod tests {
         let chunks = cell("ssdf_act").used();
         assert!(names(&chunks).contains(&"chunk_length") && !names(&chunks).contains(&"history_dropout"));
         assert!(names(&chunks).contains(&"segment_length"));
+    }
+
+    #[test]
+    fn a_weighting_has_an_effect_where_segments_are_gleaned_alone() {
+        let mut uniform = cell("ssdf");
+        uniform.settings.insert("weighting".into(), "uniform".into());
+        assert!(names(&uniform.used()).contains(&"weighting") && names(&uniform.used()).contains(&"lambda"));
+        assert_eq!(uniform.train_spec(0).unwrap().weighting.name, "uniform");
+        let text =
+            CellSettings { method: cell("bc").method, ..uniform }.check_varied(["weighting"].into_iter()).unwrap_err();
+        assert_eq!(text, "weighting: has no effect on BC; leave it out of this cell");
     }
 
     #[test]

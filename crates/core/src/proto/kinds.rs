@@ -1,4 +1,4 @@
-//! The kinds of jobs, policies, objectives and scorers on the wire, with their settings.
+//! The kinds of jobs, policies, weightings, objectives and scorers on the wire, with their settings.
 
 use crate::{
     Setting, Shape, Values,
@@ -14,6 +14,7 @@ pub fn list() -> v1::ListKindsResponse {
     v1::ListKindsResponse {
         jobs: kinds::jobs().into_iter().map(kind).collect(),
         policies: of(Family::Policy),
+        weightings: of(Family::Weighting),
         objectives: of(Family::Objective),
         scorers: of(Family::Scorer),
     }
@@ -58,11 +59,14 @@ mod tests {
 
     #[test]
     fn every_kind_is_listed_with_its_settings() {
-        let v1::ListKindsResponse { jobs, policies, objectives, scorers } = list();
+        let v1::ListKindsResponse { jobs, policies, weightings, objectives, scorers } = list();
         let names = |kinds: &[v1::Kind]| kinds.iter().map(|kind| kind.name.clone()).collect::<Vec<_>>();
         assert_eq!(names(&jobs), ["pretrain", "score", "train", "evaluate"]);
         assert_eq!((names(&policies)[0].as_str(), names(&scorers)[0].as_str()), ("finetune", "ssdf"));
-        assert_eq!(names(&objectives), ["mtp", "tr", "aa"]);
+        assert_eq!(
+            (names(&weightings)[0].as_str(), &names(&objectives)[..]),
+            ("quality", &["mtp", "tr", "aa"].map(str::to_owned)[..])
+        );
         let chunk = policies.iter().flat_map(|kind| &kind.settings).find(|setting| setting.name == "chunk_length");
         let chunk = chunk.unwrap();
         assert_eq!((chunk.r#type.as_str(), chunk.least, chunk.most), ("integer", 1.0, 256.0));

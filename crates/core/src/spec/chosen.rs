@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::kinds::Family;
+use crate::kinds::{Family, Kind};
 use crate::schema::{Problem, Setting, Shape, Values, complete};
 use crate::settings::Group;
 
-/// A policy or scorer by its name, with its complete settings of its own.
+/// A policy, weighting or scorer by its name, with its complete settings of its own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Chosen {
     /// The kind's name.
@@ -49,22 +49,44 @@ impl Chosen {
         Self::new(family, family.default_name()).unwrap_or(Self { name: String::new(), settings: Values::new() })
     }
 
-    /// Reads the kind that `values` chooses and its settings, and completes the settings of the job, `common`.
-    pub(super) fn from_values(family: Family, common: &[Setting], values: &Values) -> Result<(Self, Values), Problem> {
-        let choice = choice(family);
-        let given = values.get(&choice.name).filter(|given| !given.is_null());
-        let name = choice.check(given.unwrap_or(&choice.default))?;
-        let kind = family.kind(name.as_str().unwrap_or_default())?;
-        let schema = [common, &kind.settings].concat();
-        let mut all = complete(&schema, values, |unknown| elsewhere(family, unknown, &kind.name))?;
-        let own: Values = kind.settings.iter().filter_map(|own| all.remove_entry(&own.name)).collect();
-        Ok((Self { name: kind.name.clone(), settings: own }, all))
-    }
-
     /// Adds the choice and its settings to `values`.
     pub(super) fn write(&self, family: Family, values: &mut Values) {
         values.insert(family.as_str().to_owned(), self.name.clone().into());
         values.extend(self.settings.clone());
+    }
+}
+
+/// The kind of a family that the settings of a job choose.
+pub(super) struct Choice {
+    family: Family,
+    kind: &'static Kind,
+}
+
+impl Choice {
+    /// The choice of `values`, or the default.
+    pub(super) fn read(family: Family, values: &Values) -> Result<Self, Problem> {
+        let choice = choice(family);
+        let given = values.get(&choice.name).filter(|given| !given.is_null());
+        let name = choice.check(given.unwrap_or(&choice.default))?;
+        Ok(Self { family, kind: family.kind(name.as_str().unwrap_or_default())? })
+    }
+
+    /// Completes the settings of a job, `common`, and those of the chosen kinds.
+    pub(super) fn complete(choices: &[&Self], common: &[Setting], values: &Values) -> Result<Values, Problem> {
+        let own = choices.iter().flat_map(|choice| &choice.kind.settings);
+        let schema: Vec<Setting> = common.iter().chain(own).cloned().collect();
+        complete(&schema, values, |unknown| {
+            choices.iter().find_map(|choice| elsewhere(choice.family, unknown, &choice.kind.name))
+        })
+    }
+
+    /// The chosen kind, with the complete settings of its own.
+    pub(super) fn chosen(&self, all: &Values) -> Chosen {
+        let own = self.kind.settings.iter().filter_map(|own| all.get_key_value(&own.name));
+        Chosen {
+            name: self.kind.name.clone(),
+            settings: own.map(|(name, value)| (name.clone(), value.clone())).collect(),
+        }
     }
 }
 
@@ -73,6 +95,7 @@ pub(super) fn choice(family: Family) -> Setting {
     let about = match family {
         Family::Policy => "Policy to train.",
         Family::Objective => "Self-supervised objective to train.",
+        Family::Weighting => "Weighting of kept imperfect segments in the loss of a policy.",
         Family::Scorer => "Scorer that computes the quality of segments.",
     };
     Setting {
@@ -85,7 +108,11 @@ pub(super) fn choice(family: Family) -> Setting {
 
 /// The error for a setting that another kind has.
 fn elsewhere(family: Family, setting: &str, chosen: &str) -> Option<String> {
-    let (_, kinds) = family.settings().into_iter().find(|(known, _)| known.name == setting)?;
+    let has = |kind: &&Kind| kind.settings.iter().any(|own| own.name == setting);
+    let kinds: Vec<&str> = family.kinds().iter().filter(has).map(|kind| kind.name.as_str()).collect();
+    if kinds.is_empty() {
+        return None;
+    }
     let word = family.as_str();
     Some(format!("has no effect: the {word} {chosen} does not use it, only {}; leave it out", kinds.join(", ")))
 }

@@ -1,6 +1,6 @@
 //! The settings of a score run.
 
-use super::chosen::{Chosen, choice};
+use super::chosen::{Choice, Chosen, choice};
 use super::groups::Device;
 use super::{stored, stored_as_values};
 use crate::kinds::Family;
@@ -59,9 +59,10 @@ impl ScoreSpec {
     /// # Errors
     /// An unknown setting, one that the chosen scorer does not use, or a value that is not allowed.
     pub fn from_values(values: &Values) -> Result<Self, Problem> {
-        let (scorer, values) = Chosen::from_values(Family::Scorer, &Self::schema(), values)?;
+        let scorer = Choice::read(Family::Scorer, values)?;
+        let values = Choice::complete(&[&scorer], &Self::schema(), values)?;
         let Common { normaliser, device } = Common::read(&values)?;
-        Ok(Self { scorer, normaliser, device, threads: None })
+        Ok(Self { scorer: scorer.chosen(&values), normaliser, device, threads: None })
     }
 
     /// Every setting with its value.

@@ -17,7 +17,7 @@ pub(super) fn pretrain(values: Values) -> Values {
 
 /// A training's settings in today's form.
 pub(super) fn train(values: Values) -> Values {
-    used(Family::Policy, with_action_token(flat(values)))
+    used(Family::Weighting, used(Family::Policy, with_action_token(flat(values))))
 }
 
 /// Earlier versions read the action from the proprioception and had no setting for it.

@@ -1,6 +1,6 @@
 //! The settings of training a policy.
 
-use super::chosen::{Chosen, choice};
+use super::chosen::{Choice, Chosen, choice};
 use super::groups::{Augmentation, OptimSpec, RunSpec};
 use super::{stored, stored_as_values};
 use crate::kinds::Family;
@@ -16,23 +16,14 @@ pub struct TrainSpec {
     pub augmentation: Augmentation,
     /// Optimiser and batches: each step draws `batch` expert and `batch` kept segments.
     pub optim: OptimSpec,
-    /// The paper's λ: weight of the kept imperfect segments.
-    pub lambda: f64,
+    /// The weighting of kept imperfect segments, with its own settings.
+    pub weighting: Chosen,
     /// Share of the experts that are held out.
     pub validation_share: f64,
     /// Seed, checkpoints and device.
     pub run: RunSpec,
     /// Intra-op threads, set by the worker; `None` keeps the setting of the process.
     pub threads: Option<u32>,
-}
-
-crate::settings! {
-    /// The weight of gleaned segments.
-    struct Gleaning {
-        /// Weight of the loss of kept imperfect segments relative to that of experts (the paper's λ; 0: they are
-        /// ignored). Higher values rely more on gleaned data.
-        lambda: f64 = 0.1, number_in(0.0, 1e6);
-    }
 }
 
 crate::settings! {
@@ -50,7 +41,7 @@ impl Default for TrainSpec {
             policy: Chosen::first(Family::Policy),
             augmentation: Augmentation::default(),
             optim: OptimSpec::default(),
-            lambda: Gleaning::default().lambda,
+            weighting: Chosen::first(Family::Weighting),
             validation_share: Validation::default().validation_share,
             run: RunSpec::default(),
             threads: None,
@@ -62,22 +53,23 @@ impl TrainSpec {
     /// Every setting that all policies have.
     #[must_use]
     pub fn schema() -> Vec<Setting> {
-        let groups =
-            [Gleaning::schema(), Augmentation::schema(), Validation::schema(), OptimSpec::schema(), RunSpec::schema()];
-        [vec![choice(Family::Policy)], groups.concat()].concat()
+        let groups = [Augmentation::schema(), Validation::schema(), OptimSpec::schema(), RunSpec::schema()];
+        [vec![choice(Family::Policy), choice(Family::Weighting)], groups.concat()].concat()
     }
 
     /// Reads the settings; one that is left out takes its default.
     ///
     /// # Errors
-    /// An unknown setting, one that the chosen policy does not use, or a value that is not allowed.
+    /// An unknown setting, one that the chosen policy or weighting does not use, or a value that is not allowed.
     pub fn from_values(values: &Values) -> Result<Self, Problem> {
-        let (policy, values) = Chosen::from_values(Family::Policy, &Self::schema(), values)?;
+        let choices = [Choice::read(Family::Policy, values)?, Choice::read(Family::Weighting, values)?];
+        let [policy, weighting] = &choices;
+        let values = Choice::complete(&[policy, weighting], &Self::schema(), values)?;
         Ok(Self {
-            policy,
+            policy: policy.chosen(&values),
+            weighting: weighting.chosen(&values),
             augmentation: Augmentation::read(&values)?,
             optim: OptimSpec::read(&values)?,
-            lambda: Gleaning::read(&values)?.lambda,
             validation_share: Validation::read(&values)?.validation_share,
             run: RunSpec::read(&values)?,
             threads: None,
@@ -87,10 +79,10 @@ impl TrainSpec {
     /// Every setting with its value.
     #[must_use]
     pub fn values(&self) -> Values {
-        let Self { policy, augmentation, optim, lambda, validation_share, run, threads: _ } = self;
+        let Self { policy, weighting, augmentation, optim, validation_share, run, threads: _ } = self;
         let mut values = Values::new();
         policy.write(Family::Policy, &mut values);
-        Gleaning { lambda: *lambda }.write(&mut values);
+        weighting.write(Family::Weighting, &mut values);
         augmentation.write(&mut values);
         Validation { validation_share: *validation_share }.write(&mut values);
         optim.write(&mut values);

@@ -1,6 +1,7 @@
 //! Training of any policy by weighted behaviour cloning. Independent of the policy.
 //!
-//! L_full = E_{τ∼D_e}[−log P_θ′(a | τ)] + λ E_{τ∼D_f}[−q(τ) log P_θ′(a | τ)].
+//! L_full = E_{τ∼D_e}[−log P_θ′(a | τ)] + λ E_{τ∼D_f}[−w(q(τ)) log P_θ′(a | τ)]; the chosen weighting gives λ and w,
+//! in the paper w(q) = q.
 
 use gleaner_core::TrainSpec;
 use rand::RngExt;
@@ -20,6 +21,7 @@ use crate::random::{Purpose, generator};
 use crate::shape::{self, TaskShape};
 use crate::train::{Loss, Metrics, Monitor, Resumed, Training};
 use crate::trajectory::{Trajectory, WeightedSegments};
+use crate::weighting::{self, Weighting};
 
 type Policy = Box<dyn PolicyModel>;
 
@@ -27,7 +29,8 @@ type Policy = Box<dyn PolicyModel>;
 /// `finetune` starts from the pretrained `encoder`, and without kept segments it is SSDF-base; the other policies start
 /// from scratch without an encoder.
 ///
-/// Each step takes the mean over a batch of expert segments and λ times the mean of q · loss over a batch of kept ones.
+/// Each step takes the mean over a batch of expert segments and λ times the mean of weight · loss over a batch of kept
+/// ones.
 /// `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`, `loss_expert`, `loss_kept` (before λ; only with kept
 /// segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`; twenty
 /// times `loss_validation`, if a share of the experts is held out; of the
@@ -57,7 +60,7 @@ pub fn train_policy(
         segments.validate(shape)?;
     }
     guard(|| {
-        let sources = Sources::new(shape, experts, kept, spec);
+        let sources = Sources::new(shape, experts, kept, spec)?;
         let sample = sources.sample();
         let device = device::open(spec.run.device, spec.threads)?;
         let from = PolicyInit { shape, encoder, sample: &sample, spec, device };
@@ -103,6 +106,7 @@ struct Sources<'a> {
     kept: Source<'a>,
     /// Experts that training does not see.
     held_out: Source<'a>,
+    weighting: Weighting,
 }
 
 /// How often a training measures its loss on the experts that it does not see.
@@ -119,18 +123,24 @@ const EXPERT: [Purpose; 3] = [Purpose::Batch, Purpose::Augmentation, Purpose::St
 const KEPT: [Purpose; 3] = [Purpose::KeptBatch, Purpose::KeptAugmentation, Purpose::KeptStyle];
 
 impl<'a> Sources<'a> {
-    fn new(shape: &TaskShape, experts: &'a [Trajectory], kept: &'a [WeightedSegments], spec: &TrainSpec) -> Self {
+    fn new(
+        shape: &TaskShape,
+        experts: &'a [Trajectory],
+        kept: &'a [WeightedSegments],
+        spec: &TrainSpec,
+    ) -> Result<Self, LearnError> {
+        let weighting = weighting::open(&spec.weighting)?;
         let (experts, held_out) = validation::split(experts, spec);
-        // With λ = 0 kept segments have no weight, so they are not even read.
-        let kept = if spec.lambda > 0.0 { kept } else { &[] };
-        Self {
+        let kept = if weighting.ignores_segments() { &[] } else { kept };
+        Ok(Self {
             experts: Source { segments: Segments::every(shape, &experts), data: experts },
             held_out: Source { segments: Segments::every(shape, &held_out), data: held_out },
             kept: Source {
                 data: kept.iter().map(|segments| &segments.trajectory).collect(),
                 segments: Segments::kept(kept),
             },
-        }
+            weighting,
+        })
     }
 
     /// Metrics beside those of each step: now and then the loss on experts that are held out, and in the end what the
@@ -156,26 +166,33 @@ impl<'a> Sources<'a> {
 
     fn loss(&self, policy: &dyn PolicyModel, spec: &TrainSpec, step: u64) -> Loss {
         let draw = |purposes| Draw { seed: spec.run.seed, step, purposes };
-        let (expert, losses) = self.experts.loss(policy, spec, &draw(EXPERT));
+        let (expert, losses) = self.experts.loss(policy, spec, &draw(EXPERT), Tensor::shallow_clone);
         let mut parts = vec![("loss_expert", expert.double_value(&[]))];
         let of_expert = losses.parts.iter().map(|(name, each)| (*name, each.mean(None).double_value(&[])));
         parts.extend(of_expert);
         if self.kept.segments.is_empty() {
             return Loss { total: expert, parts };
         }
-        let (kept, _) = self.kept.loss(policy, spec, &draw(KEPT));
+        let (kept, _) = self.kept.loss(policy, spec, &draw(KEPT), |qualities| self.weighting.weights(qualities));
         parts.push(("loss_kept", kept.double_value(&[])));
-        Loss { total: expert + kept * spec.lambda, parts }
+        Loss { total: expert + kept * self.weighting.lambda, parts }
     }
 }
 
 impl Source<'_> {
-    /// Mean of weight · −log P over a batch drawn from this source, and its terms.
-    fn loss(&self, policy: &dyn PolicyModel, spec: &TrainSpec, draw: &Draw) -> (Tensor, Losses) {
+    /// Mean of weight · −log P over a batch drawn from this source, and its terms; `weigh` gives the weights.
+    fn loss(
+        &self,
+        policy: &dyn PolicyModel,
+        spec: &TrainSpec,
+        draw: &Draw,
+        weigh: impl Fn(&Tensor) -> Tensor,
+    ) -> (Tensor, Losses) {
         let [mut segments, mut images, mut noise] =
             draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.step));
         let drawn = self.segments.draw(&mut segments, spec.optim.batch, spec.optim.stretch);
         let (mut batch, wanted) = self.collect(policy, &drawn);
+        batch.weight = weigh(&batch.weight);
         batch.augment(&spec.augmentation, &policy.info().statistics.proprioception, &mut images);
         let hidden = hide_past(&batch.windows, policy.history_dropout(), &mut noise);
         mean_loss(policy, batch, hidden, &wanted, &mut noise)

@@ -21,7 +21,7 @@ fn kept_segments_of_no_weight_leave_plain_behaviour_cloning() {
         all.collect::<Vec<f32>>()
     };
     let spec = toy::train_spec(3);
-    let no_lambda = TrainSpec { lambda: 0.0, ..spec.clone() };
+    let no_lambda = TrainSpec { weighting: weighting("quality", 0.0), ..spec.clone() };
     let plain = weights(&finetune(&encoder, &[], &spec).0);
     assert_eq!(plain, weights(&finetune(&encoder, &kept(0.0), &spec).0));
     assert_eq!(plain, weights(&finetune(&encoder, &kept(1.0), &no_lambda).0));
@@ -32,13 +32,20 @@ fn kept_segments_of_no_weight_leave_plain_behaviour_cloning() {
 fn the_loss_is_the_expert_mean_plus_lambda_times_the_weighted_kept_mean() {
     let encoder = encoder(1);
     let first = |weight, lambda| {
-        let spec = TrainSpec { lambda, ..toy::train_spec(1) };
+        let spec = TrainSpec { weighting: weighting("quality", lambda), ..toy::train_spec(1) };
         finetune(&encoder, &kept(weight), &spec).1.losses[0].1
     };
     let (base, full) = (first(0.0, 1.0), first(1.0, 1.0));
     assert!(full > base + 0.1);
     assert!((first(0.5, 1.0) - (base + 0.5 * (full - base))).abs() < 1e-5);
     assert!((first(1.0, 0.1) - (base + 0.1 * (full - base))).abs() < 1e-5);
+    let alike = TrainSpec { weighting: weighting("uniform", 1.0), ..toy::train_spec(1) };
+    assert!((finetune(&encoder, &kept(0.5), &alike).1.losses[0].1 - full).abs() < 1e-5);
+}
+
+fn weighting(name: &str, lambda: f64) -> gleaner_core::Chosen {
+    let chosen = gleaner_core::Chosen::new(Family::Weighting, name).unwrap();
+    chosen.with(Family::Weighting, "lambda", lambda).unwrap()
 }
 
 #[test]
