@@ -2,6 +2,7 @@
 
 use bytes::Bytes;
 use futures::StreamExt as _;
+use futures::stream::BoxStream;
 use gleaner_proto::v1::session_request::Message as Request;
 use gleaner_proto::v1::session_response::Message as Response;
 use gleaner_proto::v1::{
@@ -15,7 +16,6 @@ use tonic::Streaming;
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
-use crate::robot::SessionChannel;
 
 /// One running episode in lock step: each observation waits for its action. The server keeps its history; drop it to
 /// abandon the episode. For a robot in real time, use [`Client::control`].
@@ -122,10 +122,10 @@ impl Session {
         }
     }
 
-    /// Both directions, for callers that do not run in lock step.
-    pub(crate) fn into_channel(self) -> SessionChannel {
+    /// The server's answer to the opening and both directions, for callers that do not run in lock step.
+    pub(crate) fn into_parts(self) -> (SessionOpened, mpsc::Sender<Request>, BoxStream<'static, Result<Response>>) {
         let responses = self.responses.map(|response| message(response?));
-        SessionChannel { opened: self.opened, requests: self.requests, responses: responses.boxed() }
+        (self.opened, self.requests, responses.boxed())
     }
 }
 

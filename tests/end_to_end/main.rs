@@ -33,6 +33,7 @@ mod inference;
 mod load;
 mod maintenance;
 mod method;
+mod modules;
 mod operator;
 mod pages;
 mod prose;

@@ -1,7 +1,7 @@
 //! The rules of ARCHITECTURE.md, checked on the sources: which crate is named where, which crate depends on which, and the
 //! header of every file.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use crate::support::files;
 
@@ -26,7 +26,7 @@ fn names(source: &str, word: &str) -> bool {
 
 #[test]
 fn crates_are_named_in_their_place_only() {
-    let rules: [(&str, &[&str]); 13] = [
+    let rules: [(&str, &[&str]); 14] = [
         ("tch", &["crates/learn/", "crates/search/"]),
         ("sqlx", &["server/src/store/"]),
         ("mcap", &["crates/recording/"]),
@@ -46,6 +46,7 @@ fn crates_are_named_in_their_place_only() {
         ),
         ("axum", &["crates/web/"]),
         ("maud", &["crates/web/"]),
+        ("gleaner_web", &["server/src/pages/"]),
         ("gleaner_search", &["crates/search/", "crates/learn/"]),
         (
             "gleaner_edge",
@@ -186,71 +187,6 @@ fn the_worker_links_no_database_and_no_web_server() {
         assert!(!found.contains(name), "gleaner-worker links {name}");
     }
     assert!(found.contains("gleaner-learn"), "the walk found too little");
-}
-
-#[test]
-fn removed_module_cycles_do_not_return() {
-    let rules: [(&str, &[&str]); 6] = [
-        ("server/src/access/", &["gleaner_web", "pages", "service"]),
-        ("server/src/access/issue.rs", &["command"]),
-        ("server/src/access/span.rs", &["command", "issue"]),
-        ("crates/edge/src/pending.rs", &["state", "connection", "connections"]),
-        ("crates/recording/src/plan", &["inspect"]),
-        ("crates/recording/src/inspect", &["planner"]),
-    ];
-    let mut broken = Vec::new();
-    for (name, source) in sources() {
-        for (from, to) in rules {
-            let planner = name == "crates/recording/src/planner.rs";
-            if name.starts_with(from) && !planner {
-                let named = to.iter().filter(|word| names(&source, word));
-                broken.extend(named.map(|word| format!("{name} names {word}, which leads back to it")));
-            }
-        }
-    }
-    assert!(broken.is_empty(), "{}", broken.join("\n"));
-}
-
-/// The modules that `from` leads to, by their names in `graph`.
-fn reachable<'a>(graph: &BTreeMap<&'a str, Vec<&'a str>>, from: &str, found: &mut BTreeSet<&'a str>) {
-    for next in graph.get(from).into_iter().flatten() {
-        if found.insert(next) {
-            reachable(graph, next, found);
-        }
-    }
-}
-
-#[test]
-fn modules_of_these_folders_have_no_cycle() {
-    let sources = sources();
-    for folder in [
-        "crates/edge/src/",
-        "crates/search/src/",
-        "client/command/src/",
-        "client/command/src/cmd/",
-        "client/command/src/experiment/",
-    ] {
-        // A module is a file with the folder of its name; tests may name anything.
-        let mut modules: BTreeMap<&str, String> = BTreeMap::new();
-        for (name, source) in &sources {
-            let Some(path) = name.strip_prefix(folder).and_then(|path| path.strip_suffix(".rs")) else { continue };
-            let module = path.split('/').next().unwrap();
-            let is_root = ["lib", "main", "mod"].contains(&path);
-            if !is_root && !path.split('/').any(|part| ["tests", "testing"].contains(&part)) {
-                *modules.entry(module).or_default() += source.split("#[cfg(test)]").next().unwrap();
-            }
-        }
-        assert!(modules.len() > 10, "{folder}: the walk found too little");
-        let names_of = |code: &str, own: &str| {
-            modules.keys().copied().filter(|module| *module != own && names(code, module)).collect()
-        };
-        let graph = modules.iter().map(|(module, code)| (*module, names_of(code, module))).collect();
-        for module in modules.keys() {
-            let mut found = BTreeSet::new();
-            reachable(&graph, module, &mut found);
-            assert!(!found.contains(module), "{folder}{module}.rs leads back to itself: {found:?}");
-        }
-    }
 }
 
 /// Helpers are in one room, so that a test file can change or move without another one.

@@ -35,6 +35,7 @@ pub struct SessionChannel {
 
 impl Link for Client {
     async fn open(&mut self, open: &SessionOpen) -> Result<SessionChannel> {
-        Ok(Session::open_with(self, open.clone()).await?.into_channel())
+        let (opened, requests, responses) = Session::open_with(self, open.clone()).await?.into_parts();
+        Ok(SessionChannel { opened, requests, responses })
     }
 }

@@ -33,6 +33,11 @@ pub fn beside_database(data_dir: &Path, suffix: &str) -> PathBuf {
     data_dir.join(format!("{DATABASE}{suffix}"))
 }
 
+/// Path of the folder of the logs of jobs.
+pub fn logs(data_dir: &Path) -> PathBuf {
+    data_dir.join("logs")
+}
+
 /// The remedies for a data folder whose database is missing, damaged or does not match the blobs, as the end of an
 /// error message.
 pub fn ways_out(data_dir: &Path) -> String {

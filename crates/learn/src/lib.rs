@@ -32,6 +32,7 @@
 //! # }
 //! ```
 
+mod augment;
 mod batch;
 mod checkpoint;
 mod device;

@@ -5,6 +5,7 @@
 use rand::seq::SliceRandom;
 use tch::{Tensor, no_grad_guard};
 
+use crate::augment::augment;
 use crate::batch::{Batch, Segments};
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
@@ -120,7 +121,7 @@ fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &Pre
     let window = spec.model.window();
     let mut batch = Batch::collect(&network.shape, data, &drawn, window, network.device());
     let standard = &network.statistics.proprioception;
-    batch.augment(&spec.augmentation, standard, &mut generator(spec.run.seed, Purpose::Augmentation, step));
+    augment(&mut batch, &spec.augmentation, standard, &mut generator(spec.run.seed, Purpose::Augmentation, step));
     batch
 }
 

@@ -18,7 +18,7 @@ use crate::error::RecordingError;
 use crate::limits::Limits;
 use frames::{Frame, Frames};
 use index::{ChunkIndex, Footer, Messages, Statistics};
-use integrity::{Integrity, Place};
+use integrity::Integrity;
 
 pub(crate) use integrity::Problem;
 pub(crate) use record::Record;
@@ -57,6 +57,17 @@ pub(crate) fn scan(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Sca
 /// Like [`scan`].
 pub(crate) fn scan_whole_chunks(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Scanned, RecordingError> {
     Scan::open(path, limits, true)?.run(visit)
+}
+
+/// The place of a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Place {
+    /// In a chunk; whether the chunk has a checksum.
+    Chunk { checked: bool },
+    /// In the data section, outside of chunks.
+    Data,
+    /// Between the end of the data section and the footer.
+    Summary,
 }
 
 /// One pass over a file.

@@ -5,10 +5,12 @@
 
 mod artifacts;
 mod assets;
+mod audit_draft;
 mod backend;
 mod browser;
 mod caller;
 mod change;
+mod dataset;
 mod deployments;
 mod episode;
 mod episodes;
@@ -18,6 +20,7 @@ mod frames;
 mod http1;
 mod jobs;
 mod kinds;
+mod link;
 mod machines;
 mod middleware;
 mod overview;

@@ -22,8 +22,8 @@ use gleaner_edge::{Call, ConnectionState};
 
 use super::{
     AppState, Caller,
+    audit_draft::AuditDraft,
     browser::Browser,
-    change::AuditDraft,
     escape, forgery,
     page::Page,
     page_request::{PageRequest, escaped},

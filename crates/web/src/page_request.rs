@@ -9,7 +9,7 @@ use axum::{
 use gleaner_core::{Error, Result};
 use serde::de::DeserializeOwned;
 
-use super::{AppState, Backend, Caller, change::AuditDraft, page::Page};
+use super::{AppState, Backend, Caller, audit_draft::AuditDraft, page::Page};
 
 /// A request that has passed the middleware.
 #[derive(Clone)]

@@ -11,8 +11,8 @@ use axum::{
 
 use super::page::Page;
 use super::{
-    AppState, artifacts, assets, deployments, episode, episodes, frames, jobs, kinds, machines, middleware, overview,
-    runs, sign_in,
+    AppState, artifacts, assets, dataset, deployments, episode, episodes, frames, jobs, kinds, machines, middleware,
+    overview, runs, sign_in,
 };
 
 /// Every page behind the middleware.
@@ -43,7 +43,7 @@ fn handler(page: Page) -> MethodRouter {
         Page::MakeDataset => post(runs::make),
         Page::Snapshot => get(artifacts::snapshot),
         Page::Encoder => get(artifacts::encoder),
-        Page::Dataset => get(artifacts::dataset),
+        Page::Dataset => get(dataset::show),
         Page::Policy => get(artifacts::policy),
         Page::Jobs => get(jobs::list),
         Page::Job => get(jobs::show),

@@ -3,7 +3,7 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::Value;
 
-use super::{Caller, artifacts::link, assets, page::Page, page_request::PageRequest};
+use super::{Caller, assets, link, page::Page, page_request::PageRequest};
 
 /// The tab of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,7 +2,6 @@
 
 use gleaner_core::ScoreSpec;
 
-use super::submit::MAX_ATTEMPTS;
 use crate::domain::{
     dataset::Dataset,
     id::{DatasetId, EncoderId, EvaluationId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
@@ -11,6 +10,9 @@ use crate::domain::{
     schedule::PipelineSpec,
     time::Millis,
 };
+
+/// Attempts of a job whose order has no number of attempts.
+pub(super) const MAX_ATTEMPTS: u32 = 3;
 
 /// Pretrain, then score, then a dataset, then train, then evaluate: each linked to the one before it.
 pub(super) fn chain(task: &TaskId, pipeline: PipelineSpec, snapshot: &SnapshotId, priority: i32) -> Plan {

@@ -42,7 +42,7 @@ impl Log {
         let [older, newer] = files(data_dir, job);
         let mut log = Self { newer, older, open: None };
         let opened = async {
-            tokio::fs::create_dir_all(folder(data_dir)).await?;
+            tokio::fs::create_dir_all(gleaner_data_folder::logs(data_dir)).await?;
             log.open().await
         };
         if let Err(error) = opened.await {
@@ -150,14 +150,9 @@ async fn there(path: &Path) -> std::io::Result<Option<(File, Metadata)>> {
     }
 }
 
-/// The folder of the logs.
-pub(crate) fn folder(data_dir: &Path) -> PathBuf {
-    data_dir.join("logs")
-}
-
 /// The older file and the newer one.
 fn files(data_dir: &Path, job: &JobId) -> [PathBuf; 2] {
-    let folder = folder(data_dir);
+    let folder = gleaner_data_folder::logs(data_dir);
     [folder.join(format!("{job}.older.log")), folder.join(format!("{job}.log"))]
 }
 
@@ -197,8 +192,10 @@ mod tests {
         assert!((least..most).contains(&kept.len()), "{}", kept.len());
         assert_eq!(read(dir.path(), &job, 100).await.unwrap(), output[output.len() - 100..], "no more than requested");
         assert_eq!(read(dir.path(), &job, FULL).await.unwrap(), kept[kept.len() - least..], "of both files");
-        let on_disk: u64 =
-            std::fs::read_dir(folder(dir.path())).unwrap().map(|file| file.unwrap().metadata().unwrap().len()).sum();
+        let on_disk: u64 = std::fs::read_dir(gleaner_data_folder::logs(dir.path()))
+            .unwrap()
+            .map(|file| file.unwrap().metadata().unwrap().len())
+            .sum();
         assert_eq!(on_disk, kept.len() as u64);
     }
 

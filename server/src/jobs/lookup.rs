@@ -28,6 +28,19 @@ impl Jobs {
         Ok(id)
     }
 
+    /// The snapshot that a scoring names, or the encoder's own.
+    pub(super) async fn scored_snapshot(
+        &self,
+        task: &TaskId,
+        named: Option<SnapshotId>,
+        own: SnapshotId,
+    ) -> Result<SnapshotId> {
+        match named {
+            Some(id) => self.snapshot(task, "spec.score.snapshot_id", Some(id), &RoleRule::default()).await,
+            None => Ok(own),
+        }
+    }
+
     /// The job that makes an encoder, and the encoder's snapshot.
     pub(super) async fn encoder(&self, task: &TaskId, field: &str, id: &EncoderId) -> Result<(JobId, SnapshotId)> {
         match self.0.store.job_of_result(id.as_str()).await? {

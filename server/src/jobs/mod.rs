@@ -5,6 +5,7 @@
 mod assignment;
 mod attempt;
 mod chain;
+mod input_episodes;
 mod kinds;
 mod lease;
 mod log;
@@ -28,7 +29,6 @@ use tokio::sync::{Notify, watch as state};
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
 
 use self::lease::Leases;
-pub(crate) use self::log::folder as logs_folder;
 use crate::{
     blobs::Blobs,
     config::ServeConfig,

@@ -1,7 +1,11 @@
 //! Submission: inputs are chosen, results get their ids, dependencies are found, and the jobs are queued in one
 //! transaction.
 
-use super::{Jobs, chain::chain, kinds};
+use super::{
+    Jobs,
+    chain::{MAX_ATTEMPTS, chain},
+    kinds,
+};
 use crate::{
     domain::{
         id::{DatasetId, JobId, TaskId},
@@ -11,9 +15,6 @@ use crate::{
     },
     error::{Error, Kind, Result},
 };
-
-/// Attempts of a job whose order has no number of attempts.
-pub(super) const MAX_ATTEMPTS: u32 = 3;
 
 impl Jobs {
     /// Queues a job, or returns the job that its key already names.

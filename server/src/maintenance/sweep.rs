@@ -24,7 +24,6 @@ use crate::{
         time::Millis,
     },
     error::{Error, Result},
-    jobs,
     store::Store,
 };
 
@@ -91,7 +90,7 @@ impl Sweeper {
         counts.caches = off_runtime(move || rules.sweep()).await?;
         let tmp = self.data_dir.join("tmp");
         counts.leavings += off_runtime(move || remove_unwritten(&tmp, old)).await?;
-        let logs = jobs::logs_folder(&self.data_dir);
+        let logs = gleaner_data_folder::logs(&self.data_dir);
         // Running jobs may write to their logs, however rarely.
         let quiet = self.days_before(now, self.maintenance.log_days).await?.min(old);
         counts.logs = off_runtime(move || remove_unwritten(&logs, quiet)).await?;

@@ -1,7 +1,7 @@
 //! A loaded policy on its own thread, and the handle through which requests reach it.
 
 use std::{
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex},
     thread::JoinHandle,
     time::{Duration, Instant},
 };
@@ -11,6 +11,7 @@ use tokio::sync::oneshot;
 
 use super::{
     batch::{QueuedRequest, Server, StepResult},
+    lock::lock,
     model::{Advanced, Model, ModelInput, answer},
     observation::blank,
     session_rates::{RateGuard, SessionRates},
@@ -185,11 +186,6 @@ impl<H> InferenceRequest<H> {
 
 fn stopped() -> Error {
     Error::unavailable("the policy is being unloaded or the server is stopping; retry")
-}
-
-/// Locks; the values behind these mutexes are whole after every statement, so a panic elsewhere does not matter.
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The start of a model's thread: loads and warms up the model and sends its shape. Returns the model and the duration

@@ -9,6 +9,7 @@ mod engine;
 mod inference_step;
 mod live;
 mod loaded_policies;
+mod lock;
 mod model;
 pub(crate) mod observation;
 mod open_session;
@@ -34,9 +35,10 @@ use gleaner_learn::Policy as Model;
 use tracing::Instrument as _;
 
 use self::{
-    engine::{Engine, Identity, lock},
+    engine::{Engine, Identity},
     live::Live,
     loaded_policies::LoadedPolicies,
+    lock::lock,
     sequences::Sequences,
 };
 use crate::{

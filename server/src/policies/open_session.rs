@@ -9,7 +9,8 @@ use tracing::Instrument as _;
 
 use super::{
     Policies,
-    engine::{Engine, lock},
+    engine::Engine,
+    lock::lock,
     record::Record,
     reply_sender::{Answers, ReplySender},
     session::{Session, Terms},

@@ -13,7 +13,8 @@ use tokio::time::Instant;
 
 use super::{
     Policies,
-    engine::{Engine, lock},
+    engine::Engine,
+    lock::lock,
     model::{Model, ModelInput},
     observation,
 };

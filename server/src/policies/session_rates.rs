@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::engine::lock;
+use super::lock::lock;
 
 /// A session without a request in this many of its periods counts as absent.
 const ABSENT: u32 = 2;

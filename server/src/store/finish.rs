@@ -1,6 +1,6 @@
 //! The success of a job: its result's rows and its new state, in one transaction.
 
-use super::{Store, encoder, evaluation, export, policy, queue, score};
+use super::{Store, attempt, encoder, evaluation, export, policy, queue, score};
 use crate::{
     domain::{
         attempt::Attempt,
@@ -36,7 +36,7 @@ impl Store {
     /// Precondition when the attempt has ended; Cancelled when the job was asked to stop.
     pub(crate) async fn finish_job(&self, attempt: &Attempt, result: &JobResult) -> Result<queue::Moved> {
         let mut tx = self.write().await?;
-        let job = queue::running(&mut tx, attempt).await?.ok_or_else(queue::attempt_is_over)?;
+        let job = attempt::running(&mut tx, attempt).await?.ok_or_else(attempt::attempt_is_over)?;
         if job.cancel_requested {
             return Err(Error::cancelled(format!("{} was cancelled", job.id)));
         }

@@ -3,7 +3,7 @@
 use sqlx::{Sqlite, Transaction};
 
 use super::{
-    Store, fault, queue,
+    Store, attempt, fault,
     row::{self, Column as _, record},
 };
 use crate::{
@@ -18,7 +18,7 @@ impl Store {
     /// Precondition when the attempt has ended.
     pub(crate) async fn report_progress(&self, attempt: &Attempt, progress: &Progress) -> Result<bool> {
         let mut tx = self.write().await?;
-        let job = queue::running(&mut tx, attempt).await?.ok_or_else(queue::attempt_is_over)?;
+        let job = attempt::running(&mut tx, attempt).await?.ok_or_else(attempt::attempt_is_over)?;
         sqlx::query(
             "update jobs set done = ?1, total = ?2, message = iif(cancel_requested, message, ?3), \
              peak_memory_bytes = max(peak_memory_bytes, ?4) where id = ?5",

@@ -3,11 +3,13 @@
 //! One connection writes, several read. Every write commits with `synchronous=FULL`: it is on disk when the call
 //! returns. Arguments and results are domain values.
 
+mod attempt;
 mod audit;
 pub(crate) mod backlog;
 mod blob;
 mod check;
 mod clock;
+mod copy;
 mod curation;
 mod dataset;
 mod deployment;

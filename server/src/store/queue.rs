@@ -3,7 +3,7 @@
 use sqlx::{Sqlite, Transaction};
 
 use super::{
-    Store, fault,
+    Store, attempt, fault,
     job::by_id,
     metric,
     row::{self, Column as _},
@@ -69,7 +69,7 @@ impl Store {
     /// Ends an attempt without a result. `None` when it had already ended.
     pub(crate) async fn end_attempt(&self, attempt: &Attempt, end: &AttemptEnd) -> Result<Option<Moved>> {
         let mut tx = self.write().await?;
-        let Some(job) = running(&mut tx, attempt).await? else { return Ok(None) };
+        let Some(job) = attempt::running(&mut tx, attempt).await? else { return Ok(None) };
         let next = end.next(Standing {
             attempt: job.attempt,
             max_attempts: job.max_attempts,
@@ -131,7 +131,7 @@ impl Store {
     /// Precondition when the attempt has ended.
     pub(crate) async fn save_checkpoint(&self, attempt: &Attempt, step: u64, blob: &BlobId) -> Result<Option<BlobId>> {
         let mut tx = self.write().await?;
-        let job = running(&mut tx, attempt).await?.ok_or_else(attempt_is_over)?;
+        let job = attempt::running(&mut tx, attempt).await?.ok_or_else(attempt::attempt_is_over)?;
         sqlx::query("update jobs set checkpoint = ?, checkpoint_step = ? where id = ?")
             .bind(blob.param())
             .bind(step.param())
@@ -158,23 +158,6 @@ impl Store {
         metric::cut_back(&mut tx, id, None).await?;
         self.commit(tx).await
     }
-}
-
-/// The error of a worker whose attempt has ended.
-pub(super) fn attempt_is_over() -> Error {
-    Error::precondition("this attempt of the job is over")
-}
-
-/// The job of an attempt inside a write, if that attempt is running.
-pub(super) async fn running(tx: &mut Transaction<'_, Sqlite>, attempt: &Attempt) -> Result<Option<Job>> {
-    let held: Option<i64> =
-        sqlx::query_scalar("select 1 from jobs where id = ? and coalesce(token_hash, '') = ? and state = 'running'")
-            .bind(attempt.job_id.param())
-            .bind(&attempt.token_hash)
-            .fetch_optional(&mut **tx)
-            .await
-            .map_err(fault("looking for an attempt"))?;
-    if held.is_some() { by_id(tx, &attempt.job_id).await } else { Ok(None) }
 }
 
 /// Changes a job's state to `next`. Its worker's reports are rejected afterwards; if it has ended, its checkpoint is

@@ -1,10 +1,10 @@
-//! Opening a database read-only, beside a running server or in a backup; and its schema version.
+//! Opening a database read-only, beside a running server or in a backup; its schema version and its integrity.
 
 use std::{path::Path, time::Duration};
 
 use sqlx::{
     SqlitePool,
-    sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions},
+    sqlite::{SqliteConnectOptions, SqlitePoolOptions},
 };
 use tempfile::TempDir;
 
@@ -96,41 +96,6 @@ impl ReadOnlyDatabase {
 }
 
 impl Store {
-    /// Copies the database at `from`, of any schema, to a new file at `to`, without open uploads, whose files are not
-    /// copied.
-    ///
-    /// # Errors
-    /// As for [`ReadOnlyDatabase::open`] and [`Store::copy_to`].
-    pub(crate) async fn copy(from: &Path, to: &Path) -> Result<()> {
-        let source = open_read_only(from).await?;
-        known_schema(&source.readers, from).await?;
-        source.copy_to(to).await?;
-        source.close().await;
-        let options = SqliteConnectOptions::new().filename(to).journal_mode(SqliteJournalMode::Delete);
-        let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await;
-        let pool = pool.map_err(fault("opening the copy"))?;
-        sqlx::query("delete from uploads").execute(&pool).await.map_err(fault("leaving uploads out"))?;
-        super::lab::detach(&pool).await?;
-        pool.close().await;
-        Ok(())
-    }
-
-    /// Writes the database at one moment to a new, self-contained file, while others read and write.
-    ///
-    /// `VACUUM INTO` reads in one transaction, which in WAL mode does not block others. SQLite's backup API starts
-    /// again whenever another process has written, so a busy server could keep a backup from ever ending.
-    ///
-    /// # Errors
-    /// Exhausted when the disk is full; Internal when the database is damaged or the file exists already.
-    pub(crate) async fn copy_to(&self, path: &Path) -> Result<()> {
-        sqlx::query("vacuum into ?")
-            .bind(path.display().to_string())
-            .execute(&self.readers)
-            .await
-            .map_err(fault("copying the database"))?;
-        Ok(())
-    }
-
     /// SQLite's own integrity findings, and dangling rows.
     pub(crate) async fn integrity(&self) -> Result<Vec<(String, String)>> {
         let fault = || fault("checking the database");

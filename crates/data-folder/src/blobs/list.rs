@@ -6,7 +6,7 @@ use std::{
     time::SystemTime,
 };
 
-use super::{Blobs, across, fault, sidecar};
+use super::{Blobs, across, fault, names, sidecar};
 use crate::stamp;
 use gleaner_core::{error::Result, id::BlobId};
 
@@ -104,17 +104,6 @@ impl Blobs {
 
 fn is_hex(name: &str) -> bool {
     name.len() == 2 && name.bytes().all(|digit| digit.is_ascii_hexdigit())
-}
-
-pub(super) fn names(folder: &Path) -> Result<Vec<PathBuf>> {
-    match fs::read_dir(folder) {
-        Ok(entries) => {
-            let paths = entries.map(|entry| entry.map(|entry| entry.path()));
-            paths.collect::<std::io::Result<_>>().map_err(fault("listing", folder))
-        }
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
-        Err(error) => Err(fault("listing", folder)(error)),
-    }
 }
 
 fn look(path: PathBuf, id: Option<BlobId>) -> Result<Option<Found>> {

@@ -186,6 +186,18 @@ fn fault<'a>(doing: &'a str, path: &'a Path) -> impl FnOnce(io::Error) -> Error 
     move |error| Error::internal(format!("{doing} {}", path.display()), error)
 }
 
+/// The paths in a folder; none if it is missing.
+fn names(folder: &Path) -> Result<Vec<PathBuf>> {
+    match fs::read_dir(folder) {
+        Ok(entries) => {
+            let paths = entries.map(|entry| entry.map(|entry| entry.path()));
+            paths.collect::<io::Result<_>>().map_err(fault("listing", folder))
+        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+        Err(error) => Err(fault("listing", folder)(error)),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

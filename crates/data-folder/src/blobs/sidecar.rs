@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{Blobs, across, fault, list::names, sync_folder};
+use super::{Blobs, across, fault, names, sync_folder};
 use gleaner_core::{error::Result, id::BlobId};
 
 /// Folder of the tasks' descriptions, among the blobs.

@@ -1,7 +1,6 @@
 //! From plain arrays to tensors: draws segments, lays out their windows so that each
 //! step is there once, and moves bytes and floats into tensors. Independent of the model.
 
-mod augment;
 mod chunks;
 mod draw;
 mod images;
@@ -32,7 +31,7 @@ pub(crate) struct Batch {
     /// `[W]`, the segments' weights.
     pub(crate) weight: Tensor,
     /// The episode of each of the N steps, an index into the data.
-    episodes: Vec<usize>,
+    pub(crate) episodes: Vec<usize>,
 }
 
 impl Batch {

@@ -10,6 +10,7 @@ mod perceptron;
 mod scratch;
 mod serve;
 mod shares;
+mod source;
 mod tf_bc;
 mod train;
 mod validation;

@@ -110,7 +110,7 @@ impl PolicyModel for Perceptron {
 mod tests {
     use super::super::tests::untrained;
     use crate::batch::values;
-    use crate::policy::train::{Source, mean_loss};
+    use crate::policy::source::{Source, mean_loss};
     use crate::random::{Purpose, generator};
     use crate::toy;
 

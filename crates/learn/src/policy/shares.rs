@@ -8,7 +8,7 @@ use rand::RngExt;
 use tch::{Kind, Tensor, no_grad_guard};
 
 use super::kind::{PolicyInput, PolicyModel};
-use super::train::Source;
+use super::source::Source;
 use crate::batch::{Batch, Segment, Windows, int};
 use crate::random::{Purpose, generator};
 use crate::train::Metrics;

@@ -4,20 +4,19 @@
 //! in the paper w(q) = q.
 
 use gleaner_core::TrainSpec;
-use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
 use super::find;
-use super::kind::{Losses, PolicyInit, PolicyInput, PolicyModel};
+use super::kind::{PolicyInit, PolicyModel};
 use super::shares::shares;
+use super::source::{Draw, Source};
 use super::validation;
-use crate::batch::{Batch, Chunks, Segment, Segments, Windows};
+use crate::batch::Segments;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::normalize::Sample;
-use crate::random::{Purpose, generator};
+use crate::random::Purpose;
 use crate::shape::{self, TaskShape};
 use crate::train::{Loss, Metrics, Monitor, Resumed, Training};
 use crate::trajectory::{Trajectory, WeightedSegments};
@@ -94,12 +93,6 @@ fn begin(from: &PolicyInit<'_>, resume: Option<&[u8]>) -> Result<Resumed<Policy>
     Ok(Resumed::Unfinished(Box::new(Training::start((kind.init)(from, &info)?, info))))
 }
 
-/// Episodes and the segments of them that count.
-pub(super) struct Source<'a> {
-    pub(super) data: Vec<&'a Trajectory>,
-    pub(super) segments: Segments,
-}
-
 /// The sources of the two batches of a step.
 struct Sources<'a> {
     experts: Source<'a>,
@@ -111,13 +104,6 @@ struct Sources<'a> {
 
 /// How often a training measures its loss on the experts that it does not see.
 const VALIDATIONS: u64 = 20;
-
-/// The parameters of one batch's random numbers: seed, step, and the purposes of segments, images, noise.
-struct Draw {
-    seed: u64,
-    step: u64,
-    purposes: [Purpose; 3],
-}
 
 const EXPERT: [Purpose; 3] = [Purpose::Batch, Purpose::Augmentation, Purpose::Style];
 const KEPT: [Purpose; 3] = [Purpose::KeptBatch, Purpose::KeptAugmentation, Purpose::KeptStyle];
@@ -176,82 +162,5 @@ impl<'a> Sources<'a> {
         let (kept, _) = self.kept.loss(policy, spec, &draw(KEPT), |qualities| self.weighting.weights(qualities));
         parts.push(("loss_kept", kept.double_value(&[])));
         Loss { total: expert + kept * self.weighting.lambda, parts }
-    }
-}
-
-impl Source<'_> {
-    /// Mean of weight · −log P over a batch drawn from this source, and its terms; `weigh` gives the weights.
-    fn loss(
-        &self,
-        policy: &dyn PolicyModel,
-        spec: &TrainSpec,
-        draw: &Draw,
-        weigh: impl Fn(&Tensor) -> Tensor,
-    ) -> (Tensor, Losses) {
-        let [mut segments, mut images, mut noise] =
-            draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.step));
-        let drawn = self.segments.draw(&mut segments, spec.optim.batch, spec.optim.stretch);
-        let (mut batch, wanted) = self.collect(policy, &drawn);
-        batch.weight = weigh(&batch.weight);
-        batch.augment(&spec.augmentation, &policy.info().statistics.proprioception, &mut images);
-        let hidden = hide_past(&batch.windows, policy.history_dropout(), &mut noise);
-        mean_loss(policy, batch, hidden, &wanted, &mut noise)
-    }
-
-    /// The input of `policy` for `drawn` segments, and its targets.
-    pub(super) fn collect(&self, policy: &dyn PolicyModel, drawn: &[Segment]) -> (Batch, Chunks) {
-        let info = policy.info();
-        let batch = Batch::collect(info.shape, &self.data, drawn, info.window, info.device);
-        let runs = drawn.iter().map(|segment| (*segment, self.segments.run(segment, info.chunk)));
-        let runs: Vec<(Segment, usize)> = runs.collect();
-        let wanted = Chunks::collect(info.shape, &self.data, &runs, info.chunk, info.device);
-        (batch, wanted)
-    }
-}
-
-/// All steps of a window but the last, for each window with chance `dropout`: `[W, L, 3]`. `None` if there is no past
-/// to hide, or the chance is 0.
-fn hide_past(windows: &Windows, dropout: f64, rng: &mut ChaCha8Rng) -> Option<Tensor> {
-    if windows.length < 2 || dropout == 0.0 {
-        return None;
-    }
-    let count = windows.valid_places.len() / windows.length;
-    let hides: Vec<bool> = (0..count).map(|_| rng.random_bool(dropout)).collect();
-    windows.past_of(&hides)
-}
-
-/// Mean of weight · −log P over `batch`; each of its frames is encoded once.
-pub(super) fn mean_loss(
-    policy: &dyn PolicyModel,
-    batch: Batch,
-    hidden: Option<Tensor>,
-    wanted: &Chunks,
-    noise: &mut ChaCha8Rng,
-) -> (Tensor, Losses) {
-    let Batch { images, seen_proprioception: proprioception, action, windows, weight, .. } = batch;
-    let input = PolicyInput { embedded: policy.embed_images(&images), proprioception, action, windows, hidden };
-    let losses = policy.losses(&input, wanted, noise);
-    ((&losses.each * weight).mean(None), losses)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::batch::values;
-
-    #[test]
-    fn the_past_is_hidden_as_often_as_asked_and_the_newest_step_never() {
-        let windows = Windows::in_order(vec![true; 400 * 3], 3, tch::Device::Cpu);
-        let mut rng = generator(1, Purpose::Style, 0);
-        let hidden = hide_past(&windows, 0.25, &mut rng).unwrap();
-        assert_eq!(hidden.size(), [400, 3, 3]);
-        let each = values(&hidden.to_kind(tch::Kind::Float));
-        let of_window: Vec<f32> = each.chunks(9).map(|window| window[..6].iter().sum()).collect();
-        assert!(each.chunks(9).all(|window| window[6..].iter().all(|h| *h == 0.0)));
-        assert!(of_window.iter().all(|sum| *sum == 0.0 || *sum == 6.0), "a past is hidden as one");
-        let count = of_window.iter().filter(|sum| **sum > 0.0).count();
-        assert!((70..130).contains(&count), "{count} of 400");
-        assert!(hide_past(&windows, 0.0, &mut rng).is_none());
-        assert!(hide_past(&Windows::in_order(vec![true; 4], 1, tch::Device::Cpu), 1.0, &mut rng).is_none());
     }
 }

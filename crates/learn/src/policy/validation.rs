@@ -6,7 +6,7 @@ use rand::seq::SliceRandom;
 use tch::no_grad_guard;
 
 use super::kind::PolicyModel;
-use super::train::{Source, mean_loss};
+use super::source::{Source, mean_loss};
 use crate::batch::Segment;
 use crate::random::{Purpose, generator};
 use crate::trajectory::Trajectory;

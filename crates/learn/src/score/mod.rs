@@ -4,8 +4,8 @@
 //! open; [`local`] defines the scale of similarities before they are normalised.
 
 mod base;
-mod classifier;
 mod comparison;
+mod feature_key;
 mod features;
 mod live;
 mod local;
@@ -15,8 +15,9 @@ pub(crate) mod scorer;
 mod similarity;
 
 pub use comparison::{FeatureScale, Similarity};
+pub use feature_key::features_kind;
 pub(crate) use features::last_steps;
-pub use features::{FeatureStore, Forgetful, features_kind};
+pub use features::{FeatureStore, Forgetful};
 pub use live::{LiveScorer, SegmentScore};
 pub use normaliser::Normaliser;
 

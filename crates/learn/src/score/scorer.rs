@@ -1,10 +1,12 @@
 //! The scorers: one file each, and the list of them.
 
+mod classifier;
 mod kind;
 mod list;
 mod raw;
 mod ssdf;
 
-pub(super) use kind::{Scorer, ScorerKind};
+pub(super) use kind::Scorer;
+use kind::ScorerKind;
 pub(crate) use list::describe;
 pub(super) use list::open;

@@ -6,10 +6,10 @@
 use std::collections::{BTreeMap, HashMap};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use super::Record;
 use super::frames::Frame;
 use super::index::{ChunkHead, ChunkIndex, Entries, Footer, Messages, Statistics, chunk_key};
 use super::statistics::Counts;
+use super::{Place, Record};
 use gleaner_core::FindingCode;
 
 /// A contradiction in a file.
@@ -19,17 +19,6 @@ pub(crate) struct Problem {
     /// The part of the file that is contradicted.
     pub(crate) subject: &'static str,
     pub(crate) detail: String,
-}
-
-/// The place of a record.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Place {
-    /// In a chunk; whether the chunk has a checksum.
-    Chunk { checked: bool },
-    /// In the data section, outside of chunks.
-    Data,
-    /// Between the end of the data section and the footer.
-    Summary,
 }
 
 /// The messages of the chunk whose message indexes are being read.

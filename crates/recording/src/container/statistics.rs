@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::Place;
 use super::index::Statistics;
-use super::integrity::Place;
 
 /// Counts of the records that were read from a file.
 #[derive(Debug, Default)]

@@ -3,7 +3,7 @@
 use gleaner_core::job::JobState;
 use maud::{Markup, html};
 
-use super::link;
+use crate::link;
 
 /// The most cards of a stage shown.
 const MOST: usize = 6;

@@ -6,8 +6,9 @@ use gleaner_core::{
 };
 use maud::{Markup, html};
 
-use super::{episodes, link, of_job};
+use super::{episodes, of_job};
 use crate::{
+    link,
     page_request::PageRequest,
     refusal::Answer,
     shell::{self, Head, Tab},

@@ -7,8 +7,7 @@ use gleaner_core::{
 use maud::{Markup, html};
 use serde_json::json;
 
-use super::link;
-use crate::{sheet::Sheet, text};
+use crate::{link, sheet::Sheet, text};
 
 /// `62.0 % (55.1 to 68.4)` of the attempts.
 pub(crate) fn rate(success: &Success) -> String {

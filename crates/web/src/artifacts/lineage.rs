@@ -15,9 +15,9 @@ use maud::Markup;
 
 use super::{
     card::{self, Card, Stage},
-    link, rate,
+    rate,
 };
-use crate::{Backend, text};
+use crate::{Backend, link, text};
 
 /// The lineage of a job's result.
 ///

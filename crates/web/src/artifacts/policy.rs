@@ -11,8 +11,9 @@ use gleaner_core::{
 };
 use maud::{Markup, html};
 
-use super::{episodes, evaluations, link, of_job};
+use super::{episodes, evaluations, of_job};
 use crate::{
+    link,
     page_request::PageRequest,
     refusal::Answer,
     sheet::{self, Format},

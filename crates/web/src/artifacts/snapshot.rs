@@ -9,8 +9,9 @@ use gleaner_core::{
 use maud::{Markup, html};
 use serde_json::json;
 
-use super::{episodes, link, of_snapshot};
+use super::{episodes, of_snapshot};
 use crate::{
+    link,
     page_request::PageRequest,
     refusal::Answer,
     sheet::{self, Format, Sheet},

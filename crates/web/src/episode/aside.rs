@@ -5,9 +5,8 @@ use maud::{Markup, html};
 
 use super::{Scored, View, uses};
 use crate::{
-    artifacts::link,
     episodes::{buttons, live},
-    frames, sheet, text,
+    frames, link, sheet, text,
 };
 
 /// The whole panel.

@@ -4,7 +4,7 @@ use gleaner_core::curation::SnapshotUse;
 use maud::{Markup, html};
 
 use super::View;
-use crate::{artifacts::link, text};
+use crate::{link, text};
 
 /// The most snapshots named.
 pub(super) const MOST: u32 = 8;

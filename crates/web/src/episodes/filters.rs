@@ -4,7 +4,7 @@ use gleaner_core::{episode::Outcome, score::ScoreRun};
 use maud::{Markup, html};
 
 use super::{View, query::NO_COHORT};
-use crate::{artifacts::link, text};
+use crate::{link, text};
 
 /// The form, filled in from the address.
 pub(super) fn form(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {

@@ -4,7 +4,7 @@ use gleaner_core::curation::{SortKey, TableRow};
 use maud::{Markup, html};
 
 use super::{View, query::Order};
-use crate::{artifacts::link, frames, page_request::PageRequest, text};
+use crate::{frames, link, page_request::PageRequest, text};
 
 /// The rows of the shown page.
 pub(super) fn table(view: &View) -> Markup {

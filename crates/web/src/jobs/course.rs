@@ -10,7 +10,7 @@ use gleaner_core::{
 use maud::{Markup, html};
 
 use super::{curves, log};
-use crate::{Backend, artifacts::link, page_request::PageRequest, refusal::Answer, text};
+use crate::{Backend, link, page_request::PageRequest, refusal::Answer, text};
 
 /// Points of a curve: more than its plot has pixels.
 const POINTS: u32 = 2000;

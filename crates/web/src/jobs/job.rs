@@ -10,8 +10,7 @@ use maud::{Markup, html};
 
 use super::{course, spec};
 use crate::{
-    Backend,
-    artifacts::{self, link},
+    Backend, artifacts, link,
     page::Page,
     page_request::PageRequest,
     refusal::Answer,

@@ -16,8 +16,7 @@ use serde_json::json;
 
 use super::course::state;
 use crate::{
-    Backend,
-    artifacts::link,
+    Backend, link,
     page_request::PageRequest,
     refusal::Answer,
     sheet::{self, Format, Sheet},

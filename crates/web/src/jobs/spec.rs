@@ -3,7 +3,7 @@
 use gleaner_core::{Error, Result, Values, job::JobSpec};
 use maud::{Markup, html};
 
-use crate::{artifacts::link, settings};
+use crate::{link, settings};
 
 /// Every setting, and the spec as JSON.
 pub(super) fn table(spec: &JobSpec) -> Result<Markup> {

@@ -3,7 +3,7 @@
 use gleaner_core::{CameraSpec, curation::SegmentRef, id::ScoreRunId};
 use maud::{Markup, html};
 
-use crate::{artifacts::link, page_request::escaped};
+use crate::{link, page_request::escaped};
 
 /// Segments of a sheet.
 pub(super) const SEGMENTS: usize = 12;

@@ -10,7 +10,7 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::query::{Key, Order, parameter};
-use crate::{artifacts::link, backend::RunSummary, sheet::Sheet, text};
+use crate::{backend::RunSummary, link, sheet::Sheet, text};
 
 /// Episodes shown on the page; the table for programs has all.
 const SHOWN: usize = 200;

@@ -19,8 +19,7 @@ use serde::Deserialize;
 use serde_json::json;
 
 use crate::{
-    Backend,
-    artifacts::link,
+    Backend, link,
     page_request::PageRequest,
     refusal::Answer,
     sheet::{self, Format, Sheet},

@@ -16,8 +16,9 @@ use super::{
     query::{Order, RunParameters, parameter},
 };
 use crate::{
-    artifacts::{self, link},
+    artifacts,
     backend::RunSummary,
+    link,
     page::Page,
     page_request::PageRequest,
     refusal::Answer,

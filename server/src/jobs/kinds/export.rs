@@ -9,7 +9,7 @@ use crate::{
         work::Inputs,
     },
     error::Result,
-    jobs::{Jobs, assignment::join},
+    jobs::{Jobs, input_episodes::join},
     store::finish::JobResult,
 };
 

@@ -5,7 +5,6 @@ use std::collections::HashSet;
 use gleaner_core::{ScoreSpec, kinds::Family};
 use serde_json::Value;
 
-use super::score::scored;
 use crate::{
     domain::{
         id::{EncoderId, EpisodeId, ScoreRunId, SnapshotId, TaskId},
@@ -42,7 +41,7 @@ pub(super) async fn extension(
     };
     let spec = settings(&requested, frozen)?;
     let (_, own) = jobs.encoder(task, "spec.score.encoder_id", &base.encoder_id).await?;
-    let snapshot_id = scored(jobs, task, snapshot, own).await?;
+    let snapshot_id = jobs.scored_snapshot(task, snapshot, own).await?;
     has_every_expert(jobs, &base, &snapshot_id).await?;
     Ok(JobSpec::Score { encoder_id: base.encoder_id, snapshot_id, extends: Some(run.clone()), spec })
 }

@@ -10,7 +10,7 @@ use crate::{
         id::{EncoderId, EpisodeId, ScoreRunId, SnapshotId, TaskId},
         job::{Job, JobSpec},
         score::{EpisodeScores, ScoreRun},
-        snapshot::{Role, RoleRule, SnapshotEpisode},
+        snapshot::{Role, SnapshotEpisode},
         time::Millis,
         work::{FrozenRun, Inputs},
     },
@@ -34,21 +34,8 @@ pub(super) async fn resolve(
     let field = "spec.score.encoder_id";
     let encoder_id = encoder.ok_or_else(|| Error::invalid(field, "must be set"))?;
     let (maker, own) = jobs.encoder(task, field, &encoder_id).await?;
-    let snapshot_id = scored(jobs, task, snapshot, own).await?;
+    let snapshot_id = jobs.scored_snapshot(task, snapshot, own).await?;
     Ok(Resolved::new(JobSpec::Score { encoder_id, snapshot_id, extends: None, spec }, Some(maker)))
-}
-
-/// The snapshot that a scoring names, or the encoder's own.
-pub(super) async fn scored(
-    jobs: &Jobs,
-    task: &TaskId,
-    named: Option<SnapshotId>,
-    own: SnapshotId,
-) -> Result<SnapshotId> {
-    match named {
-        Some(id) => jobs.snapshot(task, "spec.score.snapshot_id", Some(id), &RoleRule::default()).await,
-        None => Ok(own),
-    }
 }
 
 pub(super) async fn inputs(

@@ -17,7 +17,6 @@ use crate::{
         task::Task,
         work::Progress,
     },
-    jobs::logs_folder,
     pages::testing::{Client, FORM, JSON, Pages},
     store::testing::{self, results},
 };
@@ -133,7 +132,7 @@ async fn workers_output_is_on_the_jobs_page_and_as_text() {
     assert!(pages.get(&Client::default(), &page).await.text().contains("The log is empty"));
     assert_eq!(pages.get(&Client::default(), &format!("{page}/log")).await.text(), "");
 
-    let folder = logs_folder(&pages.services.config.data_dir);
+    let folder = gleaner_data_folder::logs(&pages.services.config.data_dir);
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(folder.join(format!("{}.log", job.id)), "one\n<script>two\x07\n").unwrap();
     let course = pages.get(&Client::default(), &format!("{page}/course")).await.text();

@@ -40,7 +40,7 @@ async fn claim(store: &Store) -> Option<(Attempt, Job)> {
 
 async fn succeed(store: &Store, attempt: &Attempt) {
     let mut tx = store.write().await.unwrap();
-    let job = running(&mut tx, attempt).await.unwrap().unwrap();
+    let job = attempt::running(&mut tx, attempt).await.unwrap().unwrap();
     advance(&mut tx, &job, JobState::Succeeded, "done", "").await.unwrap();
     store.commit(tx).await.unwrap();
 }

@@ -141,7 +141,7 @@ impl Course {
             return;
         }
         let mut tx = self.store.write().await.unwrap();
-        let job = queue::running(&mut tx, attempt).await.unwrap().unwrap();
+        let job = super::super::attempt::running(&mut tx, attempt).await.unwrap().unwrap();
         queue::advance(&mut tx, &job, JobState::Succeeded, "done", "").await.unwrap();
         self.store.commit(tx).await.unwrap();
     }

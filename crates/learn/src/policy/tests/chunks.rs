@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::batch::{Segments, values};
-use crate::policy::train::{Source, mean_loss};
+use crate::policy::source::{Source, mean_loss};
 use crate::random::{Purpose, generator};
 
 /// The loss of ACT on the segments 2 … 4 of an episode of ten steps, kept with 6 … 9.

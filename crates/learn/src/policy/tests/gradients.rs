@@ -8,7 +8,7 @@ use crate::batch::{Batch, Segment, Segments, values};
 use crate::model::{Modality, Network, View};
 use crate::normalize::{Sample, Statistics};
 use crate::policy::kind::PolicyInput;
-use crate::policy::train::{Source, mean_loss};
+use crate::policy::source::{Source, mean_loss};
 use crate::pretrain::pretrain_loss;
 use crate::random::{Purpose, generator};
 use gleaner_core::{ActionToken, Augmentation, ModelSpec, PretrainSpec, Words as _};

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::batch::Segments;
-use crate::policy::train::{Source, mean_loss};
+use crate::policy::source::{Source, mean_loss};
 use crate::random::{Purpose, generator};
 
 /// With every imperfect segment kept (β = 0) at weight 1, and λ = |D_i| / |D_e|:

@@ -7,17 +7,12 @@ use safetensors::{SafeTensors, serialize};
 
 use super::Features;
 use crate::error::LearnError;
-use crate::score::comparison::{Comparison, Source};
-use crate::score::scorer;
-use gleaner_core::{Device, ScoreSpec, Words as _};
 
-/// To be raised with every change of this program or of libtorch that changes the features of the same encoder, episode
-/// and settings.
-const VERSION: u32 = 1;
 /// The modalities' names in the bytes.
 const NAMES: [&str; 3] = ["o", "m", "a"];
 
-/// Stores features from one run to the next. One store is for one encoder and one [`features_kind`].
+/// Stores features from one run to the next. One store is for one encoder and one
+/// [`features_kind`](crate::features_kind).
 pub trait FeatureStore {
     /// The stored bytes for the episode of this id; `None` without any. Bytes that cannot be its features are ignored.
     fn get(&self, episode: &str) -> Option<Vec<u8>>;
@@ -37,40 +32,6 @@ impl FeatureStore for Forgetful {
     }
 
     fn put(&self, _: &str, _: &[u8]) {}
-}
-
-/// The values that, besides the encoder and the episode, decide a segment's features to the last bit; `None` where
-/// storing features costs no less than computing them.
-///
-/// # Errors
-/// [`LearnError::Invalid`] for a scorer that this program does not have.
-pub fn features_kind(spec: &ScoreSpec) -> Result<Option<String>, LearnError> {
-    // All fields, so that a new one is not overlooked; features do not depend on the comparison.
-    let ScoreSpec { scorer, normaliser: _, device, threads } = spec;
-    let scorer = scorer::open(scorer)?;
-    let Some(Comparison { source: Source::Features(scale), similarity, local_scale: _, scale: _ }) =
-        scorer.comparison()
-    else {
-        return Ok(None);
-    };
-    let steps = if similarity.whole_segment() { "segment" } else { "last" };
-    let device = match device {
-        Device::Cpu => processor(),
-        Device::Cuda => "cuda",
-    };
-    let threads = threads.unwrap_or_default();
-    Ok(Some(format!("{VERSION} {} {steps} {device} {threads}", scale.as_str())))
-}
-
-/// The processor features by which libtorch chooses its kernels, whose rounding differs.
-fn processor() -> &'static str {
-    #[cfg(target_arch = "x86_64")]
-    if std::is_x86_feature_detected!("avx512f") {
-        return "cpu avx512";
-    } else if std::is_x86_feature_detected!("avx2") {
-        return "cpu avx2";
-    }
-    "cpu"
 }
 
 /// The features as bytes.
@@ -104,7 +65,6 @@ pub(in crate::score) fn from_bytes(bytes: &[u8], count: usize, widths: [usize; 3
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::score::tests::spec_of;
 
     #[test]
     fn bytes_give_the_features_back_and_others_nothing() {
@@ -123,23 +83,5 @@ mod tests {
         let mut unsound = Features::empty([1; 3]);
         unsound.extend([[f32::NAN], [0.0], [0.0]]);
         assert!(from_bytes(&to_bytes(&unsound).unwrap(), 1, [1; 3]).is_none());
-    }
-
-    #[test]
-    fn whatever_changes_features_is_another_kind() {
-        let kind = |spec: ScoreSpec| features_kind(&spec).unwrap();
-        let usual = kind(ScoreSpec::default()).unwrap();
-        for other in [
-            spec_of("ssdf", &[("similarity", "segment_l2".into())]),
-            spec_of("ssdf", &[("feature_scale", "plain".into())]),
-            ScoreSpec { device: Device::Cuda, ..ScoreSpec::default() },
-            ScoreSpec { threads: Some(2), ..ScoreSpec::default() },
-        ] {
-            assert_ne!(kind(other.clone()).unwrap(), usual, "{other:?}");
-        }
-        let compared_otherwise =
-            spec_of("ssdf", &[("similarity", "last_cosine".into()), ("scale", vec![1.0, 2.0, 3.0].into())]);
-        assert_eq!(kind(compared_otherwise).unwrap(), usual);
-        assert_eq!(kind(spec_of("raw", &[])), None);
     }
 }

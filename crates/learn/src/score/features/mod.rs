@@ -13,7 +13,7 @@ use crate::score::comparison::{Comparison, Source};
 use crate::trajectory::Trajectory;
 use tch::Tensor;
 
-pub use kept::{FeatureStore, Forgetful, features_kind};
+pub use kept::{FeatureStore, Forgetful};
 
 /// Number of steps encoded, and of windows passed, at a time. It bounds memory; being fixed, it makes an episode's
 /// features independent of the other episodes.

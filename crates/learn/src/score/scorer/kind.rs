@@ -12,19 +12,19 @@ use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 
 /// One kind of scorer.
-pub(in crate::score) struct ScorerKind {
+pub(super) struct ScorerKind {
     /// The word in settings, such as `ssdf`.
-    pub(in crate::score) name: &'static str,
+    pub(super) name: &'static str,
     /// The name for people.
-    pub(in crate::score) title: &'static str,
+    pub(super) title: &'static str,
     /// Description in one sentence.
-    pub(in crate::score) about: &'static str,
+    pub(super) about: &'static str,
     /// Its requirements.
-    pub(in crate::score) needs: Needs,
+    pub(super) needs: Needs,
     /// Its settings besides those of every score run.
-    pub(in crate::score) settings: fn() -> Vec<Setting>,
+    pub(super) settings: fn() -> Vec<Setting>,
     /// The scorer with its settings.
-    pub(in crate::score) open: fn(&Chosen) -> Result<Scorer, LearnError>,
+    pub(super) open: fn(&Chosen) -> Result<Scorer, LearnError>,
 }
 
 impl ScorerKind {

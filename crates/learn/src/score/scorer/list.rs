@@ -3,9 +3,8 @@
 use gleaner_core::Chosen;
 use gleaner_core::kinds::{Family, Kind};
 
-use super::{Scorer, ScorerKind, raw, ssdf};
+use super::{Scorer, ScorerKind, classifier, raw, ssdf};
 use crate::error::LearnError;
-use crate::score::classifier;
 
 /// Every scorer; the first is the default.
 const SCORERS: [&ScorerKind; 3] = [&ssdf::KIND, &raw::KIND, &classifier::KIND];

@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor};
 
-use super::{Batch, int, rows};
+use crate::batch::{Batch, int, rows};
 use crate::normalize::Standard;
 use crate::random::normal;
 use gleaner_core::Augmentation;
@@ -26,53 +26,51 @@ struct Change {
     contrast: f32,
 }
 
-impl Batch {
-    /// Changes the inputs according to `augmentation`. Each episode of the batch has one draw: each frame is stored
-    /// once for all windows that contain it, and the motion within a window is preserved. Targets stay as they are.
-    /// `standard` is that of the proprioception.
-    pub(crate) fn augment(&mut self, augmentation: &Augmentation, standard: &Standard, rng: &mut ChaCha8Rng) {
-        if *augmentation == Augmentation::default() {
-            return;
+/// Changes the inputs of `batch` according to `augmentation`. Each episode of the batch has one draw: each frame is stored
+/// once for all windows that contain it, and the motion within a window is preserved. Targets stay as they are.
+/// `standard` is that of the proprioception.
+pub(crate) fn augment(batch: &mut Batch, augmentation: &Augmentation, standard: &Standard, rng: &mut ChaCha8Rng) {
+    if *augmentation == Augmentation::default() {
+        return;
+    }
+    let mut drawn = HashMap::new();
+    let of_episode = |episode: &usize| *drawn.entry(*episode).or_insert_with(|| Change::draw(augmentation, rng));
+    let changes: Vec<Change> = batch.episodes.iter().map(of_episode).collect();
+    for images in &mut batch.images {
+        if augmentation.shift_pixels > 0 {
+            *images = shift(images, &changes);
         }
-        let mut drawn = HashMap::new();
-        let of_episode = |episode: &usize| *drawn.entry(*episode).or_insert_with(|| Change::draw(augmentation, rng));
-        let changes: Vec<Change> = self.episodes.iter().map(of_episode).collect();
-        for images in &mut self.images {
-            if augmentation.shift_pixels > 0 {
-                *images = shift(images, &changes);
-            }
-            if augmentation.brightness > 0.0 || augmentation.contrast > 0.0 {
-                *images = jitter(images, &changes);
-            }
-        }
-        let mut seen = standard.apply(&self.proprioception);
-        if augmentation.proprioception_noise > 0.0 {
-            seen += self.offsets(rng) * augmentation.proprioception_noise * standard.varies();
-        }
-        if augmentation.proprioception_dropout > 0.0 {
-            seen *= self.kept(augmentation.proprioception_dropout, rng);
-        }
-        if augmentation.proprioception_noise > 0.0 || augmentation.proprioception_dropout > 0.0 {
-            self.seen_proprioception = standard.invert(&seen);
+        if augmentation.brightness > 0.0 || augmentation.contrast > 0.0 {
+            *images = jitter(images, &changes);
         }
     }
+    let mut seen = standard.apply(&batch.proprioception);
+    if augmentation.proprioception_noise > 0.0 {
+        seen += offsets(batch, rng) * augmentation.proprioception_noise * standard.varies();
+    }
+    if augmentation.proprioception_dropout > 0.0 {
+        seen *= kept(batch, augmentation.proprioception_dropout, rng);
+    }
+    if augmentation.proprioception_noise > 0.0 || augmentation.proprioception_dropout > 0.0 {
+        batch.seen_proprioception = standard.invert(&seen);
+    }
+}
 
-    /// 0 for the steps of each episode whose proprioception is dropped, otherwise 1, `[N, 1]`.
-    fn kept(&self, dropout: f64, rng: &mut ChaCha8Rng) -> Tensor {
-        let mut drawn = HashMap::new();
-        let of_episode = |episode: &usize| *drawn.entry(*episode).or_insert_with(|| !rng.random_bool(dropout));
-        let kept: Vec<f32> = self.episodes.iter().map(of_episode).map(|kept| f32::from(u8::from(kept))).collect();
-        rows(&kept, 1, self.proprioception.device())
-    }
+/// 0 for the steps of each episode whose proprioception is dropped, otherwise 1, `[N, 1]`.
+fn kept(batch: &Batch, dropout: f64, rng: &mut ChaCha8Rng) -> Tensor {
+    let mut drawn = HashMap::new();
+    let of_episode = |episode: &usize| *drawn.entry(*episode).or_insert_with(|| !rng.random_bool(dropout));
+    let kept: Vec<f32> = batch.episodes.iter().map(of_episode).map(|kept| f32::from(u8::from(kept))).collect();
+    rows(&kept, 1, batch.proprioception.device())
+}
 
-    /// A normal number for each value of each episode, `[N, M]`.
-    fn offsets(&self, rng: &mut ChaCha8Rng) -> Tensor {
-        let width = usize::try_from(self.proprioception.size()[1]).unwrap_or(0);
-        let mut drawn = HashMap::new();
-        let of_episode = |episode: &usize| drawn.entry(*episode).or_insert_with(|| normal(rng, width)).clone();
-        let offsets: Vec<f32> = self.episodes.iter().flat_map(of_episode).collect();
-        rows(&offsets, width, self.proprioception.device())
-    }
+/// A normal number for each value of each episode, `[N, M]`.
+fn offsets(batch: &Batch, rng: &mut ChaCha8Rng) -> Tensor {
+    let width = usize::try_from(batch.proprioception.size()[1]).unwrap_or(0);
+    let mut drawn = HashMap::new();
+    let of_episode = |episode: &usize| drawn.entry(*episode).or_insert_with(|| normal(rng, width)).clone();
+    let offsets: Vec<f32> = batch.episodes.iter().flat_map(of_episode).collect();
+    rows(&offsets, width, batch.proprioception.device())
 }
 
 impl Change {
@@ -138,7 +136,7 @@ mod tests {
         let mut batch = batch();
         let rows = [[0.0f32, 1.0, 5.0], [1.0, 5.0, 5.0]];
         let standard = Standard::of_rows(rows.iter().map(<[f32; 3]>::as_slice), 3, Device::Cpu);
-        batch.augment(&augmentation, &standard, &mut generator(seed, Purpose::Augmentation, 0));
+        augment(&mut batch, &augmentation, &standard, &mut generator(seed, Purpose::Augmentation, 0));
         batch
     }
 

@@ -10,9 +10,10 @@ use gleaner_core::{
 };
 use maud::{Markup, html};
 
-use super::{link, of_dataset};
 use crate::{
     Backend,
+    artifacts::of_dataset,
+    link,
     page_request::PageRequest,
     refusal::Answer,
     runs,
@@ -21,7 +22,7 @@ use crate::{
     text,
 };
 
-pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+pub(super) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
     let format = sheet::format(&request)?;
     let backend = request.backend();
     let dataset = backend.dataset(&DatasetId::parse("id", &id)?).await?;

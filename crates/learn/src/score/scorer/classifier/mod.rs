@@ -14,13 +14,13 @@ use gleaner_core::schema::integer_in;
 use gleaner_core::snapshot::Role;
 use tch::Tensor;
 
-use super::EpisodeScores;
-use super::features::{Features, raw};
-use super::run::{Progress, count};
-use super::scorer::{Scorer, ScorerKind};
+use super::{Scorer, ScorerKind};
 use crate::batch::rows;
 use crate::error::LearnError;
 use crate::model::Network;
+use crate::score::EpisodeScores;
+use crate::score::features::{Features, raw};
+use crate::score::run::{Progress, count};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use mlp::{BATCH, Mlp, STEPS};
