@@ -80,8 +80,8 @@ pub use schema::{Problem, Setting, Shape, Values};
 pub use secret::Secret;
 pub use settings::{Group, Word, Words};
 pub use spec::{
-    ActionToken, Augmentation, Chosen, Device, EvaluateSpec, ModelSpec, NormaliserKind, OptimSpec, Preset,
-    PretrainSpec, RunSpec, ScoreSpec, SizeSpec, TrainSpec, jobs, schema_of,
+    ActionToken, Augmentation, Chosen, Device, EvaluateSpec, FinishedWeights, ModelSpec, NormaliserKind, OptimSpec,
+    Preset, PretrainSpec, RateSchedule, RunSpec, ScoreSpec, SizeSpec, TrainSpec, jobs, schema_of,
 };
 pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 

@@ -10,7 +10,9 @@ mod train;
 
 pub use chosen::Chosen;
 pub use evaluate::EvaluateSpec;
-pub use groups::{ActionToken, Augmentation, Device, ModelSpec, OptimSpec, Preset, RunSpec, SizeSpec};
+pub use groups::{
+    ActionToken, Augmentation, Device, FinishedWeights, ModelSpec, OptimSpec, Preset, RateSchedule, RunSpec, SizeSpec,
+};
 pub use pretrain::PretrainSpec;
 pub use score::{NormaliserKind, ScoreSpec};
 pub use train::TrainSpec;

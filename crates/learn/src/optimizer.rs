@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use tch::{Kind, Tensor, no_grad_guard};
 
 use crate::error::LearnError;
+use crate::model::IMAGES;
 use gleaner_core::OptimSpec;
 
 const BETA: [f64; 2] = [0.9, 0.999];
@@ -19,6 +20,8 @@ struct Slot {
     /// Running mean of its square.
     square: Tensor,
     decays: bool,
+    /// Whether it is of an image encoder, which has a rate of its own.
+    of_images: bool,
 }
 
 /// The optimiser of some parameters.
@@ -35,6 +38,7 @@ impl AdamW {
                 mean: parameter.detach().zeros_like(),
                 square: parameter.detach().zeros_like(),
                 decays: parameter.dim() > 1 && !name.ends_with("embedding"),
+                of_images: name.split('.').nth(1) == Some(IMAGES),
                 name,
                 parameter,
             })
@@ -80,8 +84,8 @@ impl AdamW {
         }
     }
 
-    /// Moves the parameters by their gradients as step number `step` (from 0) at `rate`. Returns the global gradient
-    /// norm before clipping; parameters stay unchanged if it is not finite.
+    /// Moves the parameters by their gradients as step number `step` (from 0) at `rate`, those of an image encoder at
+    /// `image_rate_factor` times it. Returns the global gradient norm before clipping; parameters stay unchanged if it is not finite.
     pub(crate) fn step(&mut self, step: u64, rate: f64, spec: &OptimSpec) -> f64 {
         let _no_grad = no_grad_guard();
         let norm = self.gradient_norm();
@@ -91,7 +95,9 @@ impl AdamW {
         let scale = (spec.clip_norm / norm.max(f64::MIN_POSITIVE)).min(1.0);
         let count = i32::try_from(step + 1).unwrap_or(i32::MAX);
         let [first, second] = BETA.map(|beta| 1.0 - beta.powi(count));
+        let of_images = rate * spec.image_rate_factor;
         for slot in &mut self.slots {
+            let rate = if slot.of_images { of_images } else { rate };
             let gradient = slot.parameter.grad();
             if !gradient.defined() {
                 continue;
@@ -155,6 +161,20 @@ mod tests {
         assert!((norm - 3.0).abs() < 1e-12);
         let (x, _) = run(&spec(0.5, 100.0), 3.0, 1);
         assert!((f64::from(x) - (1.0 - 0.1 * 0.5 - 0.1)).abs() < 1e-6, "{x}");
+    }
+
+    #[test]
+    fn the_image_encoder_has_a_rate_of_its_own() {
+        let parameter = |name: &str| {
+            (name.to_owned(), Tensor::ones([1, 1], (Kind::Float, tch::Device::Cpu)).set_requires_grad(true))
+        };
+        let parameters = ["model.head.image.out.weight", "model.image.project.weight"].map(parameter);
+        let mut adam = AdamW::new(parameters.iter().map(|(name, x)| (name.clone(), x.shallow_clone())).collect());
+        parameters.iter().map(|(_, x)| x).sum::<Tensor>().backward();
+        adam.step(0, 0.1, &OptimSpec { image_rate_factor: 0.0, ..spec(0.5, 100.0) });
+        let after = parameters.map(|(_, x)| values(&x)[0]);
+        assert!((after[0] - 0.85).abs() < 1e-6, "{after:?}");
+        assert_eq!(after[1], 1.0, "neither moved nor decayed");
     }
 
     #[test]

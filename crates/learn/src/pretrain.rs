@@ -59,7 +59,7 @@ pub fn pretrain(
             let batch = draw(network, &data, &segments, spec, step);
             pretrain_loss(&objectives, network, &batch, spec, step)
         };
-        let finished = training.run(&spec.optim, spec.run.checkpoint_every, &loss, &|_, _| Vec::new(), monitor)?;
+        let finished = training.run(spec.run.checkpoint_every, &loss, &|_, _| Vec::new(), monitor)?;
         with_feature_scale(&finished, &data, spec)
     })
 }
@@ -107,12 +107,12 @@ fn begin(
         spec: spec.identity(),
     };
     if let Some(bytes) = resume {
-        return Training::resume(bytes, &info, device);
+        return Training::resume(bytes, &info, &spec.optim, device);
     }
     let target = Size::of(spec.model.preset).target;
     let statistics = Statistics::measure(shape, &Sample::every(shape, data), target, device);
     let network = Network::new(shape, spec.model, statistics, spec.run.seed, device);
-    Ok(Resumed::Unfinished(Box::new(Training::start(network, info))))
+    Ok(Resumed::Unfinished(Box::new(Training::start(network, info, &spec.optim))))
 }
 
 fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &PretrainSpec, step: u64) -> Batch {

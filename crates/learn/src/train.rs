@@ -7,6 +7,7 @@ use tch::Tensor;
 
 use crate::checkpoint::{self, CheckpointInfo};
 use crate::error::LearnError;
+use crate::finished::Finished;
 use crate::model::Network;
 use crate::optimizer::AdamW;
 use gleaner_core::OptimSpec;
@@ -92,6 +93,8 @@ impl Learner for Network {
 pub(crate) struct Training<N = Network> {
     network: N,
     optimizer: AdamW,
+    finished: Finished,
+    optim: OptimSpec,
     /// The header of the next checkpoint; its `step` is the counter.
     info: CheckpointInfo,
 }
@@ -106,12 +109,18 @@ pub(crate) enum Resumed<N = Network> {
 
 impl<N: Learner> Training<N> {
     /// A training from the first step; `info` describes the run.
-    pub(crate) fn start(network: N, info: CheckpointInfo) -> Self {
-        Self { optimizer: AdamW::new(network.parameters()), network, info }
+    pub(crate) fn start(network: N, info: CheckpointInfo, optim: &OptimSpec) -> Self {
+        let finished = Finished::new(optim, network.parameters());
+        Self { optimizer: AdamW::new(network.parameters()), finished, optim: *optim, network, info }
     }
 
     /// A training from a checkpoint of the run that `info` describes.
-    pub(crate) fn resume(bytes: &[u8], info: &CheckpointInfo, device: tch::Device) -> Result<Resumed<N>, LearnError> {
+    pub(crate) fn resume(
+        bytes: &[u8],
+        info: &CheckpointInfo,
+        optim: &OptimSpec,
+        device: tch::Device,
+    ) -> Result<Resumed<N>, LearnError> {
         let (stored, named) = checkpoint::read(bytes, info.kind)?;
         let same = [
             ("spec", stored.is_of_the_run_of(info)),
@@ -128,8 +137,9 @@ impl<N: Learner> Training<N> {
             return Ok(Resumed::Finished(bytes.to_vec()));
         }
         let network = N::from_named(&stored, &named, device)?;
-        let mut training = Self::start(network, stored);
+        let mut training = Self::start(network, stored, optim);
         training.optimizer.load(&named)?;
+        training.finished.load(&named)?;
         Ok(Resumed::Unfinished(Box::new(training)))
     }
 
@@ -138,14 +148,13 @@ impl<N: Learner> Training<N> {
     /// stop, it stores its present state.
     pub(crate) fn run(
         mut self,
-        optim: &OptimSpec,
         checkpoint_every: u32,
         loss: &dyn Fn(&N, u64) -> Loss,
         report: &dyn Fn(&N, u64) -> Metrics,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, LearnError> {
-        let mut kept = self.info.step;
-        while self.info.step < optim.steps {
+        let (mut kept, steps) = (self.info.step, self.optim.steps);
+        while self.info.step < steps {
             if monitor.cancelled() {
                 if self.info.step > kept {
                     // If storing fails here, a resumed run repeats these steps.
@@ -153,11 +162,11 @@ impl<N: Learner> Training<N> {
                 }
                 return Err(LearnError::Cancelled);
             }
-            let mut metrics = self.step(optim, loss)?;
+            let mut metrics = self.step(loss)?;
             let done = self.info.step;
-            metrics.extend(report(&self.network, done));
-            monitor.progress(done, optim.steps, &metrics);
-            if done.is_multiple_of(u64::from(checkpoint_every)) && done < optim.steps {
+            metrics.extend(self.report(report));
+            monitor.progress(done, steps, &metrics);
+            if done.is_multiple_of(u64::from(checkpoint_every)) && done < steps {
                 self.keep(monitor)?;
                 kept = done;
             }
@@ -166,21 +175,43 @@ impl<N: Learner> Training<N> {
         checkpoint::write(&self.info, &self.network.named())
     }
 
-    fn step(&mut self, optim: &OptimSpec, loss: &dyn Fn(&N, u64) -> Loss) -> Result<Metrics, LearnError> {
+    /// The further metrics after a step; those after the last one are of the weights that the model finishes with.
+    fn report(&mut self, report: &dyn Fn(&N, u64) -> Metrics) -> Metrics {
+        let done = self.info.step;
+        let last = done == self.optim.steps;
+        if last && !self.finished.is_best() {
+            self.finished.finish();
+        }
+        let metrics = report(&self.network, done);
+        self.finished.after_report(&metrics);
+        if last && self.finished.is_best() {
+            self.finished.finish();
+            return report(&self.network, done);
+        }
+        metrics
+    }
+
+    /// One step of the optimiser, by the mean gradient of its batches.
+    fn step(&mut self, loss: &dyn Fn(&N, u64) -> Loss) -> Result<Metrics, LearnError> {
         let begin = Instant::now();
         let step = self.info.step;
-        let rate = optim.learning_rate_at(step);
+        let rate = self.optim.learning_rate_at(step);
         self.optimizer.zero_grad();
-        let loss = loss(&self.network, step);
-        loss.total.backward();
-        let norm = self.optimizer.step(step, rate, optim);
-        let total = loss.total.double_value(&[]);
-        if !(total.is_finite() && norm.is_finite()) {
+        let mut metrics: Metrics = Vec::new();
+        let batches = self.optim.gradient_accumulation;
+        for batch in 0..u64::from(batches) {
+            let loss = loss(&self.network, step * u64::from(batches) + batch);
+            let total = loss.total / f64::from(batches);
+            total.backward();
+            let parts = loss.parts.into_iter().map(|(name, value)| (name, value / f64::from(batches)));
+            add(&mut metrics, [("loss", total.double_value(&[]))].into_iter().chain(parts));
+        }
+        let norm = self.optimizer.step(step, rate, &self.optim);
+        if !(norm.is_finite() && metrics.first().is_some_and(|(_, loss)| loss.is_finite())) {
             return Err(LearnError::Diverged { step });
         }
         self.info.step += 1;
-        let mut metrics = vec![("loss", total)];
-        metrics.extend(loss.parts);
+        self.finished.after_step(self.info.step);
         metrics.extend([
             ("grad_norm", norm),
             ("learning_rate", rate),
@@ -198,6 +229,17 @@ impl<N: Learner> Training<N> {
     fn state(&self) -> Vec<(String, Tensor)> {
         let mut named = self.network.named();
         named.extend(self.optimizer.named());
+        named.extend(self.finished.named());
         named
+    }
+}
+
+/// Adds `parts` to the sums of the same names.
+fn add(sums: &mut Metrics, parts: impl Iterator<Item = (&'static str, f64)>) {
+    for (name, value) in parts {
+        match sums.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, sum)) => *sum += value,
+            None => sums.push((name, value)),
+        }
     }
 }

@@ -92,8 +92,30 @@ crate::settings! {
     }
 }
 
+crate::words! {
+    /// Course of the learning rate after the warm-up.
+    pub enum RateSchedule {
+        /// Falls to zero along a cosine.
+        Cosine = "cosine",
+        /// Stays at the peak.
+        Constant = "constant",
+    }
+}
+
+crate::words! {
+    /// Weights of a finished model.
+    pub enum FinishedWeights {
+        /// Those of the last step.
+        Last = "last",
+        /// The exponential moving average of all steps. It is steadier than any single step.
+        Ema = "ema",
+        /// Those with the lowest `loss_validation`, which is measured twenty times; needs a `validation_share`.
+        Best = "best",
+    }
+}
+
 crate::settings! {
-    /// The optimiser and the batches: AdamW with a linear warm-up and a cosine decay to zero.
+    /// The optimiser and the batches: AdamW with a linear warm-up.
     #[derive(Copy)]
     pub struct OptimSpec {
         /// Number of gradient steps. More steps fit the data closer, up to overfitting, and take longer.
@@ -105,6 +127,11 @@ crate::settings! {
         pub stretch: u32 = 8, integer_in(1, 65_536);
         /// Peak learning rate, reached after the warm-up. Higher rates learn faster but may diverge.
         pub learning_rate: f64 = 1e-3, number_in(1e-12, 10.0);
+        /// Course of the learning rate after the warm-up.
+        pub rate_schedule: RateSchedule = RateSchedule::Cosine, RateSchedule::shape();
+        /// Learning rate of the image encoder as a multiple of `learning_rate` (0: its weights stay as they are). Higher
+        /// values adapt the images' features faster but may forget pretrained ones.
+        pub image_rate_factor: f64 = 1.0, number_in(0.0, 1e3);
         /// Decoupled weight decay of matrices (0: none); biases, norms and embeddings are exempt. Higher values reduce
         /// overfitting but limit the fit.
         pub weight_decay: f64 = 0.01, number_in(0.0, 10.0);
@@ -114,17 +141,28 @@ crate::settings! {
         /// Maximum global gradient norm; larger gradients are scaled down to it. Lower values are more stable but learn
         /// slower.
         pub clip_norm: f64 = 1.0, number_in(1e-12, 1e12);
+        /// Batches whose gradients are averaged for one step (1: each batch is a step). More of them act as a larger batch
+        /// in the memory of one, and take proportionally longer.
+        pub gradient_accumulation: u32 = 1, integer_in(1, 65_536);
+        /// Weights of the finished model.
+        pub finished_weights: FinishedWeights = FinishedWeights::Last, FinishedWeights::shape();
+        /// Decay of the moving average for `ema`, approached as 1 − (1 + step)^−0.75. Higher values average over more
+        /// steps.
+        pub ema_decay: f64 = 0.999, number_in(0.0, 0.999_999);
     }
 }
 
 impl OptimSpec {
-    /// The learning rate of `step` (from 0): linear warm-up times a cosine that ends at zero.
+    /// The learning rate of `step` (from 0): linear warm-up times the schedule, whose cosine ends at zero.
     #[must_use]
     pub fn learning_rate_at(&self, step: u64) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "step counts are far below 2^52")]
         let (done, total, warmup) = (step as f64, self.steps as f64, self.warmup_steps.max(1) as f64);
         let rise = ((done + 1.0) / warmup).min(1.0);
-        let fall = 0.5 * (1.0 + (std::f64::consts::PI * done / total).cos());
+        let fall = match self.rate_schedule {
+            RateSchedule::Cosine => 0.5 * (1.0 + (std::f64::consts::PI * done / total).cos()),
+            RateSchedule::Constant => 1.0,
+        };
         self.learning_rate * rise * fall
     }
 }

@@ -1,6 +1,6 @@
 //! The settings of pretraining.
 
-use super::groups::{Augmentation, ModelSpec, OptimSpec, RunSpec};
+use super::groups::{Augmentation, FinishedWeights, ModelSpec, OptimSpec, RunSpec};
 use super::{stored, stored_as_values};
 use crate::kinds::Family;
 use crate::schema::{Problem, Setting, Shape, Values, complete};
@@ -48,16 +48,23 @@ impl PretrainSpec {
     /// Reads the settings; one that is left out takes its default.
     ///
     /// # Errors
-    /// An unknown setting, or a value that is not allowed.
+    /// An unknown setting, or a value that is not allowed, alone or beside another.
     pub fn from_values(values: &Values) -> Result<Self, Problem> {
         let values = complete(&Self::schema(), values, |_| None)?;
         let chosen: Vec<String> = take(&values, &objectives())?;
+        let optim = OptimSpec::read(&values)?;
+        if optim.finished_weights == FinishedWeights::Best {
+            return Err(Problem::new(
+                "finished_weights",
+                "best needs a loss_validation, which a pretraining has none of",
+            ));
+        }
         let listed = Family::Objective.kinds().iter().map(|kind| kind.name.clone());
         Ok(Self {
             model: ModelSpec::read(&values)?,
             objectives: listed.filter(|name| chosen.contains(name)).collect(),
             augmentation: Augmentation::read(&values)?,
-            optim: OptimSpec::read(&values)?,
+            optim,
             run: RunSpec::read(&values)?,
             threads: None,
         })

@@ -114,6 +114,24 @@ fn the_learning_rate_rises_then_falls_to_nearly_zero() {
 }
 
 #[test]
+fn a_constant_schedule_stays_at_the_peak() {
+    let rate_schedule = RateSchedule::Constant;
+    let spec = OptimSpec { steps: 100, warmup_steps: 10, learning_rate: 1.0, rate_schedule, ..OptimSpec::default() };
+    assert!((spec.learning_rate_at(0) - 0.1).abs() < 1e-12);
+    assert!([9, 50, 99].iter().all(|step| (spec.learning_rate_at(*step) - 1.0).abs() < 1e-12));
+}
+
+#[test]
+fn the_best_weights_need_a_validation() {
+    let best = |share: f64| values(json!({"finished_weights": "best", "validation_share": share}));
+    let message = TrainSpec::from_values(&best(0.0)).unwrap_err().to_string();
+    assert_eq!(message, "finished_weights: best needs a validation_share above 0");
+    assert!(TrainSpec::from_values(&best(0.2)).is_ok());
+    let message = PretrainSpec::from_values(&values(json!({"finished_weights": "best"}))).unwrap_err().to_string();
+    assert!(message.starts_with("finished_weights: best needs a loss_validation"), "{message}");
+}
+
+#[test]
 fn every_default_is_allowed_by_its_own_setting() {
     for job in ["pretrain", "score", "train", "evaluate"] {
         for (setting, _) in schema_of(job) {

@@ -1,7 +1,7 @@
 //! The settings of training a policy.
 
 use super::chosen::{Choice, Chosen, choice};
-use super::groups::{Augmentation, OptimSpec, RunSpec};
+use super::groups::{Augmentation, FinishedWeights, OptimSpec, RunSpec};
 use super::{stored, stored_as_values};
 use crate::kinds::Family;
 use crate::schema::{Problem, Setting, Values, number_in};
@@ -60,17 +60,23 @@ impl TrainSpec {
     /// Reads the settings; one that is left out takes its default.
     ///
     /// # Errors
-    /// An unknown setting, one that the chosen policy or weighting does not use, or a value that is not allowed.
+    /// An unknown setting, one that the chosen policy or weighting does not use, or a value that is not allowed,
+    /// alone or beside another.
     pub fn from_values(values: &Values) -> Result<Self, Problem> {
         let choices = [Choice::read(Family::Policy, values)?, Choice::read(Family::Weighting, values)?];
         let [policy, weighting] = &choices;
         let values = Choice::complete(&[policy, weighting], &Self::schema(), values)?;
+        let optim = OptimSpec::read(&values)?;
+        let Validation { validation_share } = Validation::read(&values)?;
+        if optim.finished_weights == FinishedWeights::Best && validation_share == 0.0 {
+            return Err(Problem::new("finished_weights", "best needs a validation_share above 0"));
+        }
         Ok(Self {
             policy: policy.chosen(&values),
             weighting: weighting.chosen(&values),
             augmentation: Augmentation::read(&values)?,
-            optim: OptimSpec::read(&values)?,
-            validation_share: Validation::read(&values)?.validation_share,
+            optim,
+            validation_share,
             run: RunSpec::read(&values)?,
             threads: None,
         })

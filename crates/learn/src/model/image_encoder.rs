@@ -14,6 +14,9 @@ const MIN_STAGES: usize = 2;
 const LARGE: u32 = 64;
 const GROUPS: i64 = 8;
 
+/// The name of the image encoder's part of a model, the second in the names of its parameters.
+pub(crate) const IMAGES: &str = "image";
+
 /// The image encoder of a task.
 pub(crate) struct ImageEncoder {
     cameras: Vec<CameraEncoder>,

@@ -8,7 +8,7 @@ mod tokens;
 mod transformer;
 pub(crate) mod weights;
 
-pub(crate) use image_encoder::ImageEncoder;
+pub(crate) use image_encoder::{IMAGES, ImageEncoder};
 pub(crate) use size::Size;
 pub(crate) use tokens::Modality;
 pub(crate) use transformer::{Attention, Transformer};
@@ -70,7 +70,7 @@ impl Network {
         let size = Size::of(spec.preset);
         Self {
             heads: Heads::new(&(&root / "head"), shape, &size),
-            images: ImageEncoder::new(&(&root / "image"), shape, &size),
+            images: ImageEncoder::new(&(&root / IMAGES), shape, &size),
             tokens: Tokens::new(&(&root / "token"), shape, size.width, &spec),
             transformer: Transformer::new(&(&root / "transformer"), &size),
             causal: whole_mask(spec.window(), Attention::Causal, device),

@@ -10,7 +10,7 @@ use tch::{Device, Tensor};
 use super::kind::{PolicyInfo, PolicyInit};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
-use crate::model::{ImageEncoder, Size, weights};
+use crate::model::{IMAGES, ImageEncoder, Size, weights};
 use crate::normalize::Statistics;
 use crate::shape::TaskShape;
 
@@ -49,7 +49,7 @@ impl Scratch {
 
     fn build(info: &CheckpointInfo, statistics: Statistics, device: Device) -> Self {
         let (store, size) = (VarStore::new(device), Size::of(info.model.preset));
-        let images = ImageEncoder::new(&(store.root() / "policy" / "image"), &info.shape, &size);
+        let images = ImageEncoder::new(&(store.root() / "policy" / IMAGES), &info.shape, &size);
         Self { shape: info.shape.clone(), statistics, size, store, images }
     }
 

@@ -1,6 +1,7 @@
 //! Training and running policies.
 
 mod chunks;
+mod course;
 mod every_kind;
 mod finetune;
 mod gradients;

@@ -69,7 +69,7 @@ pub fn train_policy(
         };
         let loss = |policy: &Policy, step| sources.loss(policy.as_ref(), spec, step);
         let report = |policy: &Policy, done| sources.report(policy.as_ref(), spec, done);
-        training.run(&spec.optim, spec.run.checkpoint_every, &loss, &report, monitor)
+        training.run(spec.run.checkpoint_every, &loss, &report, monitor)
     })
 }
 
@@ -88,9 +88,9 @@ fn begin(from: &PolicyInit<'_>, resume: Option<&[u8]>) -> Result<Resumed<Policy>
         spec: spec.identity(),
     };
     if let Some(bytes) = resume {
-        return Training::resume(bytes, &info, from.device);
+        return Training::resume(bytes, &info, &spec.optim, from.device);
     }
-    Ok(Resumed::Unfinished(Box::new(Training::start((kind.init)(from, &info)?, info))))
+    Ok(Resumed::Unfinished(Box::new(Training::start((kind.init)(from, &info)?, info, &spec.optim))))
 }
 
 /// The sources of the two batches of a step.

@@ -1,0 +1,168 @@
+//! The weights of a finished model: those of the last step, their moving average, or the best by validation.
+//! Independent of the loss.
+
+use std::collections::BTreeMap;
+
+use gleaner_core::{FinishedWeights, OptimSpec};
+use tch::{Kind, Tensor, no_grad_guard};
+
+use crate::error::LearnError;
+use crate::model::weights;
+use crate::train::Metrics;
+
+/// Prefix of the kept weights in a checkpoint of an unfinished run.
+const KEPT: &str = "finished.";
+/// The name of the lowest validation loss there.
+const LOSS: &str = "finished_loss";
+
+/// The weights that a run would finish with.
+pub(crate) struct Finished {
+    rule: FinishedWeights,
+    decay: f64,
+    parameters: Vec<(String, Tensor)>,
+    /// The average, or the best so far; empty before there are any.
+    kept: Vec<(String, Tensor)>,
+    /// The lowest validation loss.
+    loss: f64,
+}
+
+impl Finished {
+    /// Of a run from the first step, whose parameters these are.
+    pub(crate) fn new(optim: &OptimSpec, parameters: Vec<(String, Tensor)>) -> Self {
+        let OptimSpec { finished_weights: rule, ema_decay: decay, .. } = *optim;
+        Self { rule, decay, parameters, kept: Vec::new(), loss: f64::INFINITY }
+    }
+
+    /// Takes the state from `named`.
+    pub(crate) fn load(&mut self, named: &BTreeMap<String, Tensor>) -> Result<(), LearnError> {
+        let Some(loss) = named.get(LOSS) else { return Ok(()) };
+        self.loss = loss.double_value(&[0]);
+        self.kept = self.copies();
+        let kept = self.kept.iter().map(|(name, kept)| (format!("{KEPT}{name}"), kept.shallow_clone()));
+        weights::load(&kept.collect::<Vec<_>>(), named)
+    }
+
+    /// The state with its names in a checkpoint.
+    pub(crate) fn named(&self) -> Vec<(String, Tensor)> {
+        if self.kept.is_empty() {
+            return Vec::new();
+        }
+        let kept = self.kept.iter().map(|(name, kept)| (format!("{KEPT}{name}"), kept.shallow_clone()));
+        let loss = Tensor::from_slice(&[self.loss]).to_kind(Kind::Float);
+        kept.chain([(LOSS.to_owned(), loss)]).collect()
+    }
+
+    /// Adds the weights after `done` steps to the average.
+    pub(crate) fn after_step(&mut self, done: u64) {
+        if self.rule != FinishedWeights::Ema {
+            return;
+        }
+        if self.kept.is_empty() {
+            self.kept = self.copies();
+        }
+        let _no_grad = no_grad_guard();
+        #[expect(clippy::cast_precision_loss, reason = "step counts are far below 2^52")]
+        let decay = (1.0 - (1.0 + done as f64).powf(-0.75)).min(self.decay);
+        for ((_, kept), (_, parameter)) in self.kept.iter_mut().zip(&self.parameters) {
+            let _ = kept.lerp_(parameter, 1.0 - decay);
+        }
+    }
+
+    /// Keeps the present weights if `metrics` have the lowest validation loss so far.
+    pub(crate) fn after_report(&mut self, metrics: &Metrics) {
+        let loss = metrics.iter().find(|(name, _)| *name == "loss_validation");
+        if let Some((_, loss)) = loss.filter(|(_, loss)| self.rule == FinishedWeights::Best && *loss < self.loss) {
+            self.loss = *loss;
+            self.kept = self.copies();
+        }
+    }
+
+    /// Whether the best weights are known only after the last report.
+    pub(crate) fn is_best(&self) -> bool {
+        self.rule == FinishedWeights::Best
+    }
+
+    /// Gives the model the weights that it finishes with.
+    pub(crate) fn finish(&self) {
+        let _no_grad = no_grad_guard();
+        for ((_, kept), (_, parameter)) in self.kept.iter().zip(&self.parameters) {
+            parameter.shallow_clone().copy_(kept);
+        }
+    }
+
+    fn copies(&self) -> Vec<(String, Tensor)> {
+        self.parameters.iter().map(|(name, parameter)| (name.clone(), parameter.detach().copy())).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::values;
+
+    fn parameter(value: f32) -> Vec<(String, Tensor)> {
+        vec![("x".to_owned(), Tensor::from_slice(&[value]))]
+    }
+
+    fn set(parameters: &[(String, Tensor)], value: f64) {
+        let _ = parameters[0].1.shallow_clone().fill_(value);
+    }
+
+    fn rule(finished_weights: FinishedWeights) -> OptimSpec {
+        OptimSpec { finished_weights, ema_decay: 0.5, ..OptimSpec::default() }
+    }
+
+    #[test]
+    fn the_average_follows_its_formula_and_a_resumed_one_goes_on() {
+        let parameters = parameter(0.0);
+        let mut finished = Finished::new(&rule(FinishedWeights::Ema), parameters.clone_shallow());
+        set(&parameters, 1.0);
+        finished.after_step(1);
+        // The decay begins at 1 − 2^−0.75 = 0.405 and stops at 0.5; the first average is the first weight itself.
+        set(&parameters, 2.0);
+        finished.after_step(2);
+        let mut resumed = Finished::new(&rule(FinishedWeights::Ema), parameters.clone_shallow());
+        resumed.load(&finished.named().into_iter().collect()).unwrap();
+        set(&parameters, 4.0);
+        resumed.after_step(3);
+        resumed.finish();
+        assert!((values(&parameters[0].1)[0] - 2.75).abs() < 1e-6, "{:?}", values(&parameters[0].1));
+    }
+
+    #[test]
+    fn the_best_weights_are_those_of_the_lowest_validation_loss() {
+        let parameters = parameter(0.0);
+        let mut finished = Finished::new(&rule(FinishedWeights::Best), parameters.clone_shallow());
+        for (value, loss) in [(1.0, 0.5), (2.0, 0.2), (3.0, 0.3)] {
+            set(&parameters, value);
+            finished.after_report(&vec![("loss_validation", loss)]);
+        }
+        let mut resumed = Finished::new(&rule(FinishedWeights::Best), parameters.clone_shallow());
+        resumed.load(&finished.named().into_iter().collect()).unwrap();
+        resumed.after_report(&vec![("loss", 0.0), ("loss_validation", 0.25)]);
+        resumed.finish();
+        assert_eq!(values(&parameters[0].1), [2.0]);
+    }
+
+    #[test]
+    fn the_last_weights_cost_nothing() {
+        let parameters = parameter(1.0);
+        let mut finished = Finished::new(&rule(FinishedWeights::Last), parameters.clone_shallow());
+        finished.after_step(1);
+        finished.after_report(&vec![("loss_validation", 0.1)]);
+        set(&parameters, 5.0);
+        finished.finish();
+        assert!(finished.named().is_empty());
+        assert_eq!(values(&parameters[0].1), [5.0]);
+    }
+
+    trait CloneShallow {
+        fn clone_shallow(&self) -> Self;
+    }
+
+    impl CloneShallow for Vec<(String, Tensor)> {
+        fn clone_shallow(&self) -> Self {
+            self.iter().map(|(name, x)| (name.clone(), x.shallow_clone())).collect()
+        }
+    }
+}
