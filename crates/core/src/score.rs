@@ -45,7 +45,7 @@ pub struct ScoreRun {
     pub lo: f64,
     /// The w that maps to q = 1, likewise.
     pub hi: f64,
-    /// The w of evenly spaced quantiles, low to high, likewise; for the quantile normaliser only.
+    /// The w of evenly spaced quantiles, low to high, likewise; for the quantile and calibrated normalisers only.
     pub quantiles: Vec<f64>,
     /// The run that it extends, if any.
     pub extends: Option<ScoreRunId>,

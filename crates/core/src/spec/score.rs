@@ -14,6 +14,9 @@ crate::words! {
         MinMax = "minmax",
         /// Rank: the share of the run's imperfect segments that are less similar.
         Quantile = "quantile",
+        /// By experts: the share of expert steps that are at least as far from the other experts. A step as far as the middle
+        /// expert step has 0.5, whatever the task and the failures; needs two experts.
+        Calibrated = "calibrated",
     }
 }
 

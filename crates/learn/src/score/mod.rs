@@ -36,7 +36,7 @@ use crate::trajectory::Trajectory;
 use base::Known;
 use comparison::{Comparison, Source};
 use features::Encoder;
-use gleaner_core::{PretrainSpec, ScoreSpec};
+use gleaner_core::{NormaliserKind, PretrainSpec, ScoreSpec};
 use run::{Found, Progress, Run, count};
 use scorer::Scorer;
 
@@ -173,10 +173,10 @@ impl Call<'_> {
                     Found { imperfect, experts, local: None }
                 }
             };
-            let normaliser = base.map(|base| base.normaliser.clone()).unwrap_or_else(|| {
-                let similarities = imperfect.iter().flat_map(|episode| local::relative(local.as_ref(), episode));
-                Normaliser::fit(self.spec.normaliser, similarities.collect())
-            });
+            let normaliser = match base {
+                Some(base) => base.normaliser.clone(),
+                None => self.normaliser(&imperfect, &experts, local.as_ref())?,
+            };
             for episode in imperfect.iter_mut().chain(&mut experts) {
                 episode.q = local::relative(local.as_ref(), episode).map(|w| normaliser.q(w)).collect();
             }
@@ -195,6 +195,26 @@ impl Call<'_> {
             }
         }
         Ok(())
+    }
+
+    /// The normaliser of a run from the start.
+    fn normaliser(
+        &self,
+        imperfect: &[EpisodeScores],
+        experts: &[EpisodeScores],
+        local: Option<&Vec<Vec<f64>>>,
+    ) -> Result<Normaliser, LearnError> {
+        let kind = self.spec.normaliser;
+        let scale = match kind {
+            NormaliserKind::MinMax | NormaliserKind::Quantile => imperfect,
+            NormaliserKind::Calibrated if experts.is_empty() => {
+                let message = "has one episode, but calibrated compares experts with each other; add another expert, or use \
+                               the normaliser quantile";
+                return Err(LearnError::invalid("experts", message));
+            }
+            NormaliserKind::Calibrated => experts,
+        };
+        Ok(Normaliser::fit(kind, scale.iter().flat_map(|episode| local::relative(local, episode)).collect()))
     }
 
     /// The scores by nearest expert segments, without q, in the given orders. Experts are numbered in the order of

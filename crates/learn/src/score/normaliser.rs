@@ -10,12 +10,14 @@ const QUANTILES: usize = 1001;
 /// local scale ρ, w here is w / ρ.
 ///
 /// `minmax`: q = (w − lo) / (hi − lo), clamped to 0 … 1. `quantile`: the share of the run's imperfect segments with a
-/// smaller w, interpolated linearly between `quantiles`.
+/// smaller w. `calibrated`: the share of the run's expert segments, each compared with the other experts, with a w at most
+/// as large; so an expert's own q is uniform, and q means the same in every run. Shares are interpolated linearly between
+/// `quantiles`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Normaliser {
     /// The kind of normaliser.
     pub kind: NormaliserKind,
-    /// The smallest similarity of the run's imperfect segments; it maps to 0.
+    /// The smallest similarity of the run's imperfect segments, or of its experts for `calibrated`; it maps to 0.
     pub lo: f64,
     /// The largest similarity; it maps to 1.
     pub hi: f64,
@@ -24,12 +26,14 @@ pub struct Normaliser {
 }
 
 impl Normaliser {
-    /// The normaliser of `kind` over `similarities`.
+    /// The normaliser of `kind` over `similarities`, those of the segments that it refers to.
     pub(crate) fn fit(kind: NormaliserKind, mut similarities: Vec<f64>) -> Self {
         similarities.sort_by(f64::total_cmp);
         let quantiles = match kind {
             NormaliserKind::MinMax => Vec::new(),
-            NormaliserKind::Quantile => (0..QUANTILES).map(|k| quantile(&similarities, k)).collect(),
+            NormaliserKind::Quantile | NormaliserKind::Calibrated => {
+                (0..QUANTILES).map(|k| quantile(&similarities, k)).collect()
+            }
         };
         let (lo, hi) = (similarities.first(), similarities.last());
         Self { kind, lo: lo.copied().unwrap_or(0.0), hi: hi.copied().unwrap_or(0.0), quantiles }
@@ -48,17 +52,17 @@ impl Normaliser {
         }
         let q = match self.kind {
             NormaliserKind::MinMax => (w - self.lo) / (self.hi - self.lo),
-            NormaliserKind::Quantile => self.share(w),
+            NormaliserKind::Quantile => self.share(w, self.quantiles.partition_point(|quantile| *quantile < w)),
+            NormaliserKind::Calibrated => self.share(w, self.quantiles.partition_point(|quantile| *quantile <= w)),
         };
         #[expect(clippy::cast_possible_truncation, reason = "between 0 and 1")]
         let q = q as f32;
         q
     }
 
-    /// The rank of `w` among the quantiles, 0 … 1. On a flat stretch it is the lower end, because an equal similarity
-    /// is not a lower one.
-    fn share(&self, w: f64) -> f64 {
-        let above = self.quantiles.partition_point(|quantile| *quantile < w);
+    /// The rank of `w` among the quantiles, 0 … 1, of which number `above` is the next one above. On a flat stretch it is the
+    /// lower end for `quantile`, because an equal similarity is not a lower one, and the upper end for `calibrated`.
+    fn share(&self, w: f64, above: usize) -> f64 {
         let (Some(below), Some(next)) = (above.checked_sub(1), self.quantiles.get(above)) else {
             return if above == 0 { 0.0 } else { 1.0 };
         };
@@ -76,7 +80,7 @@ impl Normaliser {
         }
         let wanted = match self.kind {
             NormaliserKind::MinMax => 0,
-            NormaliserKind::Quantile => QUANTILES,
+            NormaliserKind::Quantile | NormaliserKind::Calibrated => QUANTILES,
         };
         if self.quantiles.len() != wanted {
             return wrong(&format!("has {} quantiles, {wanted} belong to its kind", self.quantiles.len()));
@@ -142,6 +146,21 @@ mod tests {
         assert!((normaliser.q(-1.0) - 0.3).abs() < 2e-3);
         let q: Vec<f32> = (0..200).map(|i| normaliser.q(-f64::from(i) / 90.0)).collect();
         assert!(q.is_sorted_by(|a, b| a >= b));
+    }
+
+    #[test]
+    fn a_calibrated_quality_is_the_share_of_experts_at_least_as_far() {
+        let experts: Vec<f64> = (1..=100).map(|i| -f64::from(i)).collect();
+        let normaliser = fit(NormaliserKind::Calibrated, &experts);
+        let q: Vec<f32> = experts.iter().map(|w| normaliser.q(*w)).collect();
+        let mean = q.iter().sum::<f32>() / 100.0;
+        assert!((mean - 0.5).abs() < 0.01, "an expert's own quality is uniform: {mean}");
+        assert!((normaliser.q(-50.5) - 0.5).abs() < 1e-6);
+        assert_eq!([0.0, -101.0].map(|w| normaliser.q(w)), [1.0, 0.0]);
+        // Of equals, all are at least as far.
+        let equal = [vec![-3.0; 30], vec![-2.0; 40], vec![-1.0; 30]].concat();
+        let normaliser = fit(NormaliserKind::Calibrated, &equal);
+        assert!((normaliser.q(-2.0) - 0.7).abs() < 5e-3, "{}", normaliser.q(-2.0));
     }
 
     #[test]

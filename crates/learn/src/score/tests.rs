@@ -83,6 +83,27 @@ fn a_copy_of_an_expert_scores_best_and_has_its_match() {
 }
 
 #[test]
+fn a_calibrated_run_gives_experts_a_uniform_quality_and_copies_the_highest() {
+    let experts = toy::experts(4, 12);
+    let mut copy = experts[2].clone();
+    copy.id = "a lucky failure".into();
+    for spec in specs() {
+        let spec = ScoreSpec { normaliser: NormaliserKind::Calibrated, ..spec };
+        let scores = run(&experts, &[toy::episode("failure", 50, 14, false), copy.clone()], &spec);
+        let mut q: Vec<f32> = scores.experts.iter().flat_map(|episode| episode.q.clone()).collect();
+        q.sort_by(f32::total_cmp);
+        let uniform = |(place, q): (usize, &f32)| (q - place as f32 / 47.0).abs() < 0.1;
+        assert!(q.iter().enumerate().all(uniform), "{spec:?}: {q:?}");
+        if spec.scorer.name != "classifier" {
+            assert_eq!(scores.imperfect[1].q, vec![1.0; 12], "{spec:?}");
+        }
+    }
+    let spec = ScoreSpec { normaliser: NormaliserKind::Calibrated, ..ScoreSpec::default() };
+    let alone = score_anew(&experts[..1], &[copy], &spec, &mut Silent).unwrap_err().to_string();
+    assert!(alone.starts_with("experts: has one episode, but calibrated "), "{alone}");
+}
+
+#[test]
 fn experts_are_scored_against_the_other_experts() {
     let experts = toy::experts(3, 8);
     let imperfect = [toy::episode("failure", 50, 9, false)];

@@ -132,6 +132,7 @@ impl Report {
         let q = match self.cell.score_spec(0).unwrap_or_default().normaliser {
             NormaliserKind::MinMax => "w from its lowest to its highest",
             NormaliserKind::Quantile => "the share of segments with a lower w",
+            NormaliserKind::Calibrated => "the share of expert steps that are at least as far from other experts",
         };
         line(
             text,
