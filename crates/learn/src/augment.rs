@@ -1,6 +1,6 @@
 //! Random changes to a batch's inputs: images are shifted with the edge repeated, and their brightness and contrast
-//! changed. Depth is shifted with its colour and otherwise unchanged, because it is a measurement. Proprioception is
-//! shifted by noise.
+//! changed. Depth is shifted with its colour and otherwise unchanged, because it is a measurement. Proprioception has noise,
+//! and is dropped at some steps.
 
 use std::collections::HashMap;
 
@@ -26,8 +26,8 @@ struct Change {
     contrast: f32,
 }
 
-/// Changes the inputs of `batch` according to `augmentation`. Each episode of the batch has one draw: each frame is stored
-/// once for all windows that contain it, and the motion within a window is preserved. Targets stay as they are.
+/// Changes the inputs of `batch` according to `augmentation`. The images of an episode have one draw: each frame is
+/// stored once for all windows that contain it, and the motion within a window is preserved. Proprioception has a draw for each step. Targets stay as they are.
 /// `standard` is that of the proprioception.
 pub(crate) fn augment(batch: &mut Batch, augmentation: &Augmentation, standard: &Standard, rng: &mut ChaCha8Rng) {
     if *augmentation == Augmentation::default() {
@@ -56,21 +56,16 @@ pub(crate) fn augment(batch: &mut Batch, augmentation: &Augmentation, standard: 
     }
 }
 
-/// 0 for the steps of each episode whose proprioception is dropped, otherwise 1, `[N, 1]`.
+/// 0 for the steps whose proprioception is dropped, otherwise 1, `[N, 1]`.
 fn kept(batch: &Batch, dropout: f64, rng: &mut ChaCha8Rng) -> Tensor {
-    let mut drawn = HashMap::new();
-    let of_episode = |episode: &usize| *drawn.entry(*episode).or_insert_with(|| !rng.random_bool(dropout));
-    let kept: Vec<f32> = batch.episodes.iter().map(of_episode).map(|kept| f32::from(u8::from(kept))).collect();
+    let kept: Vec<f32> = batch.episodes.iter().map(|_| f32::from(u8::from(!rng.random_bool(dropout)))).collect();
     rows(&kept, 1, batch.proprioception.device())
 }
 
-/// A normal number for each value of each episode, `[N, M]`.
+/// A normal number for each value of each step, `[N, M]`.
 fn offsets(batch: &Batch, rng: &mut ChaCha8Rng) -> Tensor {
     let width = usize::try_from(batch.proprioception.size()[1]).unwrap_or(0);
-    let mut drawn = HashMap::new();
-    let of_episode = |episode: &usize| drawn.entry(*episode).or_insert_with(|| normal(rng, width)).clone();
-    let offsets: Vec<f32> = batch.episodes.iter().flat_map(of_episode).collect();
-    rows(&offsets, width, batch.proprioception.device())
+    rows(&normal(rng, batch.episodes.len() * width), width, batch.proprioception.device())
 }
 
 impl Change {
@@ -141,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_on_proprioception_is_one_draw_an_episode_and_leaves_targets() {
+    fn noise_on_proprioception_is_a_draw_for_each_step_and_leaves_targets() {
         let augmentation = Augmentation { proprioception_noise: 0.5, ..Augmentation::default() };
         let mut drawn = Vec::new();
         for seed in 0..200 {
@@ -151,32 +146,29 @@ mod tests {
             let offset = (&batch.seen_proprioception - &batch.proprioception) / Tensor::from_slice(&[0.5f32, 2.0, 1.0]);
             let offset = values(&offset);
             assert!(offset.chunks(3).all(|frame| frame[2] == 0.0));
-            let episodes: Vec<&[f32]> = offset.chunks(4 * 3).collect();
-            for frames in &episodes {
-                assert!(frames.chunks(3).all(|frame| (frame[0] - frames[0]).abs() < 1e-5));
-            }
-            assert!(episodes.len() == 2 && (episodes[0][0] - episodes[1][0]).abs() > 1e-6);
-            drawn.extend(episodes.iter().flat_map(|frames| frames[..2].to_vec()));
+            let steps: Vec<&[f32]> = offset.chunks(3).collect();
+            assert!(steps.len() == 8 && steps.windows(2).all(|pair| (pair[0][0] - pair[1][0]).abs() > 1e-6));
+            drawn.extend(steps.iter().flat_map(|step| step[..2].to_vec()));
         }
-        let square: f32 = drawn.iter().map(|value| value * value).sum::<f32>() / 800.0;
+        let square: f32 = drawn.iter().map(|value| value * value).sum::<f32>() / 3_200.0;
         assert!((0.2..0.3).contains(&square), "{square}, not 0.25");
     }
 
     #[test]
-    fn dropped_proprioception_is_the_mean_for_whole_episodes() {
+    fn dropped_proprioception_is_the_mean_at_single_steps() {
         let augmentation = Augmentation { proprioception_dropout: 0.4, ..Augmentation::default() };
         let mut dropped = 0;
         for seed in 0..500 {
             let batch = changed(augmentation, seed);
             let (seen, plain) = (values(&batch.seen_proprioception), values(&batch.proprioception));
-            for (seen, plain) in seen.chunks(4 * 3).zip(plain.chunks(4 * 3)) {
-                let mean = seen.chunks(3).all(|m| m.iter().zip([0.5, 3.0, 5.0]).all(|(a, b)| (a - b).abs() < 1e-5));
+            for (seen, plain) in seen.chunks(3).zip(plain.chunks(3)) {
+                let mean = seen.iter().zip([0.5, 3.0, 5.0]).all(|(a, b)| (a - b).abs() < 1e-5);
                 let same = seen.iter().zip(plain).all(|(a, b)| (a - b).abs() < 1e-5);
                 assert!(mean != same, "{seen:?}");
                 dropped += u32::from(mean);
             }
         }
-        assert!((340..460).contains(&dropped), "{dropped} of 1000");
+        assert!((1_480..1_720).contains(&dropped), "{dropped} of 4000");
     }
 
     #[test]

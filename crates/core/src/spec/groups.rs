@@ -31,6 +31,10 @@ crate::settings! {
     pub struct SizeSpec {
         /// Size of the model. Larger models fit finer structure and need more data, memory and time.
         pub preset: Preset = Preset::Tiny, Preset::shape();
+        /// Factor on the first weights of the layer that finds keypoints in images (the softmax over places). At 1 every
+        /// keypoint begins near the middle of the image and hardly depends on it; from about 5 it begins at the one place
+        /// that stands out, and a transformer learns to look. Far higher factors leave it no gradient.
+        pub keypoint_gain: f64 = 1.0, number_in(1e-3, 1e3);
     }
 }
 
@@ -58,6 +62,10 @@ crate::settings! {
         pub segment_length: u32 = 6, integer_in(0, 63);
         /// Token that the action is read from.
         pub action_token: ActionToken = ActionToken::Proprioception, ActionToken::shape();
+        /// Factor on the first weights of the layer that finds keypoints in images (the softmax over places). At 1 every
+        /// keypoint begins near the middle of the image and hardly depends on it; from about 5 it begins at the one place
+        /// that stands out, and a transformer learns to look. Far higher factors leave it no gradient.
+        pub keypoint_gain: f64 = 1.0, number_in(1e-3, 1e3);
     }
 }
 
@@ -70,8 +78,8 @@ impl ModelSpec {
 }
 
 crate::settings! {
-    /// Random changes to the images of a training batch; off by default. All frames of one episode in a batch change
-    /// alike, so that motion between them is preserved.
+    /// Random changes to the inputs of a training batch; off by default. All images of one episode in a batch change
+    /// alike, so that motion between them is preserved; proprioception changes at each step.
     #[derive(Copy)]
     pub struct Augmentation {
         /// Shift images randomly by up to this many pixels along each axis; edge pixels are repeated (0: off). Larger
@@ -83,11 +91,9 @@ crate::settings! {
         /// Scale colours around the image's mean by a random factor within 1 ± this value (0: off). Higher values
         /// tolerate changes of light but saturate more pixels.
         pub contrast: f64 = 0.0, number_in(0.0, 1.0);
-        /// Shift each proprioception value by normal noise of this many standard deviations, the same for all frames of an
-        /// episode in a batch (0: off). Higher values make a policy rely on images, and less on exact positions.
+        /// Shift each proprioception value of each step by normal noise of this many standard deviations (0: off). Higher values make a policy rely on images, and less on exact positions.
         pub proprioception_noise: f64 = 0.0, number_in(0.0, 100.0);
-        /// Chance of replacing the proprioception of an episode in a batch by its mean (0: off), so that the images have to
-        /// suffice. Higher values make a policy look more, and learn less from exact positions.
+        /// Chance of replacing the proprioception of a step by its mean (0: off), so that the images have to suffice. Higher values make a policy look more, and learn less from exact positions.
         pub proprioception_dropout: f64 = 0.0, number_in(0.0, 1.0);
     }
 }

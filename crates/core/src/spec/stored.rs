@@ -12,17 +12,19 @@ use crate::spec::ActionToken;
 
 /// A pretraining's settings in today's form.
 pub(super) fn pretrain(values: Values) -> Values {
-    with_action_token(flat(values))
+    complete(flat(values))
 }
 
 /// A training's settings in today's form.
 pub(super) fn train(values: Values) -> Values {
-    used(Family::Weighting, used(Family::Policy, with_action_token(flat(values))))
+    used(Family::Weighting, used(Family::Policy, complete(flat(values))))
 }
 
-/// Earlier versions read the action from the proprioception and had no setting for it.
-fn with_action_token(mut values: Values) -> Values {
+/// Adds what earlier versions did and had no setting for: they read the action from the proprioception, and drew the
+/// weights of keypoints like all others.
+fn complete(mut values: Values) -> Values {
     values.entry("action_token").or_insert_with(|| ActionToken::Proprioception.as_str().into());
+    values.entry("keypoint_gain").or_insert_with(|| 1.0.into());
     values
 }
 

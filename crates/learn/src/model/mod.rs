@@ -46,7 +46,7 @@ impl Network {
     /// The network with initial weights drawn from `seed`.
     pub(crate) fn new(shape: &TaskShape, spec: ModelSpec, statistics: Statistics, seed: u64, device: Device) -> Self {
         let network = Self::build(shape, spec, statistics, device);
-        weights::draw(&network.parameters(), seed);
+        weights::draw(&network.parameters(), spec.keypoint_gain, seed);
         network
     }
 

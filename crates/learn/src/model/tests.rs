@@ -138,3 +138,18 @@ fn actions_of_the_newest_step_alone_are_those_of_all_steps() {
         assert!(largest_difference(&every.narrow(1, 3, 1), &newest) < 1e-5);
     }
 }
+
+#[test]
+fn a_gain_lets_keypoints_follow_the_image_from_the_beginning() {
+    let data = toy::episode("e", 1, 12, true);
+    let moves = |keypoint_gain: f64| {
+        let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), &[&data]), 8, DEVICE);
+        let spec = ModelSpec { keypoint_gain, ..toy::pretrain_spec(1).model };
+        let network = Network::new(&toy::shape(), spec, statistics, 3, DEVICE);
+        let frames = [0.1, 0.3, 0.5, 0.7, 0.9].map(|x| toy::frame(x, 1.0 - x));
+        let embedded = network.embed_frames(&frames.each_ref().map(Vec::as_slice));
+        embedded.std_dim([0i64].as_slice(), false, false).mean(None).double_value(&[])
+    };
+    let (plain, sharp) = (moves(1.0), moves(5.0));
+    assert!(sharp > 2.0 * plain, "{sharp} {plain}");
+}

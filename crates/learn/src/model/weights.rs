@@ -14,6 +14,9 @@ use crate::random::{Purpose, generator};
 /// Initial standard deviation of embeddings.
 const EMBEDDING: f64 = 0.1;
 
+/// The end of the name of kernels that find keypoints.
+const KEYPOINTS: &str = ".keypoint.weight";
+
 /// Every parameter in name order.
 pub(crate) fn sorted(store: &nn::VarStore) -> Vec<(String, Tensor)> {
     let sorted: BTreeMap<_, _> = store.variables().into_iter().collect();
@@ -21,8 +24,9 @@ pub(crate) fn sorted(store: &nn::VarStore) -> Vec<(String, Tensor)> {
 }
 
 /// Draws `parameters`, given in name order: matrices and kernels uniform with variance `1 / inputs` (kernels, which a
-/// ReLU follows, `2 / inputs`), embeddings uniform with a fixed deviation, norms 1, biases 0.
-pub(crate) fn draw(parameters: &[(String, Tensor)], seed: u64) {
+/// ReLU follows, `2 / inputs`), embeddings uniform with a fixed deviation, norms 1, biases 0. The kernels that find
+/// keypoints are `keypoint_gain` times as large.
+pub(crate) fn draw(parameters: &[(String, Tensor)], keypoint_gain: f64, seed: u64) {
     let _no_grad = no_grad_guard();
     for (place, (name, parameter)) in (0u64..).zip(parameters) {
         let mut parameter = parameter.shallow_clone();
@@ -32,7 +36,8 @@ pub(crate) fn draw(parameters: &[(String, Tensor)], seed: u64) {
         } else if size.len() == 1 {
             let _ = parameter.fill_(1.0);
         } else {
-            let deviation = deviation(name, &size);
+            let gain = if name.ends_with(KEYPOINTS) { keypoint_gain } else { 1.0 };
+            let deviation = gain * deviation(name, &size);
             fill_uniform(&mut parameter, deviation, seed, place);
         }
     }

@@ -55,7 +55,7 @@ gleaner_core::settings! {
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
     let policy = Act::new(Scratch::init(from, info)?, from.chosen().read()?);
-    policy.scratch.draw(from.spec.run.seed);
+    policy.scratch.draw(info, from.spec.run.seed);
     Ok(Box::new(policy))
 }
 

@@ -33,7 +33,7 @@ const HIDDEN: i64 = 4;
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
     let policy = Bc::new(Scratch::init(from, info)?);
-    policy.scratch.draw(from.spec.run.seed);
+    policy.scratch.draw(info, from.spec.run.seed);
     Ok(Box::new(policy))
 }
 

@@ -25,8 +25,8 @@ pub(super) struct Scratch {
 
 /// The model of a policy whose input is one step: a history of l = 0.
 pub(super) fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
-    let SizeSpec { preset } = from.chosen().read()?;
-    Ok(ModelSpec { preset, segment_length: 0, ..ModelSpec::default() })
+    let SizeSpec { preset, keypoint_gain } = from.chosen().read()?;
+    Ok(ModelSpec { preset, keypoint_gain, segment_length: 0, ..ModelSpec::default() })
 }
 
 impl Scratch {
@@ -63,8 +63,8 @@ impl Scratch {
     }
 
     /// Draws every weight, after all layers are added.
-    pub(super) fn draw(&self, seed: u64) {
-        weights::draw(&self.parameters(), seed);
+    pub(super) fn draw(&self, info: &CheckpointInfo, seed: u64) {
+        weights::draw(&self.parameters(), info.model.keypoint_gain, seed);
     }
 
     /// Loads every weight, after all layers are added.
