@@ -106,7 +106,10 @@ def own_settings(family: list[dict[str, Any]]) -> list[tuple[dict[str, Any], str
     for kind in family:
         for setting in kind.get("settings", []):
             found.setdefault(setting["name"], (setting, []))[1].append(kind["name"])
-    limit = lambda names: f" Only for {', '.join(names)}." if len(names) < len(family) else ""
+
+    def limit(names: list[str]) -> str:
+        return f" Only for {', '.join(names)}." if len(names) < len(family) else ""
+
     return [(setting, limit(names)) for setting, names in found.values()]
 
 
