@@ -3,12 +3,15 @@
 //! A change of the schema adds a sample of the schema before it; see `tests/samples/README.md`.
 
 use super::super::{read_only::newest_schema, *};
-use crate::{domain::order::JobFilter, error::Kind};
+use crate::{
+    domain::{job::JobSpec, order::JobFilter},
+    error::Kind,
+};
 
 /// A version, a dump, and the number of rows that each table must still have.
 type Sample = (i64, &'static str, &'static [(&'static str, i64)]);
 
-const SAMPLES: [Sample; 4] = [
+const SAMPLES: [Sample; 6] = [
     (
         8,
         include_str!("../../../../tests/samples/schema_0008.sql"),
@@ -28,6 +31,16 @@ const SAMPLES: [Sample; 4] = [
         20,
         include_str!("../../../../tests/samples/schema_0020.sql"),
         &[("episodes", 14), ("jobs", 7), ("audit", 1), ("policies", 2), ("export_files", 33)],
+    ),
+    (
+        24,
+        include_str!("../../../../tests/samples/schema_0024.sql"),
+        &[("episodes", 12), ("jobs", 2), ("snapshots", 2), ("encoders", 2), ("audit", 1)],
+    ),
+    (
+        25,
+        include_str!("../../../../tests/samples/schema_0025.sql"),
+        &[("episodes", 15), ("jobs", 7), ("score_runs", 1), ("datasets", 1), ("evaluations", 3), ("export_files", 35)],
     ),
 ];
 
@@ -87,6 +100,30 @@ async fn reads(store: &Store) {
     assert!(!store.jobs(&JobFilter::default(), None, 100).await.unwrap().0.is_empty());
     store.deployments(None).await.unwrap();
     store.named_blobs().await.unwrap();
+}
+
+#[tokio::test]
+async fn trainings_of_schema_25_are_read_with_the_weighting_that_they_had() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("gleaner.db");
+    let (.., dump, _) = SAMPLES[5];
+    load(&path, dump).await;
+    let store = Store::open(&path).await.unwrap();
+    let specs = store.jobs(&JobFilter::default(), None, 100).await.unwrap().0.into_iter().map(|job| job.spec);
+    let trainings: Vec<_> = specs
+        .filter_map(|spec| match spec {
+            JobSpec::Train { spec, .. } => Some(spec),
+            JobSpec::Pretrain { .. } | JobSpec::Score { .. } | JobSpec::Export { .. } | JobSpec::Evaluate { .. } => {
+                None
+            }
+        })
+        .collect();
+    assert_eq!(trainings.len(), 3);
+    for spec in trainings {
+        assert_eq!((spec.weighting.name.as_str(), &spec.weighting.settings["lambda"]), ("quality", &0.1.into()));
+        let gain = spec.policy.settings.get("keypoint_gain");
+        assert!(gain.is_none_or(|gain| *gain == 1.0), "{gain:?}");
+    }
 }
 
 async fn known_version(store: &Store) -> i64 {
