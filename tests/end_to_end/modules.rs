@@ -7,55 +7,58 @@ use syn::visit::{self, Visit};
 
 use crate::support::files;
 
-/// The crates, by their folders of sources.
-const CRATES: [&str; 15] = [
-    "client/command/src",
-    "client/src",
-    "crates/core/src",
-    "crates/data-folder/src",
-    "crates/edge/src",
-    "crates/inspector/src",
-    "crates/learn/src",
-    "crates/logs/src",
-    "crates/recording/src",
-    "crates/search/src",
-    "crates/sim/src",
-    "crates/web/src",
-    "crates/worker/src",
-    "proto/src",
-    "server/src",
-];
+/// The folders of sources of every crate but tests and benches.
+fn crates() -> Vec<String> {
+    let mut folders = ["client/command", "client", "proto", "server"].map(str::to_owned).to_vec();
+    for entry in files::root().join("crates").read_dir().unwrap() {
+        folders.push(format!("crates/{}", entry.unwrap().file_name().to_str().unwrap()));
+    }
+    folders.iter().map(|folder| format!("{folder}/src")).filter(|src| files::root().join(src).is_dir()).collect()
+}
 
 /// A module by its path from the root of the crate.
 type Module = Vec<String>;
+
+/// Which module a name leads to that another module re-exports.
+type Exports = BTreeMap<(Module, String), Module>;
 
 /// The paths that a module names, from the root of its crate.
 struct Paths<'a> {
     module: &'a [String],
     modules: &'a BTreeSet<Module>,
+    exports: &'a Exports,
     found: BTreeSet<Module>,
 }
 
 impl Paths<'_> {
-    /// Resolves `crate`, `self`, `super` and the module's own children; a path of another crate leads nowhere.
+    /// Adds the module that a path leads to; a path of another crate leads nowhere.
     fn add(&mut self, path: &[String]) {
-        let mut at: Module = match path.first().map(String::as_str) {
-            Some("crate") => Vec::new(),
-            Some("self" | "super") => self.module.to_vec(),
-            Some(first) if self.modules.contains(&[self.module, &[first.to_owned()]].concat()) => self.module.to_vec(),
-            Some(_) | None => return,
+        self.found.extend(self.resolve(path).filter(|at| !at.is_empty()));
+    }
+
+    /// Resolves `crate`, `self`, `super`, the module's own children, and re-exports.
+    fn resolve(&self, path: &[String]) -> Option<Module> {
+        let child = |at: &[String], name: &str| {
+            let child = [at, &[name.to_owned()]].concat();
+            let exported = self.exports.get(&(at.to_vec(), name.to_owned()));
+            self.modules.contains(&child).then_some(child).or_else(|| exported.cloned())
+        };
+        let mut at: Module = match path.first()?.as_str() {
+            "crate" => Vec::new(),
+            "self" | "super" => self.module.to_vec(),
+            first => child(self.module, first).map(|_| self.module.to_vec())?,
         };
         for part in path.iter().filter(|part| !["crate", "self"].contains(&part.as_str())) {
             if part == "super" {
                 at.pop();
-            } else {
-                at.push(part.clone());
+                continue;
+            }
+            match child(&at, part) {
+                Some(next) => at = next,
+                None => break,
             }
         }
-        while !self.modules.contains(&at) && at.pop().is_some() {}
-        if !at.is_empty() {
-            self.found.insert(at);
-        }
+        Some(at)
     }
 
     fn add_tree(&mut self, before: &[String], tree: &syn::UseTree) {
@@ -67,6 +70,40 @@ impl Paths<'_> {
             syn::UseTree::Glob(_) => self.add(before),
         }
     }
+}
+
+/// The names that a `use` gives to paths. Those of a glob are not known.
+fn names(before: &[String], tree: &syn::UseTree, found: &mut Vec<(String, Vec<String>)>) {
+    let with = |name: &syn::Ident| [before, &[name.to_string()]].concat();
+    match tree {
+        syn::UseTree::Path(path) => names(&with(&path.ident), &path.tree, found),
+        syn::UseTree::Group(group) => group.items.iter().for_each(|tree| names(before, tree, found)),
+        syn::UseTree::Name(name) => found.push((name.ident.to_string(), with(&name.ident))),
+        syn::UseTree::Rename(name) => found.push((name.rename.to_string(), with(&name.ident))),
+        syn::UseTree::Glob(_) => {}
+    }
+}
+
+/// The re-exports of every module.
+fn exports(sources: &BTreeMap<Module, syn::File>, modules: &BTreeSet<Module>) -> Exports {
+    let mut exports = Exports::new();
+    for (module, source) in sources {
+        let mut named = Vec::new();
+        for item in &source.items {
+            if let syn::Item::Use(item) = item
+                && !matches!(item.vis, syn::Visibility::Inherited)
+            {
+                names(&[], &item.tree, &mut named);
+            }
+        }
+        for (name, path) in named {
+            let paths = Paths { module, modules, exports: &exports, found: BTreeSet::new() };
+            if let Some(at) = paths.resolve(&path).filter(|at| at != module) {
+                exports.insert((module.clone(), name), at);
+            }
+        }
+    }
+    exports
 }
 
 fn is_test(attributes: &[syn::Attribute]) -> bool {
@@ -125,8 +162,9 @@ fn modules(folder: &str) -> BTreeMap<Module, BTreeSet<Module>> {
         sources.insert(module, syn::parse_file(&source).unwrap());
     }
     let all: BTreeSet<Module> = sources.keys().cloned().collect();
+    let exports = exports(&sources, &all);
     let named = sources.iter().map(|(module, source)| {
-        let mut paths = Paths { module, modules: &all, found: BTreeSet::new() };
+        let mut paths = Paths { module, modules: &all, exports: &exports, found: BTreeSet::new() };
         paths.visit_file(source);
         (module.clone(), paths.found)
     });
@@ -148,20 +186,15 @@ fn circles(folder: &str) -> (usize, Vec<String>) {
     }
     let mut found = Vec::new();
     for (parent, graph) in &graphs {
-        for from in graph.keys() {
-            let (mut reached, mut open) = (BTreeSet::new(), vec![*from]);
-            while let Some(next) = open.pop() {
-                open.extend(graph.get(next).into_iter().flatten().filter(|to| reached.insert(**to)));
-            }
-            if reached.contains(from) {
-                let step = graph[from].iter().find(|to| **to == *from || leads(graph, to, from));
-                found.push(format!("{folder}/{}: {from} → {}", parent.join("/"), step.unwrap()));
-            }
+        for from in graph.keys().filter(|from| leads(graph, from, from)) {
+            let step = graph[from].iter().find(|to| **to == *from || leads(graph, to, from));
+            found.push(format!("{folder}/{}: {from} → {}", parent.join("/"), step.unwrap()));
         }
     }
     (modules.len(), found)
 }
 
+/// Whether some way leads from one member to another, or back to itself.
 fn leads(graph: &BTreeMap<&str, BTreeSet<&str>>, from: &str, to: &str) -> bool {
     let (mut reached, mut open) = (BTreeSet::new(), vec![from]);
     while let Some(next) = open.pop() {
@@ -173,8 +206,8 @@ fn leads(graph: &BTreeMap<&str, BTreeSet<&str>>, from: &str, to: &str) -> bool {
 #[test]
 fn modules_have_no_circle() {
     let (mut count, mut found) = (0, Vec::new());
-    for folder in CRATES {
-        let (modules, circles) = circles(folder);
+    for folder in crates() {
+        let (modules, circles) = circles(&folder);
         count += modules;
         found.extend(circles);
     }

@@ -7,10 +7,7 @@ use std::sync::LazyLock;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec,
-    schema::{Problem, Setting, WordAbout, brief},
-};
+use crate::schema::{Problem, Setting, WordAbout, brief};
 
 /// Every kind of every family.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -18,7 +15,6 @@ pub struct Kinds {
     /// Kinds of policies, the results of training.
     pub policies: Vec<Kind>,
     /// Kinds of weightings, which weigh kept segments in the loss of a policy.
-    #[serde(default)]
     pub weightings: Vec<Kind>,
     /// Kinds of objectives, whose losses a pretraining adds up.
     pub objectives: Vec<Kind>,
@@ -156,28 +152,6 @@ impl Family {
     }
 }
 
-/// The kinds of jobs that have settings, in the order of their use.
-#[must_use]
-pub fn jobs() -> Vec<Kind> {
-    let job = |name: &str, about: &str, settings: Vec<Setting>| Kind {
-        name: name.to_owned(),
-        title: name.to_owned(),
-        about: about.to_owned(),
-        needs: Needs::default(),
-        settings,
-    };
-    vec![
-        job(
-            "pretrain",
-            "Pretrains an encoder without labels, on experts and imperfect episodes.",
-            PretrainSpec::schema(),
-        ),
-        job("score", "Scores every imperfect segment of a snapshot: a score run.", ScoreSpec::schema()),
-        job("train", "Trains a policy by weighted behaviour cloning.", TrainSpec::schema()),
-        job("evaluate", "Evaluates a policy in closed-loop trials in the embedded simulator.", EvaluateSpec::schema()),
-    ]
-}
-
 static KINDS: LazyLock<Kinds> = LazyLock::new(|| {
     // A test reads the same text, so the built-in text is valid.
     serde_json::from_str(include_str!("../kinds.json")).unwrap_or_default()
@@ -205,10 +179,11 @@ mod tests {
     }
 
     #[test]
-    fn policies_and_weightings_share_no_setting() {
+    fn weightings_share_no_setting_with_trainings_and_policies() {
         let names = |family: Family| family.settings().into_iter().map(|(setting, _)| setting.name).collect::<Vec<_>>();
-        let of_policies = names(Family::Policy);
-        assert!(names(Family::Weighting).iter().all(|name| !of_policies.contains(name)));
+        let common = crate::TrainSpec::schema().into_iter().map(|setting| setting.name);
+        let others = [names(Family::Policy), common.collect()].concat();
+        assert!(names(Family::Weighting).iter().all(|name| !others.contains(name)));
     }
 
     #[test]

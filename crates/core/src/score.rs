@@ -133,11 +133,17 @@ pub struct RunCounts {
     pub expert_segments: u64,
 }
 
-/// The distribution of q over a run's imperfect segments, and the counts kept by thresholds: filled episode by episode
-/// in one pass.
-#[derive(Debug, Clone)]
+/// Bins of q in which experts are compared with imperfect segments.
+const FINE: usize = 1000;
+
+/// The distributions of q over a run's imperfect segments and over its experts' own, and the counts kept by thresholds:
+/// filled episode by episode in one pass.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Histogram {
     counts: Vec<u64>,
+    expert_counts: Vec<u64>,
+    /// Fine counts of imperfect and of expert segments.
+    fine: [Vec<u64>; 2],
     segments: u64,
     /// Thresholds from low to high, each with its index in the caller's order.
     ordered: Vec<(f64, usize)>,
@@ -154,6 +160,8 @@ impl Histogram {
         ordered.sort_by(|a, b| a.0.total_cmp(&b.0));
         Self {
             counts: vec![0; bins.max(1)],
+            expert_counts: vec![0; bins.max(1)],
+            fine: [vec![0; FINE], vec![0; FINE]],
             segments: 0,
             ordered,
             kept_segments: vec![0; betas.len() + 1],
@@ -165,8 +173,9 @@ impl Histogram {
     pub fn add(&mut self, q: impl Iterator<Item = f32>) {
         let (mut best, mut any) = (f32::NEG_INFINITY, false);
         for q in q {
-            let bin = self.bin(q);
-            self.counts[bin] += 1;
+            let place = bin(q, self.counts.len());
+            self.counts[place] += 1;
+            self.fine[0][bin(q, FINE)] += 1;
             self.segments += 1;
             let keeping = self.keeping(q);
             self.kept_segments[keeping] += 1;
@@ -178,12 +187,42 @@ impl Histogram {
         }
     }
 
-    /// Segments in each bin; the last bin includes q = 1.
+    /// Adds one expert's q, from its comparison with the other experts.
+    pub fn add_expert(&mut self, q: impl Iterator<Item = f32>) {
+        for q in q {
+            let place = bin(q, self.expert_counts.len());
+            self.expert_counts[place] += 1;
+            self.fine[1][bin(q, FINE)] += 1;
+        }
+    }
+
+    /// Imperfect segments in each bin; the last bin includes q = 1.
     pub fn counts(&self) -> &[u64] {
         &self.counts
     }
 
-    /// Number of segments.
+    /// Expert segments in each bin, as [`Histogram::counts`].
+    pub fn expert_counts(&self) -> &[u64] {
+        &self.expert_counts
+    }
+
+    /// The AUROC of q between the experts' segments and the imperfect ones: the share of pairs in which the expert's q is
+    /// higher, ties (within a thousandth) counted half. At 0.5 or below the scores do not tell experts from imperfect
+    /// episodes. `None` without one of the two.
+    pub fn expert_auroc(&self) -> Option<f64> {
+        let (mut below, mut doubled) = (0_u128, 0_u128);
+        for (&imperfect, &expert) in self.fine[0].iter().zip(&self.fine[1]) {
+            doubled += u128::from(expert) * (2 * below + u128::from(imperfect));
+            below += u128::from(imperfect);
+        }
+        let experts: u128 = self.fine[1].iter().copied().map(u128::from).sum();
+        let pairs = experts * below;
+        #[expect(clippy::cast_precision_loss, reason = "a share to read")]
+        let share = (pairs > 0).then(|| doubled as f64 / (2 * pairs) as f64);
+        share
+    }
+
+    /// Number of imperfect segments.
     pub fn segments(&self) -> u64 {
         self.segments
     }
@@ -204,18 +243,35 @@ impl Histogram {
     fn keeping(&self, q: f32) -> usize {
         self.ordered.partition_point(|&(beta, _)| Filter::Above(beta).keeps(0.0, q))
     }
+}
 
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates; then clamped")]
-    fn bin(&self, q: f32) -> usize {
-        #[expect(clippy::cast_precision_loss, reason = "at most 1000 bins")]
-        let place = q * self.counts.len() as f32;
-        (place as usize).min(self.counts.len() - 1)
-    }
+/// The bin of q among `bins` equal ones.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates; then clamped")]
+fn bin(q: f32, bins: usize) -> usize {
+    #[expect(clippy::cast_precision_loss, reason = "at most 1000 bins")]
+    let place = q * bins as f32;
+    (place as usize).min(bins - 1)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_auroc_of_experts_is_the_share_of_pairs_that_they_win() {
+        let auroc = |imperfect: &[f32], experts: &[f32]| {
+            let mut histogram = Histogram::new(4, &[]);
+            histogram.add(imperfect.iter().copied());
+            histogram.add_expert(experts.iter().copied());
+            assert_eq!(histogram.expert_counts().iter().sum::<u64>(), experts.len() as u64);
+            histogram.expert_auroc()
+        };
+        assert_eq!(auroc(&[0.1, 0.2], &[0.3, 0.9]), Some(1.0));
+        assert_eq!(auroc(&[0.5, 0.5], &[0.5]), Some(0.5));
+        assert_eq!(auroc(&[0.1, 0.5, 0.9], &[0.2, 0.5]), Some(2.5 / 6.0));
+        assert_eq!(auroc(&[1.0], &[0.0]), Some(0.0));
+        assert_eq!((auroc(&[0.1], &[]), auroc(&[], &[0.1])), (None, None));
+    }
 
     #[test]
     fn counts_what_each_threshold_keeps_strictly() {

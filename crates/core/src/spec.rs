@@ -19,7 +19,7 @@ pub use train::TrainSpec;
 
 use std::collections::BTreeMap;
 
-use crate::kinds::Family;
+use crate::kinds::{Family, Kind, Needs};
 use crate::schema::Setting;
 
 /// Every setting that a kind of job may have, with the names of the policies, weightings or scorers it is limited to (empty: all).
@@ -53,6 +53,28 @@ pub fn jobs() -> BTreeMap<&'static str, Vec<Setting>> {
         ("train", job(TrainSpec::schema())),
         ("evaluate", job(EvaluateSpec::schema())),
     ])
+}
+
+/// The kinds of jobs that have settings, in the order of their use.
+#[must_use]
+pub fn job_kinds() -> Vec<Kind> {
+    let job = |name: &str, about: &str, settings: Vec<Setting>| Kind {
+        name: name.to_owned(),
+        title: name.to_owned(),
+        about: about.to_owned(),
+        needs: Needs::default(),
+        settings,
+    };
+    vec![
+        job(
+            "pretrain",
+            "Pretrains an encoder without labels, on experts and imperfect episodes.",
+            PretrainSpec::schema(),
+        ),
+        job("score", "Scores every imperfect segment of a snapshot: a score run.", ScoreSpec::schema()),
+        job("train", "Trains a policy by weighted behaviour cloning.", TrainSpec::schema()),
+        job("evaluate", "Evaluates a policy in closed-loop trials in the embedded simulator.", EvaluateSpec::schema()),
+    ]
 }
 
 /// Serialises a spec as its flat map, and reads that map or the form that earlier versions stored.

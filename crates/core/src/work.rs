@@ -39,7 +39,7 @@ pub struct FrozenRun {
     pub lo: f64,
     /// w that maps to q = 1.
     pub hi: f64,
-    /// Quantiles of the quantile normaliser.
+    /// Quantiles of the quantile and calibrated normalisers.
     pub quantiles: Vec<f64>,
     /// The experts, to which `match_episode` refers by index.
     pub expert_ids: Vec<EpisodeId>,
@@ -100,7 +100,7 @@ pub enum Made {
         lo: f64,
         /// w that maps to q = 1.
         hi: f64,
-        /// Quantiles of the quantile normaliser.
+        /// Quantiles of the quantile and calibrated normalisers.
         quantiles: Vec<f64>,
         /// The experts, to which `match_episode` refers by index.
         expert_ids: Vec<EpisodeId>,

@@ -42,7 +42,7 @@ pub struct CheckpointInfo {
     pub kind: CheckpointKind,
     /// Gradient steps done. With the seed in `spec` this is the whole state of the random numbers.
     pub step: u64,
-    /// Whether training is done. If not, the file also holds the optimiser's state.
+    /// Whether training is done. If not, the file also holds the optimiser's state, and the weights kept for the end.
     pub finished: bool,
     /// The task's shape.
     pub shape: TaskShape,
@@ -66,8 +66,8 @@ impl CheckpointInfo {
         G::read(&self.settings).map_err(|problem| LearnError::Checkpoint(format!("header: {problem}")))
     }
 
-    /// Whether both are of runs with the same settings. An earlier version's text, which lacks the settings of today, is
-    /// read as that version meant it.
+    /// Whether both are of runs with the same settings. An earlier version's text lacks settings, which
+    /// are read with the values that it used; noise and dropout of proprioception were then drawn for each episode.
     pub(crate) fn is_of_the_run_of(&self, other: &Self) -> bool {
         let today = || match self.kind {
             CheckpointKind::Encoder => serde_json::from_str(&self.spec).map(|spec: PretrainSpec| spec.identity()),

@@ -8,7 +8,6 @@ use tch::{Kind, Tensor, no_grad_guard};
 
 use crate::error::LearnError;
 use crate::model::weights;
-use crate::train::Metrics;
 
 /// Prefix of the kept weights in a checkpoint of an unfinished run.
 const KEPT: &str = "finished.";
@@ -68,11 +67,13 @@ impl Finished {
         }
     }
 
-    /// Keeps the present weights if `metrics` have the lowest validation loss so far.
-    pub(crate) fn after_report(&mut self, metrics: &Metrics) {
-        let loss = metrics.iter().find(|(name, _)| *name == "loss_validation");
-        if let Some((_, loss)) = loss.filter(|(_, loss)| self.rule == FinishedWeights::Best && *loss < self.loss) {
-            self.loss = *loss;
+    /// Keeps the present weights if their validation loss, if it was measured, is the lowest so far.
+    pub(crate) fn after_report(&mut self, loss_validation: Option<f64>) {
+        // Rounded as a checkpoint stores it, so that a resumed run decides alike.
+        #[expect(clippy::cast_possible_truncation, reason = "a loss")]
+        let loss = loss_validation.map(|loss| f64::from(loss as f32));
+        if let Some(loss) = loss.filter(|loss| self.rule == FinishedWeights::Best && *loss < self.loss) {
+            self.loss = loss;
             self.kept = self.copies();
         }
     }
@@ -82,7 +83,7 @@ impl Finished {
         self.rule == FinishedWeights::Best
     }
 
-    /// Gives the model the weights that it finishes with.
+    /// Copies the kept weights into the model.
     pub(crate) fn finish(&self) {
         let _no_grad = no_grad_guard();
         for ((_, kept), (_, parameter)) in self.kept.iter().zip(&self.parameters) {
@@ -109,16 +110,16 @@ mod tests {
     }
 
     fn rule(finished_weights: FinishedWeights) -> OptimSpec {
-        OptimSpec { finished_weights, ema_decay: 0.5, ..OptimSpec::default() }
+        OptimSpec { finished_weights, ema_decay: 0.6, ..OptimSpec::default() }
     }
 
     #[test]
-    fn the_average_follows_its_formula_and_a_resumed_one_goes_on() {
+    fn the_average_follows_its_formula_and_survives_a_resume() {
         let parameters = parameter(0.0);
         let mut finished = Finished::new(&rule(FinishedWeights::Ema), parameters.clone_shallow());
         set(&parameters, 1.0);
         finished.after_step(1);
-        // The decay begins at 1 − 2^−0.75 = 0.405 and stops at 0.5; the first average is the first weight itself.
+        // The first average is the first weight; the decay is 1 − 3^−0.75 = 0.561 at step 2, then the limit 0.6.
         set(&parameters, 2.0);
         finished.after_step(2);
         let mut resumed = Finished::new(&rule(FinishedWeights::Ema), parameters.clone_shallow());
@@ -126,7 +127,9 @@ mod tests {
         set(&parameters, 4.0);
         resumed.after_step(3);
         resumed.finish();
-        assert!((values(&parameters[0].1)[0] - 2.75).abs() < 1e-6, "{:?}", values(&parameters[0].1));
+        let second = 1.0 + 3f32.powf(-0.75);
+        let third = second + 0.4 * (4.0 - second);
+        assert!((values(&parameters[0].1)[0] - third).abs() < 1e-6, "{:?}", values(&parameters[0].1));
     }
 
     #[test]
@@ -135,21 +138,22 @@ mod tests {
         let mut finished = Finished::new(&rule(FinishedWeights::Best), parameters.clone_shallow());
         for (value, loss) in [(1.0, 0.5), (2.0, 0.2), (3.0, 0.3)] {
             set(&parameters, value);
-            finished.after_report(&vec![("loss_validation", loss)]);
+            finished.after_report(Some(loss));
         }
         let mut resumed = Finished::new(&rule(FinishedWeights::Best), parameters.clone_shallow());
         resumed.load(&finished.named().into_iter().collect()).unwrap();
-        resumed.after_report(&vec![("loss", 0.0), ("loss_validation", 0.25)]);
+        resumed.after_report(None);
+        resumed.after_report(Some(0.25));
         resumed.finish();
         assert_eq!(values(&parameters[0].1), [2.0]);
     }
 
     #[test]
-    fn the_last_weights_cost_nothing() {
+    fn last_keeps_no_copy_of_the_weights() {
         let parameters = parameter(1.0);
         let mut finished = Finished::new(&rule(FinishedWeights::Last), parameters.clone_shallow());
         finished.after_step(1);
-        finished.after_report(&vec![("loss_validation", 0.1)]);
+        finished.after_report(Some(0.1));
         set(&parameters, 5.0);
         finished.finish();
         assert!(finished.named().is_empty());

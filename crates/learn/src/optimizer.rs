@@ -88,7 +88,7 @@ impl AdamW {
     /// `image_rate_factor` times it. Returns the global gradient norm before clipping; parameters stay unchanged if it is not finite.
     pub(crate) fn step(&mut self, step: u64, rate: f64, spec: &OptimSpec) -> f64 {
         let _no_grad = no_grad_guard();
-        let norm = self.gradient_norm();
+        let norm = self.gradient_norm(spec.image_rate_factor > 0.0);
         if !norm.is_finite() {
             return norm;
         }
@@ -116,10 +116,12 @@ impl AdamW {
         norm
     }
 
-    fn gradient_norm(&self) -> f64 {
+    /// Of all parameters, or without those of a frozen image encoder.
+    fn gradient_norm(&self, with_images: bool) -> f64 {
         let squares: Vec<Tensor> = self
             .slots
             .iter()
+            .filter(|slot| with_images || !slot.of_images)
             .map(|slot| slot.parameter.grad())
             .filter(Tensor::defined)
             .map(|gradient| gradient.square().sum(Kind::Double))
@@ -171,10 +173,11 @@ mod tests {
         let parameters = ["model.head.image.out.weight", "model.image.project.weight"].map(parameter);
         let mut adam = AdamW::new(parameters.iter().map(|(name, x)| (name.clone(), x.shallow_clone())).collect());
         parameters.iter().map(|(_, x)| x).sum::<Tensor>().backward();
-        adam.step(0, 0.1, &OptimSpec { image_rate_factor: 0.0, ..spec(0.5, 100.0) });
+        let norm = adam.step(0, 0.1, &OptimSpec { image_rate_factor: 0.0, ..spec(0.5, 100.0) });
         let after = parameters.map(|(_, x)| values(&x)[0]);
         assert!((after[0] - 0.85).abs() < 1e-6, "{after:?}");
         assert_eq!(after[1], 1.0, "neither moved nor decayed");
+        assert!((norm - 1.0).abs() < 1e-9, "a frozen part does not count: {norm}");
     }
 
     #[test]

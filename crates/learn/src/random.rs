@@ -1,6 +1,6 @@
 //! Random numbers that depend only on (seed, purpose, counter).
 //!
-//! A generator is made for every step, so a resumed run draws exactly what a straight run
+//! A generator is made for every batch, so a resumed run draws exactly what a straight run
 //! draws, without saving any generator's state. Independent of the purpose of the numbers.
 
 use rand::{RngExt, SeedableRng};
@@ -11,25 +11,25 @@ use rand_chacha::ChaCha8Rng;
 pub(crate) enum Purpose {
     /// Initial weights; the counter is the parameter's place in name order.
     Weights = 1,
-    /// The masked elements; the counter is the step.
+    /// The masked elements; the counter is the batch.
     Mask = 2,
-    /// The segments of a pretraining or expert batch; the counter is the step.
+    /// The segments of a pretraining or expert batch; the counter is the batch.
     Batch = 3,
-    /// The segments of a kept batch; the counter is the step.
+    /// The segments of a kept batch; the counter is the batch.
     KeptBatch = 4,
-    /// The changes of a pretraining or expert batch's images; the counter is the step.
+    /// The changes of a pretraining or expert batch's images; the counter is the batch.
     Augmentation = 5,
-    /// The changes of a kept batch's images; the counter is the step.
+    /// The changes of a kept batch's images; the counter is the batch.
     KeptAugmentation = 6,
-    /// The other random parts of an expert batch: styles, hidden pasts; the counter is the step.
+    /// The other random parts of an expert batch: styles, hidden pasts; the counter is the batch.
     Style = 7,
-    /// The other random parts of a kept batch; the counter is the step.
+    /// The other random parts of a kept batch; the counter is the batch.
     KeptStyle = 8,
     /// The episodes on which the scale of features is measured; the counter is 0.
     FeatureScale = 9,
     /// The pairs of segments by which a policy's inputs are compared; the counter is 0.
     Shares = 10,
-    /// The experts that are held out, and the random parts of their losses; the counter is 0 and the step.
+    /// The experts that are held out, and the random parts of their losses; the counter is 0 and 1.
     Validation = 11,
 }
 

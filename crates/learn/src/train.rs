@@ -44,10 +44,13 @@ impl Monitor for Silent {
     }
 }
 
+/// The name of the loss on experts that are held out.
+pub(crate) const LOSS_VALIDATION: &str = "loss_validation";
+
 /// Named values of one step.
 pub(crate) type Metrics = Vec<(&'static str, f64)>;
 
-/// The loss of one step.
+/// The loss of one batch.
 pub(crate) struct Loss {
     /// The scalar to minimise.
     pub(crate) total: Tensor,
@@ -137,7 +140,9 @@ impl<N: Learner> Training<N> {
             return Ok(Resumed::Finished(bytes.to_vec()));
         }
         let network = N::from_named(&stored, &named, device)?;
-        let mut training = Self::start(network, stored, optim);
+        // The header of this program: that of an earlier one lacks settings.
+        let info = CheckpointInfo { step: stored.step, ..info.clone() };
+        let mut training = Self::start(network, info, optim);
         training.optimizer.load(&named)?;
         training.finished.load(&named)?;
         Ok(Resumed::Unfinished(Box::new(training)))
@@ -183,7 +188,8 @@ impl<N: Learner> Training<N> {
             self.finished.finish();
         }
         let metrics = report(&self.network, done);
-        self.finished.after_report(&metrics);
+        let loss = metrics.iter().find(|(name, _)| *name == LOSS_VALIDATION);
+        self.finished.after_report(loss.map(|(_, loss)| *loss));
         if last && self.finished.is_best() {
             self.finished.finish();
             return report(&self.network, done);

@@ -8,13 +8,18 @@ use gleaner_recording::RecordingError;
 #[derive(Debug, thiserror::Error)]
 pub enum SimError {
     /// An unknown task name.
-    #[error("task: {0:?} is unknown; use one of {names}", names = crate::Task::ALL.map(crate::Task::name).join(", "))]
-    UnknownTask(String),
+    #[error("task: {given:?} is unknown; use one of {}", known.join(", "))]
+    UnknownTask {
+        /// The name as given.
+        given: String,
+        /// The names of all simulated tasks.
+        known: Vec<&'static str>,
+    },
     /// A task specification that differs from the simulated task.
     #[error("task.{field}: {given} cannot be simulated as {task}; it needs {wanted}")]
     Incompatible {
         /// The simulated task.
-        task: crate::Task,
+        task: &'static str,
         /// The specification's field.
         field: &'static str,
         /// Its value.

@@ -26,7 +26,7 @@ use gleaner_core::{
     live::{LiveSession, SessionState},
     order::JobFilter,
     policy::{Deployment, Policy},
-    score::{Encoder, EpisodeScores, ScoreRun},
+    score::{Encoder, EpisodeScores, Histogram, ScoreRun},
     selection::{Selection, WhatIf},
     snapshot::Snapshot,
     steps::{FrameView, Numbers},
@@ -142,8 +142,8 @@ pub trait RunSummary: Send + Sync {
     fn mean_q(&self, episode: &EpisodeId) -> Option<f64>;
     /// The counts of a selection.
     async fn what_if(&self, selection: Selection) -> Result<WhatIf>;
-    /// The number of segments in each of `bins` equal bins of q over [0, 1].
-    async fn histogram(&self, bins: usize) -> Result<Vec<u64>>;
+    /// The distributions of q over imperfect segments and over experts, in `bins` equal bins over [0, 1].
+    async fn histogram(&self, bins: usize) -> Result<Histogram>;
     /// At most `most` of the best segments, the best first.
     async fn best(&self, most: usize) -> Result<Vec<SegmentRef>>;
     /// At most `most` of the worst segments, the worst first.

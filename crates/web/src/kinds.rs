@@ -4,7 +4,7 @@
 use axum::response::IntoResponse as _;
 use gleaner_core::{
     Setting, Shape,
-    kinds::{self, Family, Kind, Needs},
+    kinds::{Family, Kind, Needs},
 };
 use maud::{Markup, html};
 use serde_json::{Value, json};
@@ -42,7 +42,7 @@ pub(super) async fn show(request: PageRequest) -> Answer {
 fn sections() -> [Section; 5] {
     let family = |title, family: Family| (title, family.as_str(), family.kinds().to_vec());
     [
-        ("Jobs", "job", kinds::jobs()),
+        ("Jobs", "job", gleaner_core::job_kinds()),
         family("Policies", Family::Policy),
         family("Weightings", Family::Weighting),
         family("Objectives", Family::Objective),

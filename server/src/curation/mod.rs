@@ -56,7 +56,8 @@ impl Curation {
         let load = async {
             let of = self.0.store.score_run(run).await?;
             let candidates = self.0.store.candidates(run).await?;
-            off_runtime("summing up a run", move || Ok(Arc::new(Summary::new(of, candidates)))).await
+            let experts = self.0.store.expert_qualities(run).await?;
+            off_runtime("summing up a run", move || Ok(Arc::new(Summary::new(of, candidates, experts)))).await
         };
         self.0.runs.get_or_insert_async(run, load).await
     }

@@ -1,4 +1,4 @@
-//! A finished run in memory: q and w of its imperfect segments, and derived statistics. A finished run never changes.
+//! A finished run in memory: q and w of its imperfect segments, q of its experts, and derived statistics. A finished run never changes.
 
 use std::{
     cmp::Ordering,
@@ -30,6 +30,8 @@ const APART: usize = 10;
 pub(crate) struct Summary {
     run: ScoreRun,
     candidates: Vec<Candidate>,
+    /// q of each expert.
+    experts: Vec<Vec<f32>>,
     places: HashMap<EpisodeId, usize>,
     mean_q: Vec<Option<f64>>,
     /// (q, w) from best to worst; built on the first request for a top fraction. The fields below are also built on
@@ -40,11 +42,11 @@ pub(crate) struct Summary {
 }
 
 impl Summary {
-    pub(super) fn new(run: ScoreRun, candidates: Vec<Candidate>) -> Self {
+    pub(super) fn new(run: ScoreRun, candidates: Vec<Candidate>, experts: Vec<Vec<f32>>) -> Self {
         let places = candidates.iter().map(|one| one.episode_id.clone()).zip(0..).collect();
         let mean_q = candidates.iter().map(|one| mean(&one.q)).collect();
         let (ranked, best, worst) = Default::default();
-        Self { run, candidates, places, mean_q, ranked, best, worst }
+        Self { run, candidates, experts, places, mean_q, ranked, best, worst }
     }
 
     /// The run.
@@ -68,16 +70,17 @@ impl Summary {
         off_runtime("counting what is kept", counting).await
     }
 
-    /// The number of segments in each of `bins` equal bins of q over [0, 1].
+    /// The distributions of q in `bins` equal bins over [0, 1].
     ///
     /// # Errors
     /// Internal.
-    pub(crate) async fn histogram(self: &Arc<Self>, bins: usize) -> Result<Vec<u64>> {
+    pub(crate) async fn histogram(self: &Arc<Self>, bins: usize) -> Result<Histogram> {
         let summary = Arc::clone(self);
         let counting = move || {
             let mut histogram = Histogram::new(bins, &[]);
             summary.candidates.iter().for_each(|one| histogram.add(one.q.iter().copied()));
-            Ok(histogram.counts().to_vec())
+            summary.experts.iter().for_each(|q| histogram.add_expert(q.iter().copied()));
+            Ok(histogram)
         };
         off_runtime("making a histogram", counting).await
     }
@@ -187,7 +190,8 @@ pub(super) struct Weigh;
 impl Weighter<ScoreRunId, Arc<Summary>> for Weigh {
     fn weight(&self, _: &ScoreRunId, summary: &Arc<Summary>) -> u64 {
         let segments: usize = summary.candidates.iter().map(|one| one.q.len()).sum();
-        let bytes = segments as u64 * 28 + summary.candidates.len() as u64 * 256;
+        let of_experts: usize = summary.experts.iter().map(Vec::len).sum();
+        let bytes = segments as u64 * 28 + of_experts as u64 * 4 + summary.candidates.len() as u64 * 256;
         // A summary larger than the whole cache is kept alone, because its run could not be shown otherwise.
         bytes.min(RUN_BYTES / 10 * 9)
     }

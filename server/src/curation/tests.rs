@@ -151,7 +151,7 @@ async fn a_summary_agrees_with_the_database() {
     }
     for bins in [1, 7, 20] {
         let filled = lab.store.fill(&run, Histogram::new(bins, &[])).await.unwrap();
-        assert_eq!(summary.histogram(bins).await.unwrap(), filled.counts(), "{bins}");
+        assert_eq!(summary.histogram(bins).await.unwrap(), filled, "{bins}");
     }
     assert_eq!((summary.mean_q(&episodes[1]), summary.mean_q(&EpisodeId::new())), (Some(0.75), None));
     let (best, worst) = (summary.best(1).await.unwrap(), summary.worst(1).await.unwrap());
@@ -170,7 +170,7 @@ async fn empty_runs_are_summarised_and_missing_ones_rejected() {
         assert_eq!((counted.total.of_segments, counted.threshold), (0, None));
     }
     assert!(summary.best(9).await.unwrap().is_empty() && summary.worst(9).await.unwrap().is_empty());
-    assert_eq!(summary.histogram(4).await.unwrap(), [0; 4]);
+    assert_eq!(summary.histogram(4).await.unwrap().counts(), [0; 4]);
     let unknown = lab.curation.summary(&ScoreRunId::new()).await.map(|_| ()).unwrap_err();
     assert_eq!(unknown.kind(), Kind::NotFound);
 }
@@ -188,7 +188,7 @@ async fn sized(lab: &Lab, run: &ScoreRunId, segments: usize) -> Arc<Summary> {
     let run = lab.store.score_run(run).await.unwrap();
     let candidate =
         Candidate { episode_id: EpisodeId::new(), cohort: String::new(), w: Vec::new(), q: vec![0.0; segments] };
-    Arc::new(Summary::new(run, vec![candidate]))
+    Arc::new(Summary::new(run, vec![candidate], Vec::new()))
 }
 
 #[tokio::test]

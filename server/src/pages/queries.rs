@@ -26,7 +26,7 @@ use crate::{
         live::{LiveSession, SessionState},
         order::JobFilter,
         policy::{Deployment, Policy},
-        score::{Encoder, EpisodeScores, ScoreRun},
+        score::{Encoder, EpisodeScores, Histogram, ScoreRun},
         selection::{Selection, WhatIf},
         snapshot::Snapshot,
         steps::{FrameView, Numbers},
@@ -282,7 +282,7 @@ impl RunSummary for Scored {
         self.0.what_if(selection).await
     }
 
-    async fn histogram(&self, bins: usize) -> Result<Vec<u64>> {
+    async fn histogram(&self, bins: usize) -> Result<Histogram> {
         self.0.histogram(bins).await
     }
 

@@ -12,6 +12,7 @@ use crate::{
         id::{EpisodeId, ScoreRunId},
         score::Histogram,
         selection::{Candidate, Selection, WhatIf, count},
+        snapshot::Role,
     },
     error::{Error, Result},
 };
@@ -19,21 +20,36 @@ use crate::{
 record! { Candidate: episode_id, cohort, w, q }
 
 impl Store {
-    /// Fills a histogram with the q of a run's imperfect segments.
+    /// Fills a histogram with the q of a run's imperfect segments and of its experts.
     ///
     /// # Errors
     /// As for [`Store::score_run`].
     pub(crate) async fn fill(&self, run: &ScoreRunId, mut histogram: Histogram) -> Result<Histogram> {
         self.score_run(run).await?;
-        let mut rows =
-            sqlx::query("select q from episode_scores where score_run_id = ? and role = 'imperfect' order by position")
-                .bind(run.param())
-                .try_map(row::read::<Vec<f32>>)
-                .fetch(self.read());
-        while let Some(q) = rows.try_next().await.map_err(fault("reading a run's q"))? {
-            histogram.add(q.into_iter());
+        let mut rows = sqlx::query("select role, q from episode_scores where score_run_id = ? order by position")
+            .bind(run.param())
+            .try_map(row::read::<(Role, Vec<f32>)>)
+            .fetch(self.read());
+        while let Some((role, q)) = rows.try_next().await.map_err(fault("reading a run's q"))? {
+            match role {
+                Role::Imperfect => histogram.add(q.into_iter()),
+                Role::Expert => histogram.add_expert(q.into_iter()),
+            }
         }
         Ok(histogram)
+    }
+
+    /// The q of each expert of a run, from its comparison with the other experts.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn expert_qualities(&self, run: &ScoreRunId) -> Result<Vec<Vec<f32>>> {
+        sqlx::query("select q from episode_scores where score_run_id = ? and role = 'expert' order by position")
+            .bind(run.param())
+            .try_map(row::read)
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("reading the experts' q"))
     }
 
     /// The counts of each selection of a run.

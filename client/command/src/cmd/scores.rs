@@ -194,6 +194,13 @@ pub(crate) fn histogram(histogram: &GetHistogramResponse, width: usize) -> Strin
             kept.episodes.to_string(),
         ]
     };
+    if let Some(auroc) = histogram.expert_auroc {
+        lines.push(String::new());
+        lines.push(format!("an expert's segment has the higher q in {:.0} % of pairs", 100.0 * auroc));
+        if auroc <= 0.5 {
+            lines.push("warning: the scores do not tell experts from imperfect episodes".to_owned());
+        }
+    }
     lines.push(String::new());
     lines.push(table(columns, histogram.kept.iter().map(row)));
     lines.join("\n")
@@ -223,6 +230,8 @@ mod tests {
                 KeptCount { beta: 0.5, segments: 11, episodes: 3 },
                 KeptCount { beta: 0.9, segments: 0, episodes: 0 },
             ],
+            expert_counts: vec![1, 0, 0, 1],
+            expert_auroc: Some(0.5),
         };
         assert_eq!(
             histogram(&reply, 36),
@@ -231,6 +240,9 @@ mod tests {
              0.25–0.50        5 █████\n\
              0.50–0.75       10 ██████████\n\
              0.75–1.00        1 █\n\
+             \n\
+             an expert's segment has the higher q in 50 % of pairs\n\
+             warning: the scores do not tell experts from imperfect episodes\n\
              \n   \
              β  KEPT   SHARE  FROM EPISODES\n\
              0.50    11  68.8 %              3\n\

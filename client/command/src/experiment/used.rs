@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_weighting_has_an_effect_where_segments_are_gleaned_alone() {
+    fn a_weighting_has_an_effect_only_where_segments_are_gleaned() {
         let mut uniform = cell("ssdf");
         uniform.settings.insert("weighting".into(), "uniform".into());
         assert!(names(&uniform.used()).contains(&"weighting") && names(&uniform.used()).contains(&"lambda"));

@@ -2,7 +2,7 @@
 
 use crate::{
     Setting, Shape, Values,
-    kinds::{self, Family, Kind, Needs},
+    kinds::{Family, Kind, Needs},
     proto,
     schema::WordAbout,
 };
@@ -12,7 +12,7 @@ use gleaner_proto::v1;
 pub fn list() -> v1::ListKindsResponse {
     let of = |family: Family| family.kinds().iter().cloned().map(kind).collect();
     v1::ListKindsResponse {
-        jobs: kinds::jobs().into_iter().map(kind).collect(),
+        jobs: crate::job_kinds().into_iter().map(kind).collect(),
         policies: of(Family::Policy),
         weightings: of(Family::Weighting),
         objectives: of(Family::Objective),

@@ -77,6 +77,8 @@ pub fn histogram_response(histogram: &Histogram) -> v1::GetHistogramResponse {
         counts: histogram.counts().to_vec(),
         segments: histogram.segments(),
         kept: kept.collect(),
+        expert_counts: histogram.expert_counts().to_vec(),
+        expert_auroc: histogram.expert_auroc(),
     }
 }
 

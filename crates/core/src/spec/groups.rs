@@ -31,9 +31,10 @@ crate::settings! {
     pub struct SizeSpec {
         /// Size of the model. Larger models fit finer structure and need more data, memory and time.
         pub preset: Preset = Preset::Tiny, Preset::shape();
-        /// Factor on the first weights of the layer that finds keypoints in images (the softmax over places). At 1 every
+        /// Factor on the initial weights of the layer that finds keypoints in images (the softmax over places). At 1 every
         /// keypoint begins near the middle of the image and hardly depends on it; from about 5 it begins at the one place
-        /// that stands out, and a transformer learns to look. Far higher factors leave it no gradient.
+        /// that stands out, and a transformer looks, together with `proprioception_dropout`. Far higher factors leave it no
+        /// gradient.
         pub keypoint_gain: f64 = 1.0, number_in(1e-3, 1e3);
     }
 }
@@ -62,9 +63,10 @@ crate::settings! {
         pub segment_length: u32 = 6, integer_in(0, 63);
         /// Token that the action is read from.
         pub action_token: ActionToken = ActionToken::Proprioception, ActionToken::shape();
-        /// Factor on the first weights of the layer that finds keypoints in images (the softmax over places). At 1 every
+        /// Factor on the initial weights of the layer that finds keypoints in images (the softmax over places). At 1 every
         /// keypoint begins near the middle of the image and hardly depends on it; from about 5 it begins at the one place
-        /// that stands out, and a transformer learns to look. Far higher factors leave it no gradient.
+        /// that stands out, and a transformer looks, together with `proprioception_dropout`. Far higher factors leave it no
+        /// gradient.
         pub keypoint_gain: f64 = 1.0, number_in(1e-3, 1e3);
     }
 }
@@ -113,9 +115,10 @@ crate::words! {
     pub enum FinishedWeights {
         /// Those of the last step.
         Last = "last",
-        /// The exponential moving average of all steps. It is steadier than any single step.
+        /// The exponential moving average of all steps, steadier than any single step; only the last metrics are of it.
         Ema = "ema",
-        /// Those with the lowest `loss_validation`, which is measured twenty times; needs a `validation_share`.
+        /// Those with the lowest `loss_validation`, which is measured up to twenty times; needs a `validation_share`, and is
+        /// not for pretraining.
         Best = "best",
     }
 }
@@ -152,8 +155,8 @@ crate::settings! {
         pub gradient_accumulation: u32 = 1, integer_in(1, 65_536);
         /// Weights of the finished model.
         pub finished_weights: FinishedWeights = FinishedWeights::Last, FinishedWeights::shape();
-        /// Decay of the moving average for `ema`, approached as 1 − (1 + step)^−0.75. Higher values average over more
-        /// steps.
+        /// Largest decay of the moving average for `ema` (0: the last step). After n steps it is at most 1 − (1 + n)^−0.75,
+        /// so that initial weights fade; higher values average over more steps.
         pub ema_decay: f64 = 0.999, number_in(0.0, 0.999_999);
     }
 }

@@ -13,7 +13,7 @@ pub struct PretrainSpec {
     pub model: ModelSpec,
     /// The objectives whose losses are added up, in the order of their list; all by default, as in the paper.
     pub objectives: Vec<String>,
-    /// Random changes to images.
+    /// Random changes to inputs.
     pub augmentation: Augmentation,
     /// Optimiser and batches.
     pub optim: OptimSpec,
@@ -56,7 +56,7 @@ impl PretrainSpec {
         if optim.finished_weights == FinishedWeights::Best {
             return Err(Problem::new(
                 "finished_weights",
-                "best needs a loss_validation, which a pretraining has none of",
+                "best needs loss_validation, which pretraining does not measure; use last or ema (in an experiment, set best under `train`)",
             ));
         }
         let listed = Family::Objective.kinds().iter().map(|kind| kind.name.clone());

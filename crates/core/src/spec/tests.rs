@@ -61,7 +61,8 @@ fn specs_of_earlier_versions_are_read() {
         "act": {"chunk_length": 5, "kl_weight": 1.0, "latent_size": 8}, "threads": 2,
     }))
     .unwrap();
-    let expected = json!({"preset": "base", "chunk_length": 5, "kl_weight": 1.0, "latent_size": 8});
+    let expected =
+        json!({"preset": "base", "keypoint_gain": 1.0, "chunk_length": 5, "kl_weight": 1.0, "latent_size": 8});
     assert_eq!(Value::Object(train.policy.settings), expected);
     let score: ScoreSpec = serde_json::from_value(json!({
         "scorer": "ssdf", "similarity": "last_cosine", "feature_scale": "plain", "yardstick": "none",
@@ -128,7 +129,7 @@ fn the_best_weights_need_a_validation() {
     assert_eq!(message, "finished_weights: best needs a validation_share above 0");
     assert!(TrainSpec::from_values(&best(0.2)).is_ok());
     let message = PretrainSpec::from_values(&values(json!({"finished_weights": "best"}))).unwrap_err().to_string();
-    assert!(message.starts_with("finished_weights: best needs a loss_validation"), "{message}");
+    assert!(message.starts_with("finished_weights: best needs loss_validation"), "{message}");
 }
 
 #[test]

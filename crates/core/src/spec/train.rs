@@ -12,9 +12,9 @@ use crate::settings::Group as _;
 pub struct TrainSpec {
     /// The policy, with its own settings.
     pub policy: Chosen,
-    /// Random changes to images.
+    /// Random changes to inputs.
     pub augmentation: Augmentation,
-    /// Optimiser and batches: each step draws `batch` expert and `batch` kept segments.
+    /// Optimiser and batches: each batch is of `batch` expert and `batch` kept segments.
     pub optim: OptimSpec,
     /// The weighting of kept imperfect segments, with its own settings.
     pub weighting: Chosen,

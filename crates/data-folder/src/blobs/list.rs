@@ -58,7 +58,7 @@ impl Blobs {
     pub fn is_empty(&self) -> Result<bool> {
         for path in names(&self.root)? {
             let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-            let ours = is_hex(name) || [sidecar::TASKS, super::trash::FOLDER].contains(&name);
+            let ours = is_hex(name) || [sidecar::TASKS, super::TRASH].contains(&name);
             if !path.is_dir() || (ours && !names(&path)?.is_empty()) {
                 return Ok(false);
             }

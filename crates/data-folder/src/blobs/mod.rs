@@ -186,6 +186,9 @@ fn fault<'a>(doing: &'a str, path: &'a Path) -> impl FnOnce(io::Error) -> Error 
     move |error| Error::internal(format!("{doing} {}", path.display()), error)
 }
 
+/// Name of the folder among the blobs.
+const TRASH: &str = "trash";
+
 /// The paths in a folder; none if it is missing.
 fn names(folder: &Path) -> Result<Vec<PathBuf>> {
     match fs::read_dir(folder) {

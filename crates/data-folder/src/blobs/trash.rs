@@ -8,16 +8,13 @@ use std::{
     time::SystemTime,
 };
 
-use super::{Blobs, Found, Removing, across, fault, sidecar, sync_folder};
+use super::{Blobs, Found, Removing, TRASH, across, fault, sidecar, sync_folder};
 use gleaner_core::{error::Result, id::BlobId};
-
-/// Name of the folder among the blobs.
-pub(super) const FOLDER: &str = "trash";
 
 impl Blobs {
     /// The blobs in the trash, with the layout of the blobs themselves.
     pub(super) fn trash(&self) -> Self {
-        Self { root: self.root.join(FOLDER), ..self.clone() }
+        Self { root: self.root.join(TRASH), ..self.clone() }
     }
 
     /// Moves a blob without a row to the trash, with its sidecars, and returns its size; a missing blob is not an error.

@@ -17,10 +17,10 @@ pub(super) struct Source<'a> {
     pub(super) segments: Segments,
 }
 
-/// The parameters of one batch's random numbers: seed, step, and the purposes of segments, images, noise.
+/// The parameters of one batch's random numbers: seed, number, and the purposes of segments, images, noise.
 pub(super) struct Draw {
     pub(super) seed: u64,
-    pub(super) step: u64,
+    pub(super) batch: u64,
     pub(super) purposes: [Purpose; 3],
 }
 
@@ -34,7 +34,7 @@ impl Source<'_> {
         weigh: impl Fn(&Tensor) -> Tensor,
     ) -> (Tensor, Losses) {
         let [mut segments, mut images, mut noise] =
-            draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.step));
+            draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.batch));
         let drawn = self.segments.draw(&mut segments, spec.optim.batch, spec.optim.stretch);
         let (mut batch, wanted) = self.collect(policy, &drawn);
         batch.weight = weigh(&batch.weight);

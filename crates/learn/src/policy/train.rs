@@ -3,7 +3,7 @@
 //! L_full = E_{τ∼D_e}[−log P_θ′(a | τ)] + λ E_{τ∼D_f}[−w(q(τ)) log P_θ′(a | τ)]; the chosen weighting gives λ and w,
 //! in the paper w(q) = q.
 
-use gleaner_core::TrainSpec;
+use gleaner_core::{FinishedWeights, TrainSpec};
 use tch::Tensor;
 
 use super::find;
@@ -18,7 +18,7 @@ use crate::error::{LearnError, guard};
 use crate::normalize::Sample;
 use crate::random::Purpose;
 use crate::shape::{self, TaskShape};
-use crate::train::{Loss, Metrics, Monitor, Resumed, Training};
+use crate::train::{LOSS_VALIDATION, Loss, Metrics, Monitor, Resumed, Training};
 use crate::trajectory::{Trajectory, WeightedSegments};
 use crate::weighting::{self, Weighting};
 
@@ -67,7 +67,7 @@ pub fn train_policy(
             Resumed::Finished(bytes) => return Ok(bytes),
             Resumed::Unfinished(training) => training,
         };
-        let loss = |policy: &Policy, step| sources.loss(policy.as_ref(), spec, step);
+        let loss = |policy: &Policy, batch| sources.loss(policy.as_ref(), spec, batch);
         let report = |policy: &Policy, done| sources.report(policy.as_ref(), spec, done);
         training.run(spec.run.checkpoint_every, &loss, &report, monitor)
     })
@@ -117,6 +117,11 @@ impl<'a> Sources<'a> {
     ) -> Result<Self, LearnError> {
         let weighting = weighting::open(&spec.weighting)?;
         let (experts, held_out) = validation::split(experts, spec);
+        if spec.optim.finished_weights == FinishedWeights::Best && held_out.is_empty() {
+            let message =
+                "has one episode, but finished_weights best holds one out; add another expert, or use last or ema";
+            return Err(LearnError::invalid("experts", message));
+        }
         let kept = if weighting.ignores_segments() { &[] } else { kept };
         Ok(Self {
             experts: Source { segments: Segments::every(shape, &experts), data: experts },
@@ -135,8 +140,8 @@ impl<'a> Sources<'a> {
         let mut metrics = Vec::new();
         let last = done == spec.optim.steps;
         if last || done.is_multiple_of(spec.optim.steps.div_ceil(VALIDATIONS)) {
-            let loss = validation::loss(policy, &self.held_out, spec.run.seed, done);
-            metrics.extend(loss.map(|loss| ("loss_validation", loss)));
+            let loss = validation::loss(policy, &self.held_out, spec.run.seed);
+            metrics.extend(loss.map(|loss| (LOSS_VALIDATION, loss)));
         }
         if last {
             metrics.extend(shares(policy, &self.experts, spec.run.seed));
@@ -150,8 +155,8 @@ impl<'a> Sources<'a> {
         Sample::of_segments(&sources)
     }
 
-    fn loss(&self, policy: &dyn PolicyModel, spec: &TrainSpec, step: u64) -> Loss {
-        let draw = |purposes| Draw { seed: spec.run.seed, step, purposes };
+    fn loss(&self, policy: &dyn PolicyModel, spec: &TrainSpec, batch: u64) -> Loss {
+        let draw = |purposes| Draw { seed: spec.run.seed, batch, purposes };
         let (expert, losses) = self.experts.loss(policy, spec, &draw(EXPERT), Tensor::shallow_clone);
         let mut parts = vec![("loss_expert", expert.double_value(&[]))];
         let of_expert = losses.parts.iter().map(|(name, each)| (*name, each.mean(None).double_value(&[])));

@@ -36,13 +36,13 @@ pub(super) fn split<'a>(experts: &'a [Trajectory], spec: &TrainSpec) -> (Vec<&'a
     (of(false), of(true))
 }
 
-/// The mean loss on `held_out` after `step` steps, without changes to its inputs; `None` if no expert is held out.
-pub(super) fn loss(policy: &dyn PolicyModel, held_out: &Source<'_>, seed: u64, step: u64) -> Option<f64> {
+/// The mean loss on `held_out`, without changes to its inputs and with the same random parts every time; `None` if no expert is held out.
+pub(super) fn loss(policy: &dyn PolicyModel, held_out: &Source<'_>, seed: u64) -> Option<f64> {
     let _no_grad = no_grad_guard();
     let all = held_out.segments.all();
     let every = all.len().div_ceil(SEGMENTS).max(1);
     let measured: Vec<Segment> = all.iter().step_by(every).copied().collect();
-    let mut rng = generator(seed, Purpose::Validation, step);
+    let mut rng = generator(seed, Purpose::Validation, 1);
     let (mut sum, mut count) = (0.0, 0.0);
     for chunk in measured.chunks(CHUNK) {
         let (batch, wanted) = held_out.collect(policy, chunk);

@@ -158,7 +158,7 @@ struct Call<'a> {
 
 impl Call<'_> {
     fn run(&self, base: Option<&ScoreBase>, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
-        self.validate()?;
+        self.validate(base)?;
         guard(|| {
             let opened = Opened::read(self.inputs.encoder, self.spec, self.scorer.comparison())?;
             let network = &opened.network;
@@ -175,7 +175,7 @@ impl Call<'_> {
             };
             let normaliser = match base {
                 Some(base) => base.normaliser.clone(),
-                None => self.normaliser(&imperfect, &experts, local.as_ref())?,
+                None => self.normaliser(&imperfect, &experts, local.as_ref()),
             };
             for episode in imperfect.iter_mut().chain(&mut experts) {
                 episode.q = local::relative(local.as_ref(), episode).map(|w| normaliser.q(w)).collect();
@@ -184,7 +184,7 @@ impl Call<'_> {
         })
     }
 
-    fn validate(&self) -> Result<(), LearnError> {
+    fn validate(&self, base: Option<&ScoreBase>) -> Result<(), LearnError> {
         for (field, episodes) in [("experts", self.inputs.experts), ("imperfect", self.inputs.imperfect)] {
             if episodes.is_empty() {
                 return Err(LearnError::invalid(field, "has no episode to score with"));
@@ -193,6 +193,11 @@ impl Call<'_> {
             if let Some(twice) = episodes.iter().find(|episode| !ids.insert(&episode.id)) {
                 return Err(LearnError::invalid(field, format!("has episode {} twice; name it once", twice.id)));
             }
+        }
+        if base.is_none() && self.spec.normaliser == NormaliserKind::Calibrated && self.inputs.experts.len() < 2 {
+            let message = "has one episode, but calibrated compares experts with each other; add another expert, or use the \
+                           normaliser quantile";
+            return Err(LearnError::invalid("experts", message));
         }
         Ok(())
     }
@@ -203,18 +208,13 @@ impl Call<'_> {
         imperfect: &[EpisodeScores],
         experts: &[EpisodeScores],
         local: Option<&Vec<Vec<f64>>>,
-    ) -> Result<Normaliser, LearnError> {
+    ) -> Normaliser {
         let kind = self.spec.normaliser;
         let scale = match kind {
             NormaliserKind::MinMax | NormaliserKind::Quantile => imperfect,
-            NormaliserKind::Calibrated if experts.is_empty() => {
-                let message = "has one episode, but calibrated compares experts with each other; add another expert, or use \
-                               the normaliser quantile";
-                return Err(LearnError::invalid("experts", message));
-            }
             NormaliserKind::Calibrated => experts,
         };
-        Ok(Normaliser::fit(kind, scale.iter().flat_map(|episode| local::relative(local, episode)).collect()))
+        Normaliser::fit(kind, scale.iter().flat_map(|episode| local::relative(local, episode)).collect())
     }
 
     /// The scores by nearest expert segments, without q, in the given orders. Experts are numbered in the order of

@@ -47,7 +47,7 @@ impl Normaliser {
         if w >= self.hi {
             return 1.0;
         }
-        if w <= self.lo {
+        if w < self.lo {
             return 0.0;
         }
         let q = match self.kind {
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn equal_similarities_are_all_good() {
-        for kind in [NormaliserKind::MinMax, NormaliserKind::Quantile] {
+        for kind in [NormaliserKind::MinMax, NormaliserKind::Quantile, NormaliserKind::Calibrated] {
             let normaliser = fit(kind, &[-2.0, -2.0]);
             assert_eq!([-2.0, -1.0, -2.1].map(|w| normaliser.q(w)), [1.0, 1.0, 0.0]);
         }
@@ -160,7 +160,9 @@ mod tests {
         // Of equals, all are at least as far.
         let equal = [vec![-3.0; 30], vec![-2.0; 40], vec![-1.0; 30]].concat();
         let normaliser = fit(NormaliserKind::Calibrated, &equal);
-        assert!((normaliser.q(-2.0) - 0.7).abs() < 5e-3, "{}", normaliser.q(-2.0));
+        for (w, share) in [(-2.0, 0.7), (-3.0, 0.3)] {
+            assert!((normaliser.q(w) - share).abs() < 0.01, "{w}: {}", normaliser.q(w));
+        }
     }
 
     #[test]

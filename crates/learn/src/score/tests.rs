@@ -94,9 +94,7 @@ fn a_calibrated_run_gives_experts_a_uniform_quality_and_copies_the_highest() {
         q.sort_by(f32::total_cmp);
         let uniform = |(place, q): (usize, &f32)| (q - place as f32 / 47.0).abs() < 0.1;
         assert!(q.iter().enumerate().all(uniform), "{spec:?}: {q:?}");
-        if spec.scorer.name != "classifier" {
-            assert_eq!(scores.imperfect[1].q, vec![1.0; 12], "{spec:?}");
-        }
+        assert_eq!(scores.imperfect[1].q, vec![1.0; 12], "{spec:?}");
     }
     let spec = ScoreSpec { normaliser: NormaliserKind::Calibrated, ..ScoreSpec::default() };
     let alone = score_anew(&experts[..1], &[copy], &spec, &mut Silent).unwrap_err().to_string();

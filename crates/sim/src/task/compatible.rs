@@ -44,7 +44,7 @@ pub fn compatible_with(task: Task, spec: &TaskSpec) -> Result<SimConfig, SimErro
     config.validate()?;
     let simulated = task_spec(task, &config);
     let differ = |field: &'static str, given: String, wanted: String| -> Result<(), SimError> {
-        if given == wanted { Ok(()) } else { Err(SimError::Incompatible { task, field, given, wanted }) }
+        if given == wanted { Ok(()) } else { Err(SimError::Incompatible { task: task.name(), field, given, wanted }) }
     };
     differ("cameras", cameras(&spec.cameras), cameras(&simulated.cameras))?;
     differ("proprioception", fields(&spec.proprioception), fields(&simulated.proprioception))?;

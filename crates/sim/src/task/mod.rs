@@ -95,7 +95,7 @@ impl FromStr for Task {
 
     fn from_str(text: &str) -> Result<Self, SimError> {
         let named = Self::ALL.into_iter().find(|task| task.name() == text);
-        named.ok_or_else(|| SimError::UnknownTask(text.to_owned()))
+        named.ok_or_else(|| SimError::UnknownTask { given: text.to_owned(), known: Self::ALL.map(Self::name).to_vec() })
     }
 }
 

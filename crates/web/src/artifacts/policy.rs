@@ -2,7 +2,7 @@
 
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::{
-    Chosen, Error,
+    Error,
     id::PolicyId,
     job::{Job, JobSpec},
     looks::{Look, looks},
@@ -16,6 +16,7 @@ use crate::{
     link,
     page_request::PageRequest,
     refusal::Answer,
+    settings,
     sheet::{self, Format},
     shell::{self, Head, Tab},
     text,
@@ -74,12 +75,6 @@ fn shares(looks: &[Look]) -> Markup {
     }
 }
 
-/// The weighting and its settings, such as `quality, lambda 0.1`.
-fn weighting(chosen: &Chosen) -> String {
-    let settings = chosen.settings.iter().map(|(name, value)| format!(", {name} {value}"));
-    format!("{}{}", chosen.name, settings.collect::<String>())
-}
-
 fn facts(policy: &Policy, job: &Job, snapshot: &Snapshot, deployments: &[Deployment]) -> Markup {
     html! {
         dl.facts.panel {
@@ -87,7 +82,7 @@ fn facts(policy: &Policy, job: &Job, snapshot: &Snapshot, deployments: &[Deploym
             dt { "Kind" } dd { (policy.kind) }
             @if let JobSpec::Train { spec, .. } = &job.spec {
                 dt { "Steps" } dd { (text::count(spec.optim.steps)) }
-                dt { "Weighting of kept segments" } dd { (weighting(&spec.weighting)) }
+                dt { "Weighting of kept segments" } dd { (spec.weighting.name) @for (name, value) in settings::rows(&spec.weighting.settings) { ", " (name) " " (value) } }
                 dt { "Experts of" } dd { (episodes(snapshot)) " (" (link::whole(snapshot.id.as_str())) ")" }
             }
             @if let Some(dataset) = &policy.dataset_id { dt { "Dataset" } dd { (link::whole(dataset.as_str())) } }

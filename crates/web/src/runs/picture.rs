@@ -1,6 +1,6 @@
-//! The histogram of q with the threshold.
+//! The histogram of q with the threshold, and the experts beside it.
 
-use gleaner_core::selection::Selection;
+use gleaner_core::{score::Histogram, selection::Selection};
 use maud::{Markup, html};
 
 use crate::plot::Frame;
@@ -8,11 +8,17 @@ use crate::plot::Frame;
 /// Bins of the histogram: the slider stops between them.
 pub(super) const BINS: usize = 100;
 
-/// Segments by q; bins that are kept whole are highlighted.
-pub(super) fn histogram(counts: &[u64], selection: Selection) -> Markup {
+/// Imperfect segments by q as bars, of which those that are kept whole are highlighted, and the experts' segments as a line,
+/// scaled to the same number of segments.
+pub(super) fn histogram(histogram: &Histogram, selection: Selection) -> Markup {
     #[expect(clippy::cast_precision_loss, reason = "for a picture")]
-    let (heights, bins): (Vec<f64>, f64) = (counts.iter().map(|&count| count as f64).collect(), counts.len() as f64);
-    let highest = 1.05 * heights.iter().copied().fold(1.0, f64::max);
+    let heights = |counts: &[u64]| counts.iter().map(|&count| count as f64).collect::<Vec<f64>>();
+    let (heights, experts) = (heights(histogram.counts()), heights(histogram.expert_counts()));
+    let sum = |heights: &[f64]| heights.iter().sum::<f64>().max(1.0);
+    let scale = sum(&heights) / sum(&experts);
+    let experts: Vec<f64> = experts.iter().map(|height| height * scale).collect();
+    let bins = f64::from(u32::try_from(heights.len()).unwrap_or(u32::MAX));
+    let highest = 1.05 * heights.iter().chain(&experts).copied().fold(1.0, f64::max);
     let frame = Frame::new((920.0, 260.0), (0.0, 1.0), (0.0, highest));
     let beta = match selection {
         Selection::Beta(beta) => Some(beta),
@@ -23,11 +29,33 @@ pub(super) fn histogram(counts: &[u64], selection: Selection) -> Markup {
         @for (from, &height) in (0_u32..).map(|bin| f64::from(bin) / bins).zip(&heights) {
             (frame.bar((from, from + 1.0 / bins), height, class(from)))
         }
+        @if histogram.expert_auroc().is_some() {
+            (frame.line(&stairs(&experts, bins), "experts"))
+        }
         @if let Some(beta) = beta {
             line.beta x1=(frame.x(beta)) x2=(frame.x(beta)) y1=(frame.y(0.0)) y2=(frame.y(highest)) {}
         }
     };
-    frame.draw("Histogram of q over all imperfect segments", ("q", "segments"), &inside)
+    frame.draw("Histogram of q over all imperfect segments, and over those of experts", ("q", "segments"), &inside)
+}
+
+/// The outline of bars.
+fn stairs(heights: &[f64], bins: f64) -> Vec<(f64, f64)> {
+    let places = (0_u32..).map(|bin| f64::from(bin) / bins);
+    heights.iter().zip(places).flat_map(|(height, from)| [(from, *height), (from + 1.0 / bins, *height)]).collect()
+}
+
+/// How far q tells experts from imperfect episodes, with a warning where it does not.
+pub(super) fn separation(histogram: &Histogram) -> Markup {
+    let Some(auroc) = histogram.expert_auroc() else { return html! {} };
+    html! {
+        p.soft { "Bars: imperfect segments. Line: segments of experts, each compared with the other experts, scaled to the same "
+            "number. In " (format!("{:.0} %", 100.0 * auroc)) " of pairs the expert's segment has the higher q." }
+        @if auroc <= 0.5 {
+            p.note.bad { "The scores do not tell experts from imperfect episodes: imperfect segments look at least as good. Check the "
+                "labels, add experts, or pretrain longer before a dataset is made from this run." }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -36,11 +64,30 @@ mod tests {
 
     #[test]
     fn bins_above_the_threshold_are_kept() {
-        let drawn = histogram(&[3; 10], Selection::Beta(0.7)).into_string();
+        let mut even = Histogram::new(10, &[]);
+        even.add((0..30_u8).map(|segment| f32::from(segment % 10) / 10.0 + 0.05));
+        let drawn = histogram(&even, Selection::Beta(0.7)).into_string();
         assert_eq!(drawn.matches("class=\"q kept\"").count(), 3);
         assert_eq!(drawn.matches("class=\"q\"").count(), 7);
         assert_eq!(drawn.matches("class=\"beta\"").count(), 1);
-        let drawn = histogram(&[0; 10], Selection::TopFraction(0.5)).into_string();
+        assert!(!drawn.contains("line experts") && separation(&even).into_string().is_empty());
+        let drawn = histogram(&Histogram::new(10, &[]), Selection::TopFraction(0.5)).into_string();
         assert!(!drawn.contains("kept") && !drawn.contains("class=\"beta\"") && !drawn.contains("NaN"));
+    }
+
+    #[test]
+    fn experts_are_a_line_with_a_warning_if_they_do_not_score_higher() {
+        let run = |experts: f32| {
+            let mut histogram = Histogram::new(10, &[]);
+            histogram.add([0.2, 0.5].into_iter());
+            histogram.add_expert([experts].into_iter());
+            histogram
+        };
+        let drawn = histogram(&run(0.9), Selection::Beta(0.5)).into_string();
+        assert_eq!(drawn.matches("line experts").count(), 1);
+        let shown = separation(&run(0.9)).into_string();
+        assert!(shown.contains("100 %") && !shown.contains("do not tell"), "{shown}");
+        let warned = separation(&run(0.1)).into_string();
+        assert!(warned.contains(" 0 %") && warned.contains("do not tell experts"), "{warned}");
     }
 }

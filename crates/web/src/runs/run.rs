@@ -70,7 +70,7 @@ pub(crate) async fn what_if(request: PageRequest, Path(id): Path<String>) -> Ans
 
 /// The histogram with its slider, and the button to make a dataset.
 async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatIf) -> Result<Markup> {
-    let counts = summary.histogram(picture::BINS).await?;
+    let histogram = summary.histogram(picture::BINS).await?;
     let run = &summary.run().id;
     let beta = match what.selection {
         Selection::Beta(beta) => Some(beta),
@@ -78,7 +78,8 @@ async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatI
     };
     Ok(html! {
         section.panel.threshold aria-label="Threshold" {
-            (picture::histogram(&counts, what.selection))
+            (picture::histogram(&histogram, what.selection))
+            (picture::separation(&histogram))
             div.row {
                 form #threshold.row method="get" action=(format!("/runs/{run}")) data-run=(run.as_str()) {
                     label for="slider" { "Keep segments with q above β" }

@@ -82,7 +82,7 @@ fn unused_settings_do_not_separate_the_stages_of_a_method() {
     assert_ne!(of(&plain, 2), of(&cosine, 2));
 }
 
-/// Experiments under way find their stages by these keys: should they change, all of them would start again.
+/// Experiments under way find their stages by these keys. A new setting changes every key, and they start again.
 #[test]
 fn keys_are_stable_between_versions() {
     let graph = graph(

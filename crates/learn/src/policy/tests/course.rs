@@ -53,28 +53,36 @@ fn the_average_lies_among_the_weights_and_leaves_the_course_as_it_is() {
     assert!(distance(&average, &last) < distance(&first, &last));
 }
 
-/// With a rate that grows the loss, the best weights are not the last.
+/// At a rate at which the loss grows, the best weights are not the last.
 #[test]
 fn the_best_weights_have_the_lowest_validation_loss_of_the_run() {
     let wild = |finished_weights| OptimSpec { learning_rate: 0.5, finished_weights, ..toy::optim(6) };
     let (last, course) = train(wild(FinishedWeights::Last), None);
-    let (best, _) = train(wild(FinishedWeights::Best), None);
+    let (best, report) = train(wild(FinishedWeights::Best), None);
     let losses = course.metric("loss_validation");
     let lowest = losses.iter().map(|(_, loss)| *loss).fold(f64::INFINITY, f64::min);
     assert!(lowest < losses.last().unwrap().1, "{losses:?}");
     assert_ne!(weights(&best), weights(&last));
     // The last report is of the weights that the run finishes with.
-    let (_, course) = train(wild(FinishedWeights::Best), None);
-    assert_eq!(course.metric("loss_validation").last().unwrap().1, lowest);
+    assert_eq!(report.metric("loss_validation").last().unwrap().1, lowest);
+    let (again, _) = train(wild(FinishedWeights::Best), Some(&report.checkpoints.last().unwrap().1));
+    assert_eq!(again, best, "resumed after the best step");
 }
 
 #[test]
 fn an_accumulated_step_has_the_mean_loss_of_its_batches() {
     let one = |accumulate| OptimSpec { gradient_accumulation: accumulate, steps: 1, ..toy::optim(1) };
-    // Without a step in between, the batches of one accumulated step are those of the first steps at rate 0.
+    // At a rate near 0, two single steps see the batches of one accumulated step.
     let frozen = OptimSpec { learning_rate: 1e-12, steps: 2, ..toy::optim(2) };
     let (_, singly) = train(frozen, None);
     let (_, together) = train(one(2), None);
     let mean = (singly.losses[0].1 + singly.losses[1].1) / 2.0;
     assert!((together.losses[0].1 - mean).abs() < 1e-6 * mean, "{} {mean}", together.losses[0].1);
+}
+
+#[test]
+fn the_best_weights_of_one_expert_are_refused() {
+    let spec = TrainSpec { optim: finishing(FinishedWeights::Best), validation_share: 0.5, ..spec("bc", 2) };
+    let error = train_policy(&toy::shape(), None, &toy::experts(1, 6), &[], &spec, None, &mut Silent).unwrap_err();
+    assert!(error.to_string().starts_with("experts: has one episode, but finished_weights best "), "{error}");
 }

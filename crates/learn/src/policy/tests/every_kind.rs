@@ -234,3 +234,18 @@ fn the_loss_on_experts_that_are_held_out_is_reported_and_they_have_no_influence(
         assert_eq!(replaced.count(), 1, "{kind}");
     }
 }
+
+#[test]
+fn a_frozen_image_encoder_keeps_its_weights_in_every_policy_that_looks() {
+    for kind in kinds().filter(looks) {
+        let run = |factor: f64, steps: u64| {
+            let optim = gleaner_core::OptimSpec { image_rate_factor: factor, ..toy::optim(steps) };
+            let (bytes, _) = train(&TrainSpec { optim, ..spec(kind, steps) }, None);
+            let (_, named) = checkpoint::read(&bytes, CheckpointKind::Policy).unwrap();
+            let images = named.iter().filter(|(name, _)| name.split('.').nth(1) == Some(crate::model::IMAGES));
+            images.flat_map(|(_, weights)| crate::batch::values(weights)).collect::<Vec<f32>>()
+        };
+        let (frozen, later, free) = (run(0.0, 1), run(0.0, 3), run(1.0, 3));
+        assert!(!frozen.is_empty() && frozen == later && later != free, "{kind}");
+    }
+}
