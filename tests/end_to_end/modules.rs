@@ -1,5 +1,5 @@
-//! No circles between the modules of a crate, and the floors of the server: every path in the sources is resolved to the
-//! module it leads to, and among the files and folders of one folder the paths must lead one way.
+//! No circles between the modules of a crate, and the floors of the server: every path in the sources is resolved to
+//! the module it leads to, and among the files and folders of one folder the paths must lead one way.
 
 use std::collections::{BTreeMap, BTreeSet};
 

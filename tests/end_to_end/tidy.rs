@@ -1,5 +1,5 @@
-//! The rules of ARCHITECTURE.md, checked on the sources: which crate is named where, which crate depends on which, and the
-//! header of every file.
+//! The rules of ARCHITECTURE.md, checked on the sources: which crate is named where, which crate depends on which, and
+//! the header of every file.
 
 use std::collections::BTreeSet;
 

@@ -1,8 +1,8 @@
 //! The values that client, server, worker and learning share, with their rules: ids, tasks, episodes, jobs, scores and
 //! selections, the settings of every kind of job, and the one [`Error`].
 //!
-//! Settings are data: a flat map from names to JSON values, which a schema checks. Typed structs are the same settings for
-//! code that uses them.
+//! Settings are data: a flat map from names to JSON values, which a schema checks. Typed structs are the same settings
+//! for code that uses them.
 //!
 //! - [`TaskSpec`] is what a step holds and where recordings keep it; [`episode`], [`snapshot`], [`score`], [`selection`]
 //!   and [`policy`] are what is stored of it; [`id`] has their ids.

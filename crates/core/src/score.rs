@@ -206,9 +206,9 @@ impl Histogram {
         &self.expert_counts
     }
 
-    /// The AUROC of q between the experts' segments and the imperfect ones: the share of pairs in which the expert's q is
-    /// higher, ties (within a thousandth) counted half. At 0.5 or below the scores do not tell experts from imperfect
-    /// episodes. `None` without one of the two.
+    /// The AUROC of q between the experts' segments and the imperfect ones: the share of pairs in which the expert's q
+    /// is higher, ties (within a thousandth) counted half. At 0.5 or below the scores do not tell experts from
+    /// imperfect episodes. `None` without one of the two.
     pub fn expert_auroc(&self) -> Option<f64> {
         let (mut below, mut doubled) = (0_u128, 0_u128);
         for (&imperfect, &expert) in self.fine[0].iter().zip(&self.fine[1]) {

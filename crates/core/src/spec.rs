@@ -22,8 +22,8 @@ use std::collections::BTreeMap;
 use crate::kinds::{Family, Kind, Needs};
 use crate::schema::Setting;
 
-/// Every setting that a kind of job may have, with the names of the policies, weightings or scorers it is limited to (empty: all).
-/// `job` is `pretrain`, `score`, `train` or `evaluate`; another job has no settings.
+/// Every setting that a kind of job may have, with the names of the policies, weightings or scorers it is limited to
+/// (empty: all). `job` is `pretrain`, `score`, `train` or `evaluate`; another job has no settings.
 #[must_use]
 pub fn schema_of(job: &str) -> Vec<(Setting, Vec<&'static str>)> {
     let common = |settings: Vec<Setting>| settings.into_iter().map(|setting| (setting, Vec::new()));
@@ -39,8 +39,8 @@ pub fn schema_of(job: &str) -> Vec<(Setting, Vec<&'static str>)> {
     }
 }
 
-/// The settings that every job of a kind has, by kind. Choices of policies, weightings, objectives and scorers have no words here:
-/// [`crate::kinds`] lists those.
+/// The settings that every job of a kind has, by kind. Choices of policies, weightings, objectives and scorers have no
+/// words here: [`crate::kinds`] lists those.
 #[must_use]
 pub fn jobs() -> BTreeMap<&'static str, Vec<Setting>> {
     let listed = ["policy", "weighting", "objectives", "scorer"];

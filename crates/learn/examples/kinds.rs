@@ -1,4 +1,4 @@
-//! Writes every policy, objective and scorer as JSON to standard output (`make kinds`).
+//! Writes every policy, weighting, objective and scorer as JSON to standard output (`make kinds`).
 #![allow(clippy::print_stdout, reason = "its purpose")]
 
 fn main() -> Result<(), serde_json::Error> {

@@ -1,6 +1,6 @@
 //! Random changes to a batch's inputs: images are shifted with the edge repeated, and their brightness and contrast
-//! changed. Depth is shifted with its colour and otherwise unchanged, because it is a measurement. Proprioception has noise,
-//! and is dropped at some steps.
+//! changed. Depth is shifted with its colour and otherwise unchanged, because it is a measurement. Proprioception has
+//! noise, and is dropped at some steps.
 
 use std::collections::HashMap;
 
@@ -27,8 +27,8 @@ struct Change {
 }
 
 /// Changes the inputs of `batch` according to `augmentation`. The images of an episode have one draw: each frame is
-/// stored once for all windows that contain it, and the motion within a window is preserved. Proprioception has a draw for each step. Targets stay as they are.
-/// `standard` is that of the proprioception.
+/// stored once for all windows that contain it, and the motion within a window is preserved. Proprioception has a draw
+/// for each step. Targets stay as they are. `standard` is that of the proprioception.
 pub(crate) fn augment(batch: &mut Batch, augmentation: &Augmentation, standard: &Standard, rng: &mut ChaCha8Rng) {
     if *augmentation == Augmentation::default() {
         return;

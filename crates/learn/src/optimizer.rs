@@ -85,7 +85,8 @@ impl AdamW {
     }
 
     /// Moves the parameters by their gradients as step number `step` (from 0) at `rate`, those of an image encoder at
-    /// `image_rate_factor` times it. Returns the global gradient norm before clipping; parameters stay unchanged if it is not finite.
+    /// `image_rate_factor` times it. Returns the global gradient norm before clipping; parameters stay unchanged if it
+    /// is not finite.
     pub(crate) fn step(&mut self, step: u64, rate: f64, spec: &OptimSpec) -> f64 {
         let _no_grad = no_grad_guard();
         let norm = self.gradient_norm(spec.image_rate_factor > 0.0);

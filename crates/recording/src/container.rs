@@ -51,7 +51,8 @@ pub(crate) fn scan(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Sca
     Scan::open(path, limits, false)?.run(visit)
 }
 
-/// Like [`scan`], but a chunk is visited only if it is complete and matches its checksum, for a salvage of a damaged file.
+/// Like [`scan`], but a chunk is visited only if it is complete and matches its checksum, for a salvage of a damaged
+/// file.
 ///
 /// # Errors
 /// Like [`scan`].

@@ -13,8 +13,8 @@ const LONGEST: usize = 160;
 
 /// The audit entry of a request. It is written once; clones share it.
 ///
-/// The middleware begins it. A page that changes something names the subjects and writes it when the change is done. The
-/// middleware writes it for requests that no page received: those of callers without the role, and malformed ones.
+/// The middleware begins it. A page that changes something names the subjects and writes it when the change is done.
+/// The middleware writes it for requests that no page received: those of callers without the role, and malformed ones.
 #[derive(Debug, Clone)]
 pub(super) struct AuditDraft(Arc<Mutex<Option<AuditEntry>>>);
 

@@ -1,8 +1,8 @@
 //! The interface of the server to its pages: one trait for each group of pages. The server implements them; `web` calls
 //! no other part of it.
 //!
-//! Every method returns NotFound for an id or name that does not exist, and Internal when storage fails. Lists of stored
-//! values are ordered from new to old unless stated otherwise.
+//! Every method returns NotFound for an id or name that does not exist, and Internal when storage fails. Lists of
+//! stored values are ordered from new to old unless stated otherwise.
 
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! The curation pages for people, and the endpoints for monitoring, on an address of their own.
 //!
-//! Knows HTTP and HTML, and the server only as a [`Backend`]; must not know gRPC, SQL or tensors. Every page has an access
-//! rule, and every handler the middleware.
+//! Knows HTTP and HTML, and the server only as a [`Backend`]; must not know gRPC, SQL or tensors. Every page has an
+//! access rule, and every handler the middleware.
 
 mod artifacts;
 mod assets;

@@ -152,8 +152,8 @@ async fn identify(
     }
 }
 
-/// Runs a page that changes something to its end, even if its caller is gone. Its audit entry is written if the page did
-/// not receive the request.
+/// Runs a page that changes something to its end, even if its caller is gone. Its audit entry is written if the page
+/// did not receive the request.
 async fn run_to_end(
     state: &Arc<AppState>,
     audit: AuditDraft,

@@ -1,4 +1,5 @@
-//! A finished run in memory: q and w of its imperfect segments, q of its experts, and derived statistics. A finished run never changes.
+//! A finished run in memory: q and w of its imperfect segments, q of its experts, and derived statistics. A finished
+//! run never changes.
 
 use std::{
     cmp::Ordering,

@@ -106,8 +106,8 @@ impl Jobs {
         Ok(Self(inner))
     }
 
-    /// Requests the workers to stop, kills those that do not, and waits. Their jobs return to the queue, and the attempts
-    /// are not counted. Must be called while workers can still reach the server.
+    /// Requests the workers to stop, kills those that do not, and waits. Their jobs return to the queue, and the
+    /// attempts are not counted. Must be called while workers can still reach the server.
     pub async fn stop(&self) {
         self.0.stopping.cancel();
         self.0.tasks.close();

@@ -104,8 +104,8 @@ impl Policies {
     ///
     /// # Errors
     /// NotFound; Invalid when the run belongs to another task, or the history is to be hidden from a policy that always
-    /// saw it in training; Precondition when the policy or the run is not finished or cannot be used by this version, the
-    /// run cannot score live, or the name belongs to another task.
+    /// saw it in training; Precondition when the policy or the run is not finished or cannot be used by this version,
+    /// the run cannot score live, or the name belongs to another task.
     pub(crate) async fn deploy(&self, name: &str, assignment: Assignment) -> Result<Deployment> {
         let policy = self.0.store.policy(&assignment.policy_id).await?;
         let scorer = self.scorer(&policy, assignment.score_run_id.as_ref()).await?;

@@ -31,10 +31,10 @@ crate::settings! {
     pub struct SizeSpec {
         /// Size of the model. Larger models fit finer structure and need more data, memory and time.
         pub preset: Preset = Preset::Tiny, Preset::shape();
-        /// Factor on the initial weights of the layer that finds keypoints in images (the softmax over places). At 1 every
-        /// keypoint begins near the middle of the image and hardly depends on it; from about 5 it begins at the one place
-        /// that stands out, and a transformer looks, together with `proprioception_dropout`. Far higher factors leave it no
-        /// gradient.
+        /// Factor on the initial weights of the layer that finds keypoints in images (the softmax over places). At 1
+        /// every keypoint begins near the middle of the image and hardly depends on it; from about 5 it begins at the
+        /// one place that stands out, and a transformer looks, together with `proprioception_dropout`. Far higher
+        /// factors leave it no gradient.
         pub keypoint_gain: f64 = 1.0, number_in(1e-3, 1e3);
     }
 }
@@ -63,10 +63,10 @@ crate::settings! {
         pub segment_length: u32 = 6, integer_in(0, 63);
         /// Token that the action is read from.
         pub action_token: ActionToken = ActionToken::Proprioception, ActionToken::shape();
-        /// Factor on the initial weights of the layer that finds keypoints in images (the softmax over places). At 1 every
-        /// keypoint begins near the middle of the image and hardly depends on it; from about 5 it begins at the one place
-        /// that stands out, and a transformer looks, together with `proprioception_dropout`. Far higher factors leave it no
-        /// gradient.
+        /// Factor on the initial weights of the layer that finds keypoints in images (the softmax over places). At 1
+        /// every keypoint begins near the middle of the image and hardly depends on it; from about 5 it begins at the
+        /// one place that stands out, and a transformer looks, together with `proprioception_dropout`. Far higher
+        /// factors leave it no gradient.
         pub keypoint_gain: f64 = 1.0, number_in(1e-3, 1e3);
     }
 }
@@ -93,9 +93,11 @@ crate::settings! {
         /// Scale colours around the image's mean by a random factor within 1 ± this value (0: off). Higher values
         /// tolerate changes of light but saturate more pixels.
         pub contrast: f64 = 0.0, number_in(0.0, 1.0);
-        /// Shift each proprioception value of each step by normal noise of this many standard deviations (0: off). Higher values make a policy rely on images, and less on exact positions.
+        /// Shift each proprioception value of each step by normal noise of this many standard deviations (0: off).
+        /// Higher values make a policy rely on images, and less on exact positions.
         pub proprioception_noise: f64 = 0.0, number_in(0.0, 100.0);
-        /// Chance of replacing the proprioception of a step by its mean (0: off), so that the images have to suffice. Higher values make a policy look more, and learn less from exact positions.
+        /// Chance of replacing the proprioception of a step by its mean (0: off), so that the images have to suffice.
+        /// Higher values make a policy look more, and learn less from exact positions.
         pub proprioception_dropout: f64 = 0.0, number_in(0.0, 1.0);
     }
 }
@@ -117,8 +119,8 @@ crate::words! {
         Last = "last",
         /// The exponential moving average of all steps, steadier than any single step; only the last metrics are of it.
         Ema = "ema",
-        /// Those with the lowest `loss_validation`, which is measured up to twenty times; needs a `validation_share`, and is
-        /// not for pretraining.
+        /// Those with the lowest `loss_validation`, which is measured up to twenty times; needs a `validation_share`,
+        /// and is not for pretraining.
         Best = "best",
     }
 }
@@ -138,8 +140,8 @@ crate::settings! {
         pub learning_rate: f64 = 1e-3, number_in(1e-12, 10.0);
         /// Course of the learning rate after the warm-up.
         pub rate_schedule: RateSchedule = RateSchedule::Cosine, RateSchedule::shape();
-        /// Learning rate of the image encoder as a multiple of `learning_rate` (0: its weights stay as they are). Higher
-        /// values adapt the images' features faster but may forget pretrained ones.
+        /// Learning rate of the image encoder as a multiple of `learning_rate` (0: its weights stay as they are).
+        /// Higher values adapt the images' features faster but may forget pretrained ones.
         pub image_rate_factor: f64 = 1.0, number_in(0.0, 1e3);
         /// Decoupled weight decay of matrices (0: none); biases, norms and embeddings are exempt. Higher values reduce
         /// overfitting but limit the fit.
@@ -150,13 +152,13 @@ crate::settings! {
         /// Maximum global gradient norm; larger gradients are scaled down to it. Lower values are more stable but learn
         /// slower.
         pub clip_norm: f64 = 1.0, number_in(1e-12, 1e12);
-        /// Batches whose gradients are averaged for one step (1: each batch is a step). More of them act as a larger batch
-        /// in the memory of one, and take proportionally longer.
+        /// Batches whose gradients are averaged for one step (1: each batch is a step). More of them act as a larger
+        /// batch in the memory of one, and take proportionally longer.
         pub gradient_accumulation: u32 = 1, integer_in(1, 65_536);
         /// Weights of the finished model.
         pub finished_weights: FinishedWeights = FinishedWeights::Last, FinishedWeights::shape();
-        /// Largest decay of the moving average for `ema` (0: the last step). After n steps it is at most 1 − (1 + n)^−0.75,
-        /// so that initial weights fade; higher values average over more steps.
+        /// Largest decay of the moving average for `ema` (0: the last step). After n steps it is at most 1 − (1 +
+        /// n)^−0.75, so that initial weights fade; higher values average over more steps.
         pub ema_decay: f64 = 0.999, number_in(0.0, 0.999_999);
     }
 }

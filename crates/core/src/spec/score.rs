@@ -14,8 +14,8 @@ crate::words! {
         MinMax = "minmax",
         /// Rank: the share of the run's imperfect segments that are less similar.
         Quantile = "quantile",
-        /// Rank among experts: the share of expert segments that are at most as similar to the other experts. The median
-        /// expert segment has 0.5, whatever the task and the failures; needs two experts.
+        /// Rank among experts: the share of expert segments that are at most as similar to the other experts. The
+        /// median expert segment has 0.5, whatever the task and the failures; needs two experts.
         Calibrated = "calibrated",
     }
 }

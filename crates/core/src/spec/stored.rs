@@ -20,8 +20,9 @@ pub(super) fn train(values: Values) -> Values {
     used(Family::Weighting, used(Family::Policy, complete(flat(values))))
 }
 
-/// Adds the settings that earlier versions lacked, with the values they used: they read the action from the proprioception,
-/// and drew the weights of keypoints like all others. Before a default changes, its old value is added here.
+/// Adds the settings that earlier versions lacked, with the values they used: they read the action from the
+/// proprioception, and drew the weights of keypoints like all others. Before a default changes, its old value is added
+/// here.
 fn complete(mut values: Values) -> Values {
     values.entry("action_token").or_insert_with(|| ActionToken::Proprioception.as_str().into());
     values.entry("keypoint_gain").or_insert_with(|| 1.0.into());

@@ -29,8 +29,8 @@ pub struct TrainSpec {
 crate::settings! {
     /// Experts that are held out.
     struct Validation {
-        /// Share of the experts, drawn by the seed, that are held out of training to report `loss_validation` on (0: none). A
-        /// larger share measures overfitting better and leaves fewer experts to learn from.
+        /// Share of the experts, drawn by the seed, that are held out of training to report `loss_validation` on (0:
+        /// none). A larger share measures overfitting better and leaves fewer experts to learn from.
         validation_share: f64 = 0.0, number_in(0.0, 0.9);
     }
 }

@@ -17,8 +17,8 @@ impl Blobs {
         Self { root: self.root.join(TRASH), ..self.clone() }
     }
 
-    /// Moves a blob without a row to the trash, with its sidecars, and returns its size; a missing blob is not an error.
-    /// The caller has checked the rows since it took `_removing`.
+    /// Moves a blob without a row to the trash, with its sidecars, and returns its size; a missing blob is not an
+    /// error. The caller has checked the rows since it took `_removing`.
     ///
     /// # Errors
     /// Internal when the disk fails.

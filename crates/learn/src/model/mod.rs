@@ -167,7 +167,8 @@ impl Network {
     /// The attention mask. Computing one costs as much as a layer of one window, so the mask of nearly every pass is
     /// precomputed.
     ///
-    /// It has the kind of the tokens: of two kinds, the library's fused attention computes wrong values without an error.
+    /// It has the kind of the tokens: of two kinds, the library's fused attention computes wrong values without an
+    /// error.
     fn mask(&self, windows: &Windows, attention: Attention, kind: Kind) -> Tensor {
         if windows.length != self.spec.window() || windows.valid_places.contains(&false) {
             return mask(&windows.valid, attention);

@@ -1,8 +1,8 @@
 //! What a policy looks at: the shares of its action that its inputs explain. Independent of the kind of policy.
 //!
 //! The share of an input is its total Sobol index by Jansen's estimator: E[(f(x) − f(x′))²] / 2 Var f(x), where x′ is x
-//! with that input taken from a segment of another episode. 0: the action ignores the input; 1: nothing else matters. The
-//! inputs overlap (the history has images too) and depend on each other, so shares need not add up to 1.
+//! with that input taken from a segment of another episode. 0: the action ignores the input; 1: nothing else matters.
+//! The inputs overlap (the history has images too) and depend on each other, so shares need not add up to 1.
 
 use rand::RngExt;
 use tch::{Kind, Tensor, no_grad_guard};

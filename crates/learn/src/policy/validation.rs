@@ -1,5 +1,5 @@
-//! Experts that a training does not see, and a policy's loss on them: the measure of overfitting. Independent of the kind
-//! of policy.
+//! Experts that a training does not see, and a policy's loss on them: the measure of overfitting. Independent of the
+//! kind of policy.
 
 use gleaner_core::TrainSpec;
 use rand::seq::SliceRandom;
@@ -16,8 +16,8 @@ const SEGMENTS: usize = 256;
 /// Segments in a pass.
 const CHUNK: usize = 64;
 
-/// The experts to learn from, and those that are held out: the share of `spec`, but at least one of each if there are two.
-/// The seed alone decides which, so that two policies of one seed are measured on the same ones.
+/// The experts to learn from, and those that are held out: the share of `spec`, but at least one of each if there are
+/// two. The seed alone decides which, so that two policies of one seed are measured on the same ones.
 pub(super) fn split<'a>(experts: &'a [Trajectory], spec: &TrainSpec) -> (Vec<&'a Trajectory>, Vec<&'a Trajectory>) {
     let all: Vec<&Trajectory> = experts.iter().collect();
     if spec.validation_share == 0.0 || all.len() < 2 {
@@ -36,7 +36,8 @@ pub(super) fn split<'a>(experts: &'a [Trajectory], spec: &TrainSpec) -> (Vec<&'a
     (of(false), of(true))
 }
 
-/// The mean loss on `held_out`, without changes to its inputs and with the same random parts every time; `None` if no expert is held out.
+/// The mean loss on `held_out`, without changes to its inputs and with the same random parts every time; `None` if no
+/// expert is held out.
 pub(super) fn loss(policy: &dyn PolicyModel, held_out: &Source<'_>, seed: u64) -> Option<f64> {
     let _no_grad = no_grad_guard();
     let all = held_out.segments.all();

@@ -10,9 +10,9 @@ const QUANTILES: usize = 1001;
 /// local scale ρ, w here is w / ρ.
 ///
 /// `minmax`: q = (w − lo) / (hi − lo), clamped to 0 … 1. `quantile`: the share of the run's imperfect segments with a
-/// smaller w. `calibrated`: the share of the run's expert segments, each compared with the other experts, with a w at most
-/// as large; so an expert's own q is uniform, and q means the same in every run. Shares are interpolated linearly between
-/// `quantiles`.
+/// smaller w. `calibrated`: the share of the run's expert segments, each compared with the other experts, with a w at
+/// most as large; so an expert's own q is uniform, and q means the same in every run. Shares are interpolated linearly
+/// between `quantiles`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Normaliser {
     /// The kind of normaliser.
@@ -60,8 +60,9 @@ impl Normaliser {
         q
     }
 
-    /// The rank of `w` among the quantiles, 0 … 1, of which number `above` is the next one above. On a flat stretch it is the
-    /// lower end for `quantile`, because an equal similarity is not a lower one, and the upper end for `calibrated`.
+    /// The rank of `w` among the quantiles, 0 … 1, of which number `above` is the next one above. On a flat stretch it
+    /// is the lower end for `quantile`, because an equal similarity is not a lower one, and the upper end for
+    /// `calibrated`.
     fn share(&self, w: f64, above: usize) -> f64 {
         let (Some(below), Some(next)) = (above.checked_sub(1), self.quantiles.get(above)) else {
             return if above == 0 { 0.0 } else { 1.0 };

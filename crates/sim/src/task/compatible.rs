@@ -6,8 +6,8 @@ use super::{Task, task_spec};
 use crate::config::SimConfig;
 use crate::error::SimError;
 
-/// Finds the simulated task with the name of a specification, and the settings that give its observations and actions. The
-/// step limit is the default.
+/// Finds the simulated task with the name of a specification, and the settings that give its observations and actions.
+/// The step limit is the default.
 ///
 /// # Errors
 /// [`SimError::UnknownTask`] if no simulated task has this name, [`SimError::Incompatible`] as in

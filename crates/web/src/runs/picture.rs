@@ -8,8 +8,8 @@ use crate::plot::Frame;
 /// Bins of the histogram: the slider stops between them.
 pub(super) const BINS: usize = 100;
 
-/// Imperfect segments by q as bars, of which those that are kept whole are highlighted, and the experts' segments as a line,
-/// scaled to the same number of segments.
+/// Imperfect segments by q as bars, of which those that are kept whole are highlighted, and the experts' segments as a
+/// line, scaled to the same number of segments.
 pub(super) fn histogram(histogram: &Histogram, selection: Selection) -> Markup {
     #[expect(clippy::cast_precision_loss, reason = "for a picture")]
     let heights = |counts: &[u64]| counts.iter().map(|&count| count as f64).collect::<Vec<f64>>();

@@ -1,5 +1,5 @@
-//! The course of a training: what its settings of rates, accumulation and finished weights change, and that a resumed run
-//! equals a straight one under each.
+//! The course of a training: what its settings of rates, accumulation and finished weights change, and that a resumed
+//! run equals a straight one under each.
 
 use gleaner_core::{FinishedWeights, OptimSpec};
 
