@@ -75,7 +75,7 @@ impl TableKind {
 }
 
 // The default and the paper's to the letter; the nearest neighbour of raw observations as a baseline, without and with
-// the local scale; and the classifier.
+// the local scale; the classifier; and mutual information.
 fn scorings() -> Vec<Draft> {
     let cell = |label: &str, set: &[(&str, &str)]| {
         let flag = |text: &str| text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from);
@@ -89,6 +89,7 @@ fn scorings() -> Vec<Draft> {
         cell("raw segments", &[("scorer", "raw"), ("local_scale", "false"), ("similarity", "segment_l2")]),
         cell("raw segments + local scale", &[("scorer", "raw"), ("local_scale", "true"), ("similarity", "segment_l2")]),
         cell("classifier", &[("scorer", "classifier")]),
+        cell("deminf", &[("scorer", "deminf")]),
     ]
 }
 
@@ -213,7 +214,8 @@ mod tests {
                 "raw + local scale",
                 "raw segments",
                 "raw segments + local scale",
-                "classifier"
+                "classifier",
+                "deminf"
             ]
         );
         let scales = |index: usize| {

@@ -24,7 +24,7 @@ class EpisodeScores:
     role: str  # expert or imperfect; experts' scores leave their own episode out; unspecified when it is not stored
     q: NDArray[np.float32]  # quality in [0, 1]
     w: NDArray[np.float64]  # the highest similarity to an expert segment
-    match_episode: NDArray[np.str_]  # the expert episode matched; empty for the classifier, as are the rest
+    match_episode: NDArray[np.str_]  # the expert episode matched; empty for classifier and deminf, as are the rest
     match_step: NDArray[np.uint32]
     distance_o: NDArray[np.float32]  # of the images' features
     distance_m: NDArray[np.float32]  # of the proprioception's

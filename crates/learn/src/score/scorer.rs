@@ -1,12 +1,13 @@
 //! The scorers: one file each, and the list of them.
 
 mod classifier;
+mod deminf;
 mod kind;
 mod list;
 mod raw;
 mod ssdf;
 
 pub(super) use kind::Scorer;
-use kind::ScorerKind;
+use kind::{ScorerKind, SeedSpec};
 pub(crate) use list::describe;
 pub(super) use list::open;

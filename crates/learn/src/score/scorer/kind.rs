@@ -2,6 +2,7 @@
 //! Must not depend on the list of scorers.
 
 use gleaner_core::kinds::{Kind, Needs};
+use gleaner_core::schema::integer_in;
 use gleaner_core::{Chosen, Setting};
 
 use crate::error::LearnError;
@@ -32,6 +33,14 @@ impl ScorerKind {
     pub(super) fn describe(&self) -> Kind {
         let [name, title, about] = [self.name, self.title, self.about].map(str::to_owned);
         Kind { name, title, about, needs: self.needs, settings: (self.settings)() }
+    }
+}
+
+gleaner_core::settings! {
+    /// Settings of a scorer that draws random numbers.
+    pub(super) struct SeedSpec {
+        /// Seed of the scorer's random numbers.
+        pub(super) seed: u64 = 0, integer_in(0, u64::MAX);
     }
 }
 

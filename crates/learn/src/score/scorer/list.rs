@@ -3,11 +3,11 @@
 use gleaner_core::Chosen;
 use gleaner_core::kinds::{Family, Kind};
 
-use super::{Scorer, ScorerKind, classifier, raw, ssdf};
+use super::{Scorer, ScorerKind, classifier, deminf, raw, ssdf};
 use crate::error::LearnError;
 
 /// Every scorer; the first is the default.
-const SCORERS: [&ScorerKind; 3] = [&ssdf::KIND, &raw::KIND, &classifier::KIND];
+const SCORERS: [&ScorerKind; 4] = [&ssdf::KIND, &raw::KIND, &classifier::KIND, &deminf::KIND];
 
 /// The chosen scorer with its settings.
 pub(in crate::score) fn open(chosen: &Chosen) -> Result<Scorer, LearnError> {

@@ -10,11 +10,10 @@ use std::collections::HashMap;
 
 use gleaner_core::Group as _;
 use gleaner_core::kinds::Needs;
-use gleaner_core::schema::integer_in;
 use gleaner_core::snapshot::Role;
 use tch::Tensor;
 
-use super::{Scorer, ScorerKind};
+use super::{Scorer, ScorerKind, SeedSpec};
 use crate::batch::rows;
 use crate::error::LearnError;
 use crate::model::Network;
@@ -30,20 +29,12 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     title: "Classifier",
     about: "A baseline: a small network that separates the experts' steps from the imperfect ones.",
     needs: Needs { encoder: true, history: false, images: true, all_episodes: true },
-    settings: ClassifierSpec::schema,
+    settings: SeedSpec::schema,
     open: |chosen| {
-        let ClassifierSpec { seed } = chosen.read()?;
+        let SeedSpec { seed } = chosen.read()?;
         Ok(Scorer::Trained(Box::new(move |network, episodes, monitor| scores(network, episodes, seed, monitor))))
     },
 };
-
-gleaner_core::settings! {
-    /// Settings of the classifier.
-    struct ClassifierSpec {
-        /// Seed of the classifier's random numbers.
-        seed: u64 = 0, integer_in(0, u64::MAX);
-    }
-}
 
 /// One episode's steps as inputs of the network.
 struct Episode<'a> {

@@ -1,0 +1,185 @@
+//! The scorer `deminf`, a rival that needs no experts: how much the actions of a step tell about its state, after DemInf
+//! (Hejna et al. 2025).
+//!
+//! I(s; a) of one step among B others, estimated from nearest neighbours: with r the distance to the k-th neighbour in
+//! (s, a), larger of both parts, and n_s, n_a the steps that are nearer than r in each part, the score is
+//! −(ψ(n_s) + ψ(n_a)), averaged over k = 5, 6, 7. Here s is whitened principal components of the image embedding, taken
+//! before attention, and of proprioception: features after attention contain the actions. The w of a segment is the mean
+//! of its steps.
+
+mod estimate;
+
+use std::collections::HashMap;
+
+use gleaner_core::Group as _;
+use gleaner_core::kinds::Needs;
+use gleaner_core::snapshot::Role;
+use rand::seq::SliceRandom as _;
+use tch::{Tensor, no_grad_guard};
+
+use super::{Scorer, ScorerKind, SeedSpec};
+use crate::batch::{Batch, Segments, int, values};
+use crate::error::LearnError;
+use crate::model::Network;
+use crate::random::{Purpose, generator};
+use crate::score::EpisodeScores;
+use crate::score::run::{Progress, count};
+use crate::train::Monitor;
+use crate::trajectory::Trajectory;
+use estimate::{estimate, standardised, whitened, windows};
+
+pub(super) const KIND: ScorerKind = ScorerKind {
+    name: "deminf",
+    title: "DemInf",
+    about: "A rival without expert labels: the mutual information of states and actions, estimated from neighbours.",
+    needs: Needs { encoder: true, history: false, images: true, all_episodes: true },
+    settings: SeedSpec::schema,
+    open: |chosen| {
+        let SeedSpec { seed } = chosen.read()?;
+        Ok(Scorer::Trained(Box::new(move |network, episodes, monitor| scores(network, episodes, seed, monitor))))
+    },
+};
+
+/// Steps that are compared with each other at a time.
+const BATCH: usize = 1024;
+/// Passes over all steps, each in an order of its own.
+const PASSES: u64 = 4;
+/// Values of an action that are compared, the first ones.
+const ACTION: i64 = 8;
+/// Steps encoded at a time.
+const CHUNK: usize = 128;
+
+/// The scores of the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the given order.
+fn scores(
+    network: &Network,
+    (experts, imperfect): (&[Trajectory], &[Trajectory]),
+    seed: u64,
+    monitor: &mut dyn Monitor,
+) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
+    let _no_grad = no_grad_guard();
+    let mut sorted: Vec<&Trajectory> = imperfect.iter().chain(experts).collect();
+    sorted.sort_by(|a, b| a.id.cmp(&b.id));
+    sorted.dedup_by(|a, b| a.id == b.id);
+    let steps = count(network, sorted.iter().copied());
+    let mut progress = Progress::new(monitor, steps * (1 + PASSES));
+    let mut parts = Vec::with_capacity(sorted.len());
+    for episode in &sorted {
+        parts.push(observed(network, episode));
+        progress.advance(episode.steps(&network.shape))?;
+    }
+    let all = |part: fn(&[Tensor; 2]) -> &Tensor| Tensor::cat(&parts.iter().map(part).collect::<Vec<_>>(), 0);
+    let (state, action) = (whitened(&all(|[state, _]| state)), all(|[_, action]| action));
+    if [&state, &action].iter().any(|part| !values(part).iter().all(|value| value.is_finite())) {
+        return Err(LearnError::invalid("imperfect", "gives features that are not finite; train the encoder again"));
+    }
+    let of_steps = standardised(information(&state, &action, seed, &mut progress)?);
+    let mut begin = 0;
+    let mut of_episodes = HashMap::new();
+    for episode in &sorted {
+        let end = begin + episode.steps(&network.shape);
+        of_episodes.insert(episode.id.as_str(), windows(&of_steps[begin..end], network.spec.window()));
+        begin = end;
+    }
+    let describe = |episodes: &[Trajectory], role: Role| -> Vec<EpisodeScores> {
+        let of = |episode: &Trajectory| EpisodeScores {
+            episode_id: episode.id.clone(),
+            role,
+            w: of_episodes.get(episode.id.as_str()).cloned().unwrap_or_default(),
+            q: Vec::new(),
+            match_episode: Vec::new(),
+            match_step: Vec::new(),
+            distances: Vec::new(),
+        };
+        episodes.iter().map(of).collect()
+    };
+    Ok((describe(imperfect, Role::Imperfect), describe(experts, Role::Expert)))
+}
+
+/// The image embedding beside standardised proprioception, `[T, d + M]`, and the standardised actions, `[T, ≤ 8]`, of
+/// every step.
+fn observed(network: &Network, episode: &Trajectory) -> [Tensor; 2] {
+    let every = Segments::every(&network.shape, &[episode]);
+    let statistics = &network.statistics;
+    let (mut states, mut actions) = (Vec::new(), Vec::new());
+    for chunk in every.all().chunks(CHUNK) {
+        let batch = Batch::collect(&network.shape, &[episode], chunk, 1, network.device());
+        let proprioception = statistics.proprioception.apply(&batch.proprioception);
+        states.push(Tensor::cat(&[network.embed_images(&batch.images), proprioception], 1));
+        let action = statistics.action.apply(&batch.action);
+        actions.push(action.narrow(1, 0, action.size()[1].min(ACTION)));
+    }
+    [Tensor::cat(&states, 0), Tensor::cat(&actions, 0)]
+}
+
+/// The estimate for each of the N steps, the mean of the passes.
+fn information(
+    state: &Tensor,
+    action: &Tensor,
+    seed: u64,
+    progress: &mut Progress<'_>,
+) -> Result<Vec<f64>, LearnError> {
+    let steps = usize::try_from(state.size()[0]).unwrap_or(0);
+    // Batches of one size: an estimate depends on the number of steps that it is made among.
+    let batches = (steps / BATCH).max(1);
+    let mut sums = vec![0.0; steps];
+    let mut order: Vec<i64> = (0..int(steps)).collect();
+    for pass in 0..PASSES {
+        order.shuffle(&mut generator(seed, Purpose::Batch, pass));
+        for batch in 0..batches {
+            let places = &order[batch * steps / batches..(batch + 1) * steps / batches];
+            let index = Tensor::from_slice(places).to_device(state.device());
+            let found = estimate(&state.index_select(0, &index), &action.index_select(0, &index));
+            for (place, value) in places.iter().zip(values(&found)) {
+                sums[usize::try_from(*place).unwrap_or(0)] += f64::from(value);
+            }
+            progress.advance(places.len())?;
+        }
+    }
+    #[expect(clippy::cast_precision_loss, reason = "a handful")]
+    let passes = PASSES as f64;
+    Ok(sums.into_iter().map(|sum| sum / passes).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::normal;
+    use crate::score::Scores;
+    use crate::score::tests::{score_anew, spec_of};
+    use crate::toy;
+    use crate::train::Silent;
+
+    fn run(experts: &[Trajectory], imperfect: &[Trajectory], seed: u64) -> Scores {
+        score_anew(experts, imperfect, &spec_of("deminf", &[("seed", seed.into())]), &mut Silent).unwrap()
+    }
+
+    /// In the toy task an expert's action follows from the state; of random actions the state says nothing.
+    #[test]
+    fn random_actions_score_below_those_that_follow_from_the_state() {
+        let experts = toy::experts(12, 12);
+        let mut random = toy::experts(12, 12);
+        for (place, episode) in (0u64..).zip(&mut random) {
+            episode.id = format!("random {place}");
+            let actions = normal(&mut generator(place, Purpose::Style, 9), episode.action.len());
+            episode.action = actions.into_iter().map(|action| 0.3 * action).collect();
+        }
+        let scores = run(&experts, &random, 1);
+        let mean = |episodes: &[EpisodeScores]| {
+            let all: Vec<f64> = episodes.iter().flat_map(|episode| episode.w.clone()).collect();
+            windows(&all, all.len())[all.len() - 1]
+        };
+        let (good, bad) = (mean(&scores.experts), mean(&scores.imperfect));
+        assert!(good > bad + 0.3, "{good} {bad}");
+        assert!(scores.imperfect.iter().all(|episode| episode.match_episode.is_empty() && episode.q.len() == 12));
+    }
+
+    #[test]
+    fn the_seed_alone_decides_whatever_the_order() {
+        let (mut experts, imperfect) = (toy::experts(4, 8), [toy::episode("failure", 70, 9, false)]);
+        let first = run(&experts, &imperfect, 7);
+        experts.reverse();
+        let mut again = run(&experts, &imperfect, 7);
+        again.experts.reverse();
+        assert_eq!(first, again);
+    }
+}
