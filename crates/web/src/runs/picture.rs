@@ -8,6 +8,9 @@ use crate::plot::Frame;
 /// Bins of the histogram: the slider stops between them.
 pub(super) const BINS: usize = 100;
 
+/// Bins that one step of the experts' line covers: there are fewer experts.
+const MERGED: usize = 5;
+
 /// Imperfect segments by q as bars, of which those that are kept whole are highlighted, and the experts' segments as a
 /// line, scaled to the same number of segments.
 pub(super) fn histogram(histogram: &Histogram, selection: Selection) -> Markup {
@@ -16,7 +19,7 @@ pub(super) fn histogram(histogram: &Histogram, selection: Selection) -> Markup {
     let (heights, experts) = (heights(histogram.counts()), heights(histogram.expert_counts()));
     let sum = |heights: &[f64]| heights.iter().sum::<f64>().max(1.0);
     let scale = sum(&heights) / sum(&experts);
-    let experts: Vec<f64> = experts.iter().map(|height| height * scale).collect();
+    let experts: Vec<f64> = experts.chunks(MERGED).map(|bins| scale * mean(bins)).collect();
     let bins = f64::from(u32::try_from(heights.len()).unwrap_or(u32::MAX));
     let highest = 1.05 * heights.iter().chain(&experts).copied().fold(1.0, f64::max);
     let frame = Frame::new((920.0, 260.0), (0.0, 1.0), (0.0, highest));
@@ -30,7 +33,7 @@ pub(super) fn histogram(histogram: &Histogram, selection: Selection) -> Markup {
             (frame.bar((from, from + 1.0 / bins), height, class(from)))
         }
         @if histogram.expert_auroc().is_some() {
-            (frame.line(&stairs(&experts, bins), "experts"))
+            (frame.line(&stairs(&experts), "experts"))
         }
         @if let Some(beta) = beta {
             line.beta x1=(frame.x(beta)) x2=(frame.x(beta)) y1=(frame.y(0.0)) y2=(frame.y(highest)) {}
@@ -39,8 +42,14 @@ pub(super) fn histogram(histogram: &Histogram, selection: Selection) -> Markup {
     frame.draw("Histogram of q over all imperfect segments, and over those of experts", ("q", "segments"), &inside)
 }
 
-/// The outline of bars.
-fn stairs(heights: &[f64], bins: f64) -> Vec<(f64, f64)> {
+#[expect(clippy::cast_precision_loss, reason = "a few bins")]
+fn mean(heights: &[f64]) -> f64 {
+    heights.iter().sum::<f64>() / heights.len() as f64
+}
+
+/// The outline of bars over 0 to 1.
+fn stairs(heights: &[f64]) -> Vec<(f64, f64)> {
+    let bins = f64::from(u32::try_from(heights.len()).unwrap_or(u32::MAX));
     let places = (0_u32..).map(|bin| f64::from(bin) / bins);
     heights.iter().zip(places).flat_map(|(height, from)| [(from, *height), (from + 1.0 / bins, *height)]).collect()
 }
@@ -50,7 +59,7 @@ pub(super) fn separation(histogram: &Histogram) -> Markup {
     let Some(auroc) = histogram.expert_auroc() else { return html! {} };
     html! {
         p.soft { "Bars: imperfect segments. Line: segments of experts, each compared with the other experts, scaled to the same "
-            "number. In " (format!("{:.0} %", 100.0 * auroc)) " of pairs the expert's segment has the higher q." }
+            "number. In " (format!("{:.0}\u{a0}%", 100.0 * auroc)) " of pairs the expert's segment has the higher q." }
         @if auroc <= 0.5 {
             p.note.bad { "The scores do not tell experts from imperfect episodes: imperfect segments look at least as good. Check the "
                 "labels, add experts, or pretrain longer before a dataset is made from this run." }
@@ -86,8 +95,8 @@ mod tests {
         let drawn = histogram(&run(0.9), Selection::Beta(0.5)).into_string();
         assert_eq!(drawn.matches("line experts").count(), 1);
         let shown = separation(&run(0.9)).into_string();
-        assert!(shown.contains("100 %") && !shown.contains("do not tell"), "{shown}");
+        assert!(shown.contains("100\u{a0}%") && !shown.contains("do not tell"), "{shown}");
         let warned = separation(&run(0.1)).into_string();
-        assert!(warned.contains(" 0 %") && warned.contains("do not tell experts"), "{warned}");
+        assert!(warned.contains(" 0\u{a0}%") && warned.contains("do not tell experts"), "{warned}");
     }
 }
