@@ -41,16 +41,21 @@ pub(crate) struct Axis<'a> {
     pub(crate) high: f64,
 }
 
-/// Steps by their q: for each bin over [0, 1] the good ones and, on top of them, the bad ones.
-pub(crate) fn spread(bins: &[[u32; 2]]) -> Result<String> {
+/// Imperfect segments by q: for each bin over [0, 1] the good ones and, on top of them, the bad ones; and the outline of
+/// the experts' bins, scaled to the same number of segments.
+pub(crate) fn spread(bins: &[[u32; 2]], experts: &[u64]) -> Result<String> {
     draw(SIZE, |canvas| {
+        let segments: u32 = bins.iter().map(|[good, bad]| good + bad).sum();
+        let experts = outline(experts, f64::from(segments));
+        let highest = experts.iter().map(|(_, height)| *height).fold(0.0, f64::max);
         let most = bins.iter().map(|[good, bad]| good + bad).max().unwrap_or(0).max(1);
+        let top = f64::from(most).max(highest);
         let mut chart = ChartBuilder::on(canvas)
-            .caption("Segments by their quality q: good (green), bad (red)", TITLE)
+            .caption("Imperfect segments by q: good (green), bad (red); experts (line)", TITLE)
             .margin(12)
             .x_label_area_size(40)
             .y_label_area_size(60)
-            .build_cartesian_2d(0.0..1.0, 0.0..f64::from(most) * 1.05)
+            .build_cartesian_2d(0.0..1.0, 0.0..top * 1.05)
             .map_err(failed)?;
         chart
             .configure_mesh()
@@ -58,7 +63,7 @@ pub(crate) fn spread(bins: &[[u32; 2]]) -> Result<String> {
             .light_line_style(TRANSPARENT)
             .x_desc("q")
             .y_desc("segments")
-            .y_label_formatter(&|count| tick(*count, f64::from(most)))
+            .y_label_formatter(&|count| tick(*count, top))
             .draw()
             .map_err(failed)?;
         let width = 1.0 / f64::from(u32::try_from(bins.len()).unwrap_or(u32::MAX).max(1));
@@ -71,8 +76,24 @@ pub(crate) fn spread(bins: &[[u32; 2]]) -> Result<String> {
             ]
         });
         chart.draw_series(parts).map_err(failed)?;
+        chart.draw_series(LineSeries::new(experts, BLACK.stroke_width(2))).map_err(failed)?;
         Ok(())
     })
+}
+
+/// The outline of bars of these counts, scaled to a number of segments; nothing without counts.
+#[expect(clippy::cast_precision_loss, reason = "counts of segments, for a picture")]
+fn outline(counts: &[u64], segments: f64) -> Vec<(f64, f64)> {
+    let all = counts.iter().sum::<u64>() as f64;
+    if all == 0.0 {
+        return Vec::new();
+    }
+    let width = 1.0 / counts.len() as f64;
+    let bar = |(bin, count): (u32, &u64)| {
+        let (left, height) = (f64::from(bin) * width, *count as f64 * segments / all);
+        [(left, height), (left + width, height)]
+    };
+    (0_u32..).zip(counts).flat_map(bar).collect()
 }
 
 /// One bar for each label, with whiskers.
@@ -229,7 +250,10 @@ mod tests {
 
     #[test]
     fn a_spread_of_zero_does_not_divide_by_zero() {
-        assert!(spread(&[]).unwrap().starts_with("<svg"));
-        assert!(spread(&[[0, 0], [3, 1]]).unwrap().contains("rect"));
+        assert!(spread(&[], &[]).unwrap().starts_with("<svg"));
+        let plain = spread(&[[0, 0], [3, 1]], &[]).unwrap();
+        assert!(plain.contains("rect") && !plain.contains("#000000\" stroke-width=\"2\""), "{plain}");
+        assert!(spread(&[[0, 0], [3, 1]], &[1, 3]).unwrap().contains("polyline"));
+        assert_eq!(outline(&[1, 3], 8.0), [(0.0, 2.0), (0.5, 2.0), (0.5, 6.0), (1.0, 6.0)]);
     }
 }

@@ -7,8 +7,8 @@ use gleaner_client::Client;
 use gleaner_core::job;
 use gleaner_core::looks::{Look, looks};
 use gleaner_proto::v1::{
-    CountKeptRequest, GetEpisodeScoresRequest, GetEvaluationRequest, GetScoreRunRequest, GetSnapshotRequest, JobState,
-    ListMetricsRequest, Metric, Role,
+    CountKeptRequest, GetEpisodeScoresRequest, GetEvaluationRequest, GetHistogramRequest, GetScoreRunRequest,
+    GetSnapshotRequest, JobState, ListMetricsRequest, Metric, Role,
 };
 
 use super::difference::differences;
@@ -22,7 +22,7 @@ use super::stage::{Chain, Graph, Selection};
 use super::standing::{Gap, Standing, Submitted, stage_result, standing};
 use super::study::Cell;
 use crate::failure::{Result, present};
-use crate::quality::{MarkedEpisode, Selected, Separation, above, best, histogram, select, separations};
+use crate::quality::{BINS, MarkedEpisode, Selected, Separation, above, best, histogram, select, separations};
 
 // Requests under way at the same time.
 const PARALLEL: usize = 8;
@@ -32,6 +32,7 @@ struct Run {
     episodes: Vec<MarkedEpisode>,
     separation: Vec<Separation>,
     histogram: Vec<[u32; 2]>,
+    experts: Vec<u64>,
 }
 
 /// Fetches results; a score run is fetched once, however many cells share it and however often it is reported.
@@ -102,6 +103,7 @@ impl<'a> Gatherer<'a> {
             selected: None,
             separation: Vec::new(),
             histogram: Vec::new(),
+            experts: Vec::new(),
             looks: Vec::new(),
         };
         if let Some(Ok(result)) = self.graph.find(chain, "evaluate").map(|index| stage_result(submitted, index)) {
@@ -120,6 +122,7 @@ impl<'a> Gatherer<'a> {
             let run = present(self.runs.get(&result.id), "a score run")?;
             report.separation.clone_from(&run.separation);
             report.histogram.clone_from(&run.histogram);
+            report.experts.clone_from(&run.experts);
             report.selected = Some(self.selected(run, &result.id, cell).await?);
         }
         Ok(report)
@@ -150,7 +153,13 @@ impl<'a> Gatherer<'a> {
     async fn run(&self, run_id: &str) -> Result<Run> {
         let mut episodes = self.episodes(run_id).await?;
         episodes.sort_by(|one, two| one.cohort.cmp(&two.cohort));
-        Ok(Run { separation: separations(&episodes), histogram: histogram(&episodes), episodes })
+        let request = GetHistogramRequest {
+            score_run_id: run_id.to_owned(),
+            bins: u32::try_from(BINS).unwrap_or(0),
+            ..GetHistogramRequest::default()
+        };
+        let experts = self.client.scores().get_histogram(request).await?.into_inner().expert_counts;
+        Ok(Run { separation: separations(&episodes), histogram: histogram(&episodes), experts, episodes })
     }
 
     /// The scores of every imperfect episode beside its mark, in the order of the recordings.

@@ -1,6 +1,6 @@
 //! A study's plots: which there are, and what goes into each.
 
-use super::report::{CellReport, Report, StudyReport};
+use super::report::{CellReport, Report, SeedReport, StudyReport};
 use super::study::TableKind;
 use super::tables::behaviour;
 use crate::failure::Result;
@@ -29,8 +29,8 @@ pub(crate) fn draw(report: &Report, number: usize, study: &StudyReport) -> Resul
     {
         plots.push((name, main_plot(report, study)?));
     }
-    if let (Some(bins), Some(name)) = (histogram(study), names.next()) {
-        plots.push((name, spread(bins)?));
+    if let (Some(seed), Some(name)) = (histogram(study), names.next()) {
+        plots.push((name, spread(&seed.histogram, &seed.experts)?));
     }
     Ok(plots)
 }
@@ -95,9 +95,8 @@ fn by_ratio(report: &Report, cells: &[&CellReport]) -> Vec<Line> {
 }
 
 // Of the first cell and seed that has scores.
-fn histogram(study: &StudyReport) -> Option<&[[u32; 2]]> {
-    let seeds = study.cells.iter().flat_map(|cell| &cell.seeds);
-    seeds.map(|seed| seed.histogram.as_slice()).find(|bins| !bins.is_empty())
+fn histogram(study: &StudyReport) -> Option<&SeedReport> {
+    study.cells.iter().flat_map(|cell| &cell.seeds).find(|seed| !seed.histogram.is_empty())
 }
 
 #[cfg(test)]

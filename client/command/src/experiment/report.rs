@@ -64,6 +64,9 @@ pub(crate) struct SeedReport {
     pub(crate) separation: Vec<Separation>,
     /// Good and bad segments by q, in equal bins over [0, 1]; of cells with scores.
     pub(crate) histogram: Vec<[u32; 2]>,
+    /// Segments of experts in the same bins, each compared with the other experts.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) experts: Vec<u64>,
     /// What its policy looks at.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) looks: Vec<Look>,
@@ -204,6 +207,7 @@ pub(super) mod tests {
             separation: kept
                 .map_or_else(Vec::new, |_| vec![separation(ALL, 0.95 + shift), separation("freeze", 0.875)]),
             histogram: kept.map_or_else(Vec::new, |kept| vec![[1, 2], [u32::try_from(kept).unwrap(), 4]]),
+            experts: kept.map_or_else(Vec::new, |_| vec![1, 2]),
             looks: Vec::new(),
         }
     }

@@ -103,7 +103,7 @@ fn write(folder: &Path, found: &Found) -> Result<()> {
     for (name, text) in [
         ("report.md", found.report.markdown() + pictures),
         ("report.json", format!("{:#}\n", document(&found.report)?)),
-        ("histogram.svg", spread(&histogram(&found.episodes))?),
+        ("histogram.svg", spread(&histogram(&found.episodes), &found.report.experts)?),
         ("curves.svg", figure::curves(&found.episodes)),
     ] {
         let path = folder.join(name);

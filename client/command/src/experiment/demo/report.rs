@@ -23,6 +23,8 @@ pub(crate) struct Report {
     pub(crate) thresholds: Vec<Threshold>,
     /// Counts of equal bins of q over [0, 1], by the server.
     pub(crate) histogram: Vec<u64>,
+    /// The same of the experts, each compared with the others.
+    pub(crate) experts: Vec<u64>,
     pub(crate) policies: Vec<Evaluation>,
     pub(crate) stages: Vec<Stage>,
     /// Duration of all stages; some run side by side.
@@ -201,6 +203,7 @@ mod tests {
                 selected: Selected { kept: 25, of: 100, share: 0.25, precision: Some(0.5), recall: Some(0.125) },
             }],
             histogram: vec![1, 2],
+            experts: vec![3, 1],
             policies: vec![Evaluation {
                 trained_on: "experts".into(),
                 result: json!({ "latency_p50_ms": 2.0, "latency_p99_ms": 4.25 }),

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use gleaner_client::{Client, DrivePlan};
 use gleaner_core::Device;
-use gleaner_proto::v1::{DeployRequest, GetDatasetRequest, GetHistogramRequest, Job};
+use gleaner_proto::v1::{DeployRequest, GetDatasetRequest, GetHistogramRequest, GetHistogramResponse, Job};
 
 use super::super::follow::{seconds, to_the_end};
 use super::super::gather::Gatherer;
@@ -52,7 +52,7 @@ impl<'a> Run<'a> {
         let submitted = self.jobs(folder).await?;
         let [base, gleaned] = self.chains()?;
         let run = self.result_of(&submitted, &gleaned, "score")?.id.clone();
-        let histogram = self.histogram(&run).await?;
+        let GetHistogramResponse { counts: histogram, expert_counts: experts, .. } = self.histogram(&run).await?;
         let comparing = Instant::now();
         let episodes = Gatherer::new(self.client, &recordings, experiment, &self.graph).episodes(&run).await?;
         self.done("compare with mark", comparing.elapsed(), format!("{} imperfect episodes", episodes.len()));
@@ -72,6 +72,7 @@ impl<'a> Run<'a> {
             separation: separations(&episodes),
             thresholds: self.plan.betas.iter().map(threshold).collect(),
             histogram,
+            experts,
             policies: evaluations,
             stages: self.times,
             seconds: began.elapsed().as_secs_f64(),
@@ -146,11 +147,11 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    async fn histogram(&self, run: &str) -> Result<Vec<u64>> {
+    async fn histogram(&self, run: &str) -> Result<GetHistogramResponse> {
         let request = GetHistogramRequest { score_run_id: run.to_owned(), bins: 20, betas: self.plan.betas.clone() };
         let reply = self.client.scores().get_histogram(request).await?.into_inner();
         self.context.output.note(scores::histogram(&reply, terminal_width()));
-        Ok(reply.counts)
+        Ok(reply)
     }
 
     async fn evaluate(&mut self, name: &str, trained_on: &str, policy_id: String) -> Result<Evaluation> {
