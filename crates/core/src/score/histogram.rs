@@ -1,0 +1,187 @@
+//! The distribution of q in a run, and what thresholds keep of it: filled episode by episode, without the scores in memory.
+
+use crate::selection::Filter;
+
+/// The counts of segments and episodes that one threshold keeps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KeptCount {
+    /// The threshold; q > β is kept.
+    pub beta: f64,
+    /// Imperfect segments kept.
+    pub segments: u64,
+    /// Imperfect episodes that contribute at least one.
+    pub episodes: u64,
+}
+
+/// Bins of q in which experts are compared with imperfect segments.
+const FINE: usize = 1000;
+
+/// The distributions of q over a run's imperfect segments and over its experts' own, and the counts kept by thresholds:
+/// filled episode by episode in one pass.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Histogram {
+    counts: Vec<u64>,
+    expert_counts: Vec<u64>,
+    /// Fine counts of imperfect and of expert segments.
+    fine: [Vec<u64>; 2],
+    segments: u64,
+    /// Thresholds from low to high, each with its index in the caller's order.
+    ordered: Vec<(f64, usize)>,
+    /// At index n, the segments that exactly the first n of `ordered` keep.
+    kept_segments: Vec<u64>,
+    /// At index n, the episodes whose best segment exactly the first n of `ordered` keep.
+    kept_episodes: Vec<u64>,
+}
+
+impl Histogram {
+    /// An empty histogram of `bins` equal bins over [0, 1] (at least one), with these thresholds.
+    pub fn new(bins: usize, betas: &[f64]) -> Self {
+        let mut ordered: Vec<_> = betas.iter().copied().zip(0..).collect();
+        ordered.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Self {
+            counts: vec![0; bins.max(1)],
+            expert_counts: vec![0; bins.max(1)],
+            fine: [vec![0; FINE], vec![0; FINE]],
+            segments: 0,
+            ordered,
+            kept_segments: vec![0; betas.len() + 1],
+            kept_episodes: vec![0; betas.len() + 1],
+        }
+    }
+
+    /// Adds one imperfect episode's q.
+    pub fn add(&mut self, q: impl Iterator<Item = f32>) {
+        let (mut best, mut any) = (f32::NEG_INFINITY, false);
+        for q in q {
+            let place = bin(q, self.counts.len());
+            self.counts[place] += 1;
+            self.fine[0][bin(q, FINE)] += 1;
+            self.segments += 1;
+            let keeping = self.keeping(q);
+            self.kept_segments[keeping] += 1;
+            (best, any) = (best.max(q), true);
+        }
+        if any {
+            let keeping = self.keeping(best);
+            self.kept_episodes[keeping] += 1;
+        }
+    }
+
+    /// Adds one expert's q, from its comparison with the other experts.
+    pub fn add_expert(&mut self, q: impl Iterator<Item = f32>) {
+        for q in q {
+            let place = bin(q, self.expert_counts.len());
+            self.expert_counts[place] += 1;
+            self.fine[1][bin(q, FINE)] += 1;
+        }
+    }
+
+    /// Imperfect segments in each bin; the last bin includes q = 1.
+    pub fn counts(&self) -> &[u64] {
+        &self.counts
+    }
+
+    /// Expert segments in each bin, as [`Histogram::counts`].
+    pub fn expert_counts(&self) -> &[u64] {
+        &self.expert_counts
+    }
+
+    /// The AUROC of q between the experts' segments and the imperfect ones: the share of pairs in which the expert's q
+    /// is higher, ties (within a thousandth) counted half. At 0.5 or below the scores do not tell experts from
+    /// imperfect episodes. `None` without one of the two.
+    pub fn expert_auroc(&self) -> Option<f64> {
+        let (mut below, mut doubled) = (0_u128, 0_u128);
+        for (&imperfect, &expert) in self.fine[0].iter().zip(&self.fine[1]) {
+            doubled += u128::from(expert) * (2 * below + u128::from(imperfect));
+            below += u128::from(imperfect);
+        }
+        let experts: u128 = self.fine[1].iter().copied().map(u128::from).sum();
+        let pairs = experts * below;
+        #[expect(clippy::cast_precision_loss, reason = "a share to read")]
+        let share = (pairs > 0).then(|| doubled as f64 / (2 * pairs) as f64);
+        share
+    }
+
+    /// Number of imperfect segments.
+    pub fn segments(&self) -> u64 {
+        self.segments
+    }
+
+    /// The counts kept by each threshold, in the caller's order.
+    pub fn kept(&self) -> Vec<KeptCount> {
+        let mut kept = vec![KeptCount { beta: 0.0, segments: 0, episodes: 0 }; self.ordered.len()];
+        let (mut segments, mut episodes) = (0, 0);
+        for (rank, &(beta, place)) in self.ordered.iter().enumerate().rev() {
+            segments += self.kept_segments[rank + 1];
+            episodes += self.kept_episodes[rank + 1];
+            kept[place] = KeptCount { beta, segments, episodes };
+        }
+        kept
+    }
+
+    /// The number of ordered thresholds that keep this q: those below it, which come first.
+    fn keeping(&self, q: f32) -> usize {
+        self.ordered.partition_point(|&(beta, _)| Filter::Above(beta).keeps(0.0, q))
+    }
+}
+
+/// The bin of q among `bins` equal ones.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates; then clamped")]
+fn bin(q: f32, bins: usize) -> usize {
+    #[expect(clippy::cast_precision_loss, reason = "at most 1000 bins")]
+    let place = q * bins as f32;
+    (place as usize).min(bins - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_auroc_of_experts_is_the_share_of_pairs_that_they_win() {
+        let auroc = |imperfect: &[f32], experts: &[f32]| {
+            let mut histogram = Histogram::new(4, &[]);
+            histogram.add(imperfect.iter().copied());
+            histogram.add_expert(experts.iter().copied());
+            assert_eq!(histogram.expert_counts().iter().sum::<u64>(), experts.len() as u64);
+            histogram.expert_auroc()
+        };
+        assert_eq!(auroc(&[0.1, 0.2], &[0.3, 0.9]), Some(1.0));
+        assert_eq!(auroc(&[0.5, 0.5], &[0.5]), Some(0.5));
+        assert_eq!(auroc(&[0.1, 0.5, 0.9], &[0.2, 0.5]), Some(2.5 / 6.0));
+        assert_eq!(auroc(&[1.0], &[0.0]), Some(0.0));
+        assert_eq!((auroc(&[0.1], &[]), auroc(&[], &[0.1])), (None, None));
+    }
+
+    #[test]
+    fn counts_what_each_threshold_keeps_strictly() {
+        // A threshold without an exact binary form, met exactly: 0.6 as f32 lies above 0.6 as f64.
+        let mut histogram = Histogram::new(4, &[0.9, 0.0, 0.6, 1.0, 0.6]);
+        histogram.add([0.0, 0.6, 0.25, 1.0].into_iter());
+        histogram.add([0.6, 0.1].into_iter());
+        histogram.add([0.95].into_iter());
+        histogram.add(std::iter::empty());
+
+        assert_eq!(histogram.segments(), 7);
+        assert_eq!(histogram.counts(), [2, 1, 2, 2]);
+        let kept: Vec<_> = histogram.kept().iter().map(|k| (k.beta, k.segments, k.episodes)).collect();
+        assert_eq!(kept, [(0.9, 2, 2), (0.0, 6, 3), (0.6, 2, 2), (1.0, 0, 0), (0.6, 2, 2)]);
+    }
+
+    #[test]
+    fn agrees_with_counting_one_by_one() {
+        let q: Vec<f32> = (0u16..1000).map(|i| f32::from(i * 37 % 1000) / 999.0).collect();
+        let betas = [0.5, 0.7, 0.8, 0.9, 0.95];
+        let mut histogram = Histogram::new(20, &betas);
+        for episode in q.chunks(10) {
+            histogram.add(episode.iter().copied());
+        }
+        for (kept, beta) in histogram.kept().iter().zip(betas) {
+            let segments = q.iter().filter(|&&q| Filter::Above(beta).keeps(0.0, q)).count();
+            let episodes =
+                q.chunks(10).filter(|episode| episode.iter().any(|&q| Filter::Above(beta).keeps(0.0, q))).count();
+            assert_eq!((kept.segments, kept.episodes), (segments as u64, episodes as u64));
+        }
+        assert_eq!(histogram.counts().iter().sum::<u64>(), 1000);
+    }
+}
