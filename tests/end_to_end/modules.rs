@@ -84,26 +84,31 @@ fn names(before: &[String], tree: &syn::UseTree, found: &mut Vec<(String, Vec<St
     }
 }
 
-/// The re-exports of every module.
+/// The names that a `use` of every module brings into it: private ones are for its descendants. Repeated, because one
+/// may lead through another.
 fn exports(sources: &BTreeMap<Module, syn::File>, modules: &BTreeSet<Module>) -> Exports {
     let mut exports = Exports::new();
-    for (module, source) in sources {
-        let mut named = Vec::new();
-        for item in &source.items {
-            if let syn::Item::Use(item) = item
-                && !matches!(item.vis, syn::Visibility::Inherited)
-            {
-                names(&[], &item.tree, &mut named);
+    loop {
+        let mut next = Exports::new();
+        for (module, source) in sources {
+            let mut named = Vec::new();
+            for item in &source.items {
+                if let syn::Item::Use(item) = item {
+                    names(&[], &item.tree, &mut named);
+                }
+            }
+            for (name, path) in named {
+                let paths = Paths { module, modules, exports: &exports, found: BTreeSet::new() };
+                if let Some(at) = paths.resolve(&path).filter(|at| at != module) {
+                    next.insert((module.clone(), name), at);
+                }
             }
         }
-        for (name, path) in named {
-            let paths = Paths { module, modules, exports: &exports, found: BTreeSet::new() };
-            if let Some(at) = paths.resolve(&path).filter(|at| at != module) {
-                exports.insert((module.clone(), name), at);
-            }
+        if next == exports {
+            return exports;
         }
+        exports = next;
     }
-    exports
 }
 
 fn is_test(attributes: &[syn::Attribute]) -> bool {
@@ -238,4 +243,24 @@ fn the_floors_of_the_server_hold() {
         broken.extend(above.map(|to| format!("{} names {}, which is above it", from.join("::"), to.join("::"))));
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn a_path_is_followed_through_uses_of_uses() {
+    let module = |path: &str| path.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect::<Module>();
+    let sources = BTreeMap::from([
+        (module(""), syn::parse_file("pub use score::Store;").unwrap()),
+        (module("score"), syn::parse_file("pub use features::Store; use features::Hidden;").unwrap()),
+        (module("score::features"), syn::parse_file("pub struct Store; pub struct Hidden;").unwrap()),
+        (module("score::other"), syn::parse_file("").unwrap()),
+    ]);
+    let modules: BTreeSet<Module> = sources.keys().cloned().collect();
+    let exports = exports(&sources, &modules);
+    let from = module("score::other");
+    let paths = Paths { module: &from, modules: &modules, exports: &exports, found: BTreeSet::new() };
+    let leads_to = |path: &str| paths.resolve(&module(path)).map(|at| at.join("::"));
+    assert_eq!(leads_to(&["crate", "Store"].join("::")).unwrap(), "score::features");
+    assert_eq!(leads_to("super::Hidden").unwrap(), "score::features");
+    assert_eq!(leads_to("super::Store::new").unwrap(), "score::features");
+    assert_eq!(leads_to("std::fs"), None);
 }

@@ -253,7 +253,7 @@ mod tests {
         assert!(spread(&[], &[]).unwrap().starts_with("<svg"));
         let plain = spread(&[[0, 0], [3, 1]], &[]).unwrap();
         assert!(plain.contains("rect") && !plain.contains("#000000\" stroke-width=\"2\""), "{plain}");
-        assert!(spread(&[[0, 0], [3, 1]], &[1, 3]).unwrap().contains("polyline"));
+        assert!(spread(&[[0, 0], [3, 1]], &[1, 3]).unwrap().contains("#000000\" stroke-width=\"2\""));
         assert_eq!(outline(&[1, 3], 8.0), [(0.0, 2.0), (0.5, 2.0), (0.5, 6.0), (1.0, 6.0)]);
     }
 }

@@ -98,6 +98,9 @@ impl AdamW {
         let [first, second] = BETA.map(|beta| 1.0 - beta.powi(count));
         let of_images = rate * spec.image_rate_factor;
         for slot in &mut self.slots {
+            if slot.of_images && spec.image_rate_factor == 0.0 {
+                continue;
+            }
             let rate = if slot.of_images { of_images } else { rate };
             let gradient = slot.parameter.grad();
             if !gradient.defined() {

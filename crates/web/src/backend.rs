@@ -144,6 +144,8 @@ pub trait RunSummary: Send + Sync {
     async fn what_if(&self, selection: Selection) -> Result<WhatIf>;
     /// The distributions of q over imperfect segments and over experts, in `bins` equal bins over [0, 1].
     async fn histogram(&self, bins: usize) -> Result<Histogram>;
+    /// The share of pairs in which an expert's q is above an imperfect segment's; `None` without expert scores.
+    async fn expert_auroc(&self) -> Result<Option<f64>>;
     /// At most `most` of the best segments, the best first.
     async fn best(&self, most: usize) -> Result<Vec<SegmentRef>>;
     /// At most `most` of the worst segments, the worst first.

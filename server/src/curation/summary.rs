@@ -38,6 +38,7 @@ pub(crate) struct Summary {
     /// (q, w) from best to worst; built on the first request for a top fraction. The fields below are also built on
     /// demand.
     ranked: OnceLock<Vec<(f32, f64)>>,
+    expert_auroc: OnceLock<Option<f64>>,
     best: OnceLock<Vec<SegmentRef>>,
     worst: OnceLock<Vec<SegmentRef>>,
 }
@@ -46,8 +47,8 @@ impl Summary {
     pub(super) fn new(run: ScoreRun, candidates: Vec<Candidate>, experts: Vec<Vec<f32>>) -> Self {
         let places = candidates.iter().map(|one| one.episode_id.clone()).zip(0..).collect();
         let mean_q = candidates.iter().map(|one| mean(&one.q)).collect();
-        let (ranked, best, worst) = Default::default();
-        Self { run, candidates, experts, places, mean_q, ranked, best, worst }
+        let (ranked, expert_auroc, best, worst) = Default::default();
+        Self { run, candidates, experts, places, mean_q, ranked, expert_auroc, best, worst }
     }
 
     /// The run.
@@ -77,13 +78,24 @@ impl Summary {
     /// Internal.
     pub(crate) async fn histogram(self: &Arc<Self>, bins: usize) -> Result<Histogram> {
         let summary = Arc::clone(self);
-        let counting = move || {
-            let mut histogram = Histogram::new(bins, &[]);
-            summary.candidates.iter().for_each(|one| histogram.add(one.q.iter().copied()));
-            summary.experts.iter().for_each(|q| histogram.add_expert(q.iter().copied()));
-            Ok(histogram)
-        };
-        off_runtime("making a histogram", counting).await
+        off_runtime("making a histogram", move || Ok(summary.filled(bins))).await
+    }
+
+    /// The share of pairs in which an expert's q is above an imperfect segment's, as [`Histogram::expert_auroc`].
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn expert_auroc(self: &Arc<Self>) -> Result<Option<f64>> {
+        let summary = Arc::clone(self);
+        let comparing = move || Ok(*summary.expert_auroc.get_or_init(|| summary.filled(1).expert_auroc()));
+        off_runtime("comparing experts", comparing).await
+    }
+
+    fn filled(&self, bins: usize) -> Histogram {
+        let mut histogram = Histogram::new(bins, &[]);
+        self.candidates.iter().for_each(|one| histogram.add(one.q.iter().copied()));
+        self.experts.iter().for_each(|q| histogram.add_expert(q.iter().copied()));
+        histogram
     }
 
     /// The best segments in order: by q, then by w, then by older episode and earlier step. At most 3 of one episode,
@@ -109,6 +121,7 @@ impl Summary {
     /// Internal.
     pub(super) async fn warm(self: &Arc<Self>) -> Result<()> {
         self.what_if(Selection::TopFraction(1.0)).await?;
+        self.expert_auroc().await?;
         self.best(1).await?;
         self.worst(1).await?;
         Ok(())

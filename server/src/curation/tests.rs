@@ -124,7 +124,7 @@ async fn numbers_are_returned_by_field() {
 
 /// A run with these q of imperfect episodes, each in its own cohort.
 async fn run_with(lab: &Lab, q: &[&[f32]]) -> (ScoreRunId, Vec<EpisodeId>) {
-    testing::episode(&lab.store, &lab.task, Outcome::Success, "").await;
+    let expert = testing::episode(&lab.store, &lab.task, Outcome::Success, "").await;
     let mut scores = Vec::new();
     for (place, q) in q.iter().enumerate() {
         let episode = testing::episode(&lab.store, &lab.task, Outcome::Failure, &format!("c{}", place % 2)).await;
@@ -134,8 +134,10 @@ async fn run_with(lab: &Lab, q: &[&[f32]]) -> (ScoreRunId, Vec<EpisodeId>) {
         testing::episode(&lab.store, &lab.task, Outcome::Failure, "").await;
     }
     let encoder = results::encoder(&lab.store, &lab.task).await;
+    let imperfect = scores.iter().map(|scores| scores.episode_id.clone()).collect();
+    scores.push(results::scores(&expert.id, Role::Expert, &[0.7, 0.95]));
     let run = results::run(&lab.store, &lab.task, &encoder, &scores).await;
-    (run.id, scores.into_iter().map(|scores| scores.episode_id).collect())
+    (run.id, imperfect)
 }
 
 #[tokio::test]
@@ -152,6 +154,10 @@ async fn a_summary_agrees_with_the_database() {
     for bins in [1, 7, 20] {
         let filled = lab.store.fill(&run, Histogram::new(bins, &[])).await.unwrap();
         assert_eq!(summary.histogram(bins).await.unwrap(), filled, "{bins}");
+        assert_eq!(
+            (filled.expert_counts().iter().sum::<u64>(), filled.expert_auroc()),
+            (2, summary.expert_auroc().await.unwrap())
+        );
     }
     assert_eq!((summary.mean_q(&episodes[1]), summary.mean_q(&EpisodeId::new())), (Some(0.75), None));
     let (best, worst) = (summary.best(1).await.unwrap(), summary.worst(1).await.unwrap());

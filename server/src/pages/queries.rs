@@ -286,6 +286,10 @@ impl RunSummary for Scored {
         self.0.histogram(bins).await
     }
 
+    async fn expert_auroc(&self) -> Result<Option<f64>> {
+        self.0.expert_auroc().await
+    }
+
     async fn best(&self, most: usize) -> Result<Vec<SegmentRef>> {
         self.0.best(most).await
     }

@@ -196,9 +196,10 @@ pub(crate) fn histogram(histogram: &GetHistogramResponse, width: usize) -> Strin
     };
     if let Some(auroc) = histogram.expert_auroc {
         lines.push(String::new());
-        lines.push(format!("an expert's segment has the higher q in {:.0} % of pairs", 100.0 * auroc));
-        if auroc <= 0.5 {
-            lines.push("warning: the scores do not tell experts from imperfect episodes".to_owned());
+        lines
+            .push(format!("an expert's segment has the higher q in {:.0} % of pairs (ties count half)", 100.0 * auroc));
+        if auroc < 0.5 {
+            lines.push("warning: the scores favour imperfect episodes over experts".to_owned());
         }
     }
     lines.push(String::new());
@@ -231,7 +232,7 @@ mod tests {
                 KeptCount { beta: 0.9, segments: 0, episodes: 0 },
             ],
             expert_counts: vec![1, 0, 0, 1],
-            expert_auroc: Some(0.5),
+            expert_auroc: Some(0.4),
         };
         assert_eq!(
             histogram(&reply, 36),
@@ -241,8 +242,8 @@ mod tests {
              0.50–0.75       10 ██████████\n\
              0.75–1.00        1 █\n\
              \n\
-             an expert's segment has the higher q in 50 % of pairs\n\
-             warning: the scores do not tell experts from imperfect episodes\n\
+             an expert's segment has the higher q in 40 % of pairs (ties count half)\n\
+             warning: the scores favour imperfect episodes over experts\n\
              \n   \
              β  KEPT   SHARE  FROM EPISODES\n\
              0.50    11  68.8 %              3\n\

@@ -64,7 +64,7 @@ pub(crate) struct SeedReport {
     pub(crate) separation: Vec<Separation>,
     /// Good and bad segments by q, in equal bins over [0, 1]; of cells with scores.
     pub(crate) histogram: Vec<[u32; 2]>,
-    /// Segments of experts in the same bins, each compared with the other experts.
+    /// Segments of experts in the same bins.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) experts: Vec<u64>,
     /// What its policy looks at.

@@ -1,4 +1,4 @@
-//! The distribution of q in a run, and what thresholds keep of it: filled episode by episode, without the scores in memory.
+//! The distribution of q in a run, and what thresholds keep of it: filled episode by episode.
 
 use crate::selection::Filter;
 
@@ -13,17 +13,14 @@ pub struct KeptCount {
     pub episodes: u64,
 }
 
-/// Bins of q in which experts are compared with imperfect segments.
-const FINE: usize = 1000;
-
 /// The distributions of q over a run's imperfect segments and over its experts' own, and the counts kept by thresholds:
 /// filled episode by episode in one pass.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Histogram {
     counts: Vec<u64>,
     expert_counts: Vec<u64>,
-    /// Fine counts of imperfect and of expert segments.
-    fine: [Vec<u64>; 2],
+    /// q of every imperfect and of every expert segment.
+    qualities: [Vec<f32>; 2],
     segments: u64,
     /// Thresholds from low to high, each with its index in the caller's order.
     ordered: Vec<(f64, usize)>,
@@ -41,7 +38,7 @@ impl Histogram {
         Self {
             counts: vec![0; bins.max(1)],
             expert_counts: vec![0; bins.max(1)],
-            fine: [vec![0; FINE], vec![0; FINE]],
+            qualities: [Vec::new(), Vec::new()],
             segments: 0,
             ordered,
             kept_segments: vec![0; betas.len() + 1],
@@ -55,7 +52,7 @@ impl Histogram {
         for q in q {
             let place = bin(q, self.counts.len());
             self.counts[place] += 1;
-            self.fine[0][bin(q, FINE)] += 1;
+            self.qualities[0].push(q);
             self.segments += 1;
             let keeping = self.keeping(q);
             self.kept_segments[keeping] += 1;
@@ -72,7 +69,7 @@ impl Histogram {
         for q in q {
             let place = bin(q, self.expert_counts.len());
             self.expert_counts[place] += 1;
-            self.fine[1][bin(q, FINE)] += 1;
+            self.qualities[1].push(q);
         }
     }
 
@@ -86,17 +83,23 @@ impl Histogram {
         &self.expert_counts
     }
 
-    /// The AUROC of q between the experts' segments and the imperfect ones: the share of pairs in which the expert's q
-    /// is higher, ties (within a thousandth) counted half. At 0.5 or below the scores do not tell experts from
-    /// imperfect episodes. `None` without one of the two.
+    /// The AUROC of q between the experts' segments and the imperfect ones: the share of pairs in which the expert's q is
+    /// higher, ties counted half. Below 0.5 the scores favour imperfect episodes. `None` without one of the two.
+    ///
+    /// It sorts every q.
     pub fn expert_auroc(&self) -> Option<f64> {
-        let (mut below, mut doubled) = (0_u128, 0_u128);
-        for (&imperfect, &expert) in self.fine[0].iter().zip(&self.fine[1]) {
-            doubled += u128::from(expert) * (2 * below + u128::from(imperfect));
-            below += u128::from(imperfect);
+        let [imperfect, experts] = self.qualities.clone().map(|mut q| {
+            q.sort_unstable_by(f32::total_cmp);
+            q
+        });
+        let (mut below, mut upto, mut doubled) = (0, 0, 0_u128);
+        for q in &experts {
+            below += imperfect[below..].iter().take_while(|other| *other < q).count();
+            upto = upto.max(below);
+            upto += imperfect[upto..].iter().take_while(|other| *other <= q).count();
+            doubled += (below + upto) as u128;
         }
-        let experts: u128 = self.fine[1].iter().copied().map(u128::from).sum();
-        let pairs = experts * below;
+        let pairs = (experts.len() * imperfect.len()) as u128;
         #[expect(clippy::cast_precision_loss, reason = "a share to read")]
         let share = (pairs > 0).then(|| doubled as f64 / (2 * pairs) as f64);
         share
@@ -150,6 +153,8 @@ mod tests {
         assert_eq!(auroc(&[0.5, 0.5], &[0.5]), Some(0.5));
         assert_eq!(auroc(&[0.1, 0.5, 0.9], &[0.2, 0.5]), Some(2.5 / 6.0));
         assert_eq!(auroc(&[1.0], &[0.0]), Some(0.0));
+        // An outlier leaves the others close together.
+        assert_eq!(auroc(&[0.0, 0.999_998, 0.999_997], &[1.0, 0.999_999]), Some(1.0));
         assert_eq!((auroc(&[0.1], &[]), auroc(&[], &[0.1])), (None, None));
     }
 

@@ -65,7 +65,7 @@ impl LiveScorer {
     /// Loads a run: its encoder, its experts, its settings and its frozen normaliser. Encodes the experts.
     ///
     /// # Errors
-    /// [`LearnError::Invalid`] for settings without live scores (those of the classifier, whose every score depends on
+    /// [`LearnError::Invalid`] for settings without live scores (those of a scorer whose every score depends on
     /// all episodes, and of the raw scorer, whose observations are not part of histories), for a missing expert, or for
     /// one that does not fit; [`LearnError::Checkpoint`] or [`LearnError::Version`] if `encoder` cannot be used.
     pub fn load(

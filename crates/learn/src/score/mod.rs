@@ -41,7 +41,7 @@ use run::{Found, Progress, Run, count};
 use scorer::Scorer;
 
 /// The scores of one episode's segments, by the episode's name; entry t is the segment that ends at step t. w is the
-/// classifier's log p(expert) if that is the scorer, and q is in 0 … 1. `match_episode` is an index into the given
+/// classifier's log p(expert) or DemInf's information if that is the scorer, and q is in 0 … 1. `match_episode` is an index into the given
 /// experts. Distances are before any modality scale.
 pub type EpisodeScores = gleaner_core::score::EpisodeScores<String>;
 
@@ -50,7 +50,8 @@ pub type EpisodeScores = gleaner_core::score::EpisodeScores<String>;
 pub struct Scores {
     /// The imperfect episodes, in the given order.
     pub imperfect: Vec<EpisodeScores>,
-    /// The experts, each compared with the other experts, as a reference for good data. Empty with one expert.
+    /// The experts, each scored without itself where the scorer uses experts, as a reference for good data. A single expert
+    /// has no other to be compared with; the list is then empty.
     pub experts: Vec<EpisodeScores>,
     /// The conversion from w to q.
     pub normaliser: Normaliser,
@@ -102,7 +103,7 @@ pub fn score(inputs: ScoreInputs<'_>, spec: &ScoreSpec, monitor: &mut dyn Monito
 ///
 /// # Errors
 /// As [`score`]; also [`LearnError::Invalid`] if an expert of the earlier run is missing, if the scores do not fit the
-/// episodes, or for the classifier, whose every score depends on all episodes.
+/// episodes, or for a scorer whose every score depends on all episodes.
 pub fn extend_scores(
     inputs: ScoreInputs<'_>,
     base: &ScoreBase,
@@ -194,7 +195,8 @@ impl Call<'_> {
                 return Err(LearnError::invalid(field, format!("has episode {} twice; name it once", twice.id)));
             }
         }
-        if base.is_none() && self.spec.normaliser == NormaliserKind::Calibrated && self.inputs.experts.len() < 2 {
+        let compared = self.scorer.comparison().is_some() && base.is_none();
+        if compared && self.spec.normaliser == NormaliserKind::Calibrated && self.inputs.experts.len() < 2 {
             let message = "has one episode, but calibrated compares experts with each other; add another expert, or use the \
                            normaliser quantile";
             return Err(LearnError::invalid("experts", message));

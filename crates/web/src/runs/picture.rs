@@ -32,7 +32,7 @@ pub(super) fn histogram(histogram: &Histogram, selection: Selection) -> Markup {
         @for (from, &height) in (0_u32..).map(|bin| f64::from(bin) / bins).zip(&heights) {
             (frame.bar((from, from + 1.0 / bins), height, class(from)))
         }
-        @if histogram.expert_auroc().is_some() {
+        @if histogram.expert_counts().iter().any(|count| *count > 0) {
             (frame.line(&stairs(&experts), "experts"))
         }
         @if let Some(beta) = beta {
@@ -54,15 +54,15 @@ fn stairs(heights: &[f64]) -> Vec<(f64, f64)> {
     heights.iter().zip(places).flat_map(|(height, from)| [(from, *height), (from + 1.0 / bins, *height)]).collect()
 }
 
-/// How far q tells experts from imperfect episodes, with a warning where it does not.
-pub(super) fn separation(histogram: &Histogram) -> Markup {
-    let Some(auroc) = histogram.expert_auroc() else { return html! {} };
+/// The separation of experts from imperfect episodes by q, with a warning where there is none.
+pub(super) fn separation(auroc: Option<f64>) -> Markup {
+    let Some(auroc) = auroc else { return html! {} };
     html! {
-        p.soft { "Bars: imperfect segments. Line: segments of experts, each compared with the other experts, scaled to the same "
-            "number. In " (format!("{:.0}\u{a0}%", 100.0 * auroc)) " of pairs the expert's segment has the higher q." }
-        @if auroc <= 0.5 {
-            p.note.bad { "The scores do not tell experts from imperfect episodes: imperfect segments look at least as good. Check the "
-                "labels, add experts, or pretrain longer before a dataset is made from this run." }
+        p.soft { "Bars: imperfect segments. Line: segments of experts, scaled to the same number. In "
+            (format!("{:.0}\u{a0}%", 100.0 * auroc)) " of pairs the expert's segment has the higher q (ties count half)." }
+        @if auroc < 0.5 {
+            p.note.bad { "The scores favour imperfect episodes over experts. Check the labels, and the scores of some episodes, before "
+                "a dataset is made from this run." }
         }
     }
 }
@@ -79,24 +79,20 @@ mod tests {
         assert_eq!(drawn.matches("class=\"q kept\"").count(), 3);
         assert_eq!(drawn.matches("class=\"q\"").count(), 7);
         assert_eq!(drawn.matches("class=\"beta\"").count(), 1);
-        assert!(!drawn.contains("line experts") && separation(&even).into_string().is_empty());
+        assert!(!drawn.contains("line experts") && separation(None).into_string().is_empty());
         let drawn = histogram(&Histogram::new(10, &[]), Selection::TopFraction(0.5)).into_string();
         assert!(!drawn.contains("kept") && !drawn.contains("class=\"beta\"") && !drawn.contains("NaN"));
     }
 
     #[test]
     fn experts_are_a_line_with_a_warning_if_they_do_not_score_higher() {
-        let run = |experts: f32| {
-            let mut histogram = Histogram::new(10, &[]);
-            histogram.add([0.2, 0.5].into_iter());
-            histogram.add_expert([experts].into_iter());
-            histogram
-        };
-        let drawn = histogram(&run(0.9), Selection::Beta(0.5)).into_string();
+        let mut run = Histogram::new(10, &[]);
+        run.add([0.2, 0.5].into_iter());
+        run.add_expert([0.9].into_iter());
+        let drawn = histogram(&run, Selection::Beta(0.5)).into_string();
         assert_eq!(drawn.matches("line experts").count(), 1);
-        let shown = separation(&run(0.9)).into_string();
-        assert!(shown.contains("100\u{a0}%") && !shown.contains("do not tell"), "{shown}");
-        let warned = separation(&run(0.1)).into_string();
-        assert!(warned.contains(" 0\u{a0}%") && warned.contains("do not tell experts"), "{warned}");
+        let shown = separation(Some(0.63)).into_string();
+        assert!(shown.contains("63\u{a0}%") && !shown.contains("favour"), "{shown}");
+        assert!(separation(Some(0.49)).into_string().contains("favour imperfect episodes"));
     }
 }

@@ -79,7 +79,7 @@ async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatI
     Ok(html! {
         section.panel.threshold aria-label="Threshold" {
             (picture::histogram(&histogram, what.selection))
-            (picture::separation(&histogram))
+            (picture::separation(summary.expert_auroc().await?))
             div.row {
                 form #threshold.row method="get" action=(format!("/runs/{run}")) data-run=(run.as_str()) {
                     label for="slider" { "Keep segments with q above β" }

@@ -41,7 +41,7 @@ async fn scores_round_trip() {
 }
 
 #[tokio::test]
-async fn the_histogram_counts_imperfect_segments_only() {
+async fn the_histogram_counts_imperfect_segments_and_experts_apart() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let expert = testing::episode(&store, &task, Outcome::Success, "").await;
@@ -55,7 +55,8 @@ async fn the_histogram_counts_imperfect_segments_only() {
     ];
     let run = results::run(&store, &task, &encoder, &scores).await;
     let histogram = store.fill(&run.id, Histogram::new(2, &[0.9, 0.5])).await.unwrap();
-    assert_eq!(histogram.counts(), [1, 4]);
+    assert_eq!((histogram.counts(), histogram.expert_counts()), (&[1, 4][..], &[0, 3][..]));
+    assert_eq!(histogram.expert_auroc(), Some(1.0));
     let kept: Vec<_> = histogram.kept().iter().map(|kept| (kept.segments, kept.episodes)).collect();
     assert_eq!(kept, [(1, 1), (3, 2)], "q equal to β is not kept");
 }

@@ -23,7 +23,7 @@ pub(crate) struct Report {
     pub(crate) thresholds: Vec<Threshold>,
     /// Counts of equal bins of q over [0, 1], by the server.
     pub(crate) histogram: Vec<u64>,
-    /// The same of the experts, each compared with the others.
+    /// The same of the experts.
     pub(crate) experts: Vec<u64>,
     pub(crate) policies: Vec<Evaluation>,
     pub(crate) stages: Vec<Stage>,

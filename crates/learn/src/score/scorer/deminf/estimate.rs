@@ -11,25 +11,37 @@ const STATE: i64 = 16;
 /// Share of the steps at each end whose scores are clipped.
 const CLIPPED: f64 = 0.01;
 /// Components with less than this share of the largest variance are noise.
-const NOISE: f64 = 1e-6;
+const NOISE: f32 = 1e-6;
+/// A deviation below this share of a column's size is rounding.
+const CONSTANT: f64 = 1e-6;
 
-/// The first principal components of standardised columns, each with variance 1: `[N, D]` to `[N, ≤ 16]`.
-pub(super) fn whitened(states: &Tensor) -> Tensor {
-    let states = states.to_kind(Kind::Double);
-    let centred = &states - states.mean_dim([0i64].as_slice(), true, None);
-    let deviation = centred.square().mean_dim([0i64].as_slice(), true, None).sqrt();
-    let standard = &centred / deviation.where_self(&deviation.gt(1e-9), &deviation.ones_like());
+/// The first principal components of standardised columns, each with variance 1: of parts `[T, D]` of N rows in all, to
+/// `[N, ≤ 16]`. Only one part at a time is held in double.
+pub(super) fn whitened(parts: &[Tensor]) -> Tensor {
+    let rows: i64 = parts.iter().map(|part| part.size()[0]).sum();
     #[expect(clippy::cast_precision_loss, reason = "far fewer steps than 2^52")]
-    let covariance = standard.tr().matmul(&standard) / standard.size()[0] as f64;
-    let (variances, directions) = covariance.linalg_eigh("L");
-    let variances = values(&variances.flip([0i64]).to_kind(Kind::Float));
-    let least = f64::from(variances.first().copied().unwrap_or(0.0)) * NOISE;
-    let kept = variances.iter().take_while(|variance| f64::from(**variance) > least).count();
-    let kept = int(kept).clamp(1, STATE);
-    let directions = directions.flip([1i64]).narrow(1, 0, kept);
-    let components = standard.matmul(&directions);
-    let scale = components.square().mean_dim([0i64].as_slice(), true, None).sqrt();
-    (components / scale.clamp_min(1e-12)).to_kind(Kind::Float)
+    let rows = rows.max(1) as f64;
+    let double = |part: &Tensor| part.to_kind(Kind::Double);
+    let mean =
+        parts.iter().map(|part| double(part).sum_dim_intlist([0i64].as_slice(), true, None)).sum::<Tensor>() / rows;
+    let product = |part: &Tensor| {
+        let centred = double(part) - &mean;
+        centred.tr().matmul(&centred)
+    };
+    let covariance = parts.iter().map(product).sum::<Tensor>() / rows;
+    let deviation = covariance.diag(0).clamp_min(0.0).sqrt().unsqueeze(0);
+    // A column that varies by rounding alone is constant.
+    let noise = (mean.abs() + 1.0) * CONSTANT;
+    let deviation = deviation.where_self(&deviation.gt_tensor(&noise), &deviation.ones_like());
+    let (variances, directions) = (covariance / deviation.tr().matmul(&deviation)).linalg_eigh("L");
+    let (variances, directions) = (variances.flip([0i64]), directions.flip([1i64]));
+    let all = values(&variances.to_kind(Kind::Float));
+    let least = all.first().copied().unwrap_or(0.0) * NOISE;
+    let kept = int(all.iter().take_while(|variance| **variance > least).count()).clamp(1, STATE);
+    let scale = variances.narrow(0, 0, kept).clamp_min(1e-24).sqrt();
+    let directions = directions.narrow(1, 0, kept) / scale;
+    let project = |part: &Tensor| ((double(part) - &mean) / &deviation).matmul(&directions).to_kind(Kind::Float);
+    Tensor::cat(&parts.iter().map(project).collect::<Vec<_>>(), 0)
 }
 
 /// −mean over k of ψ(n_s) + ψ(n_a), `[N]`, for states `[N, S]` and actions `[N, A]`.
@@ -45,7 +57,7 @@ pub(super) fn estimate(state: &Tensor, action: &Tensor) -> Tensor {
     for k in NEIGHBOURS {
         let radius = nearest.narrow(1, k.min(most), 1);
         for distances in [&states, &actions] {
-            // Of equal steps none is nearer than the neighbours; each counts itself.
+            // Equal steps have radius 0 and count only themselves.
             let nearer = distances.lt_tensor(&radius).sum_dim_intlist([1i64].as_slice(), false, Kind::Int64);
             sum -= digamma.index_select(0, &nearer.clamp_min(1));
         }
@@ -55,12 +67,12 @@ pub(super) fn estimate(state: &Tensor, action: &Tensor) -> Tensor {
     sum / numbers
 }
 
-/// ψ(n) of the whole numbers up to `count`, `[count + 1]`: the harmonic number of n − 1, less Euler's constant. ψ(0), which
-/// is never asked for, is 0.
+/// ψ(n) of the whole numbers up to `count`, `[count + 1]`: the harmonic number of n − 1, less Euler's constant. ψ(0) is
+/// unused.
 fn digamma(count: usize) -> Tensor {
     const EULER: f64 = 0.577_215_664_901_532_9;
     let mut harmonic = -EULER;
-    let mut all = vec![0.0f32];
+    let mut all = vec![f32::NAN];
     for n in 1..=count {
         #[expect(clippy::cast_possible_truncation, reason = "as exact as a score needs")]
         all.push(harmonic as f32);
@@ -120,7 +132,8 @@ mod tests {
     fn equal_steps_have_finite_equal_scores() {
         let equal = Tensor::ones([20, 2], (Kind::Float, tch::Device::Cpu));
         let found = values(&estimate(&equal, &equal));
-        assert!(found.iter().all(|score| score.is_finite() && *score == found[0]), "{found:?}");
+        // −(ψ(1) + ψ(1)).
+        assert!(found.iter().all(|score| (score - 2.0 * 0.577_215_7).abs() < 1e-5), "{found:?}");
         assert_eq!(standardised(vec![3.0; 9]), vec![0.0; 9]);
     }
 
@@ -137,8 +150,10 @@ mod tests {
     #[test]
     fn components_are_uncorrelated_and_constant_columns_are_left_out() {
         let drawn = normal(&mut generator(2, Purpose::Style, 0), 600);
-        let rows: Vec<f32> = drawn.chunks(2).flat_map(|pair| [pair[0], pair[0] + pair[1], 5.0]).collect();
-        let components = whitened(&Tensor::from_slice(&rows).view([-1, 3]));
+        let rows: Vec<f32> =
+            drawn.chunks(2).flat_map(|pair| [pair[0], pair[0] + pair[1], 5.0 + 4e-7 * pair[1]]).collect();
+        let rows = Tensor::from_slice(&rows).view([-1, 3]);
+        let components = whitened(&[rows.narrow(0, 0, 100), rows.narrow(0, 100, 200)]);
         assert_eq!(components.size()[1], 2);
         let covariance = values(&(components.tr().matmul(&components) / 300.0));
         for (found, expected) in covariance.iter().zip([1.0, 0.0, 0.0, 1.0]) {

@@ -1,5 +1,5 @@
-//! The scorer `deminf`, a rival that needs no experts: how much the actions of a step tell about its state, after DemInf
-//! (Hejna et al. 2025).
+//! The scorer `deminf`, a rival that uses no expert labels: the information that the action of a step carries about its
+//! state, after DemInf (Hejna et al. 2025).
 //!
 //! I(s; a) of one step among B others, estimated from nearest neighbours: with r the distance to the k-th neighbour in
 //! (s, a), larger of both parts, and n_s, n_a the steps that are nearer than r in each part, the score is
@@ -15,7 +15,7 @@ use gleaner_core::Group as _;
 use gleaner_core::kinds::Needs;
 use gleaner_core::snapshot::Role;
 use rand::seq::SliceRandom as _;
-use tch::{Tensor, no_grad_guard};
+use tch::{Device, Tensor, no_grad_guard};
 
 use super::{Scorer, ScorerKind, SeedSpec};
 use crate::batch::{Batch, Segments, int, values};
@@ -59,20 +59,28 @@ fn scores(
     let _no_grad = no_grad_guard();
     let mut sorted: Vec<&Trajectory> = imperfect.iter().chain(experts).collect();
     sorted.sort_by(|a, b| a.id.cmp(&b.id));
+    if let Some([twice, _]) = sorted.array_windows().find(|[a, b]| a.id == b.id && a.content() != b.content()) {
+        let message = "is an expert and imperfect with different steps; give each recording an id of its own";
+        return Err(LearnError::invalid(format!("episode {}", twice.id), message));
+    }
     sorted.dedup_by(|a, b| a.id == b.id);
     let steps = count(network, sorted.iter().copied());
-    let mut progress = Progress::new(monitor, steps * (1 + PASSES));
-    let mut parts = Vec::with_capacity(sorted.len());
+    let mut progress = Progress::new(monitor, steps * (1 + passes(usize::try_from(steps).unwrap_or(usize::MAX))));
+    let (mut states, mut actions) = (Vec::with_capacity(sorted.len()), Vec::with_capacity(sorted.len()));
     for episode in &sorted {
-        parts.push(observed(network, episode));
+        let [state, action] = observed(network, episode);
+        if ![&state, &action].iter().all(|part| values(part).iter().all(|value| value.is_finite())) {
+            let message = "is too far from the encoder's data to be standardised; correct it or leave it out";
+            return Err(LearnError::invalid(format!("episode {}", episode.id), message));
+        }
+        // On the processor: a large run has more states than a device has memory for.
+        states.push(state.to_device(Device::Cpu));
+        actions.push(action);
         progress.advance(episode.steps(&network.shape))?;
     }
-    let all = |part: fn(&[Tensor; 2]) -> &Tensor| Tensor::cat(&parts.iter().map(part).collect::<Vec<_>>(), 0);
-    let (state, action) = (whitened(&all(|[state, _]| state)), all(|[_, action]| action));
-    if [&state, &action].iter().any(|part| !values(part).iter().all(|value| value.is_finite())) {
-        return Err(LearnError::invalid("imperfect", "gives features that are not finite; train the encoder again"));
-    }
-    let of_steps = standardised(information(&state, &action, seed, &mut progress)?);
+    let state = whitened(&states).to_device(network.device());
+    drop(states);
+    let of_steps = standardised(information(&state, &Tensor::cat(&actions, 0), seed, &mut progress)?);
     let mut begin = 0;
     let mut of_episodes = HashMap::new();
     for episode in &sorted {
@@ -111,6 +119,11 @@ fn observed(network: &Network, episode: &Trajectory) -> [Tensor; 2] {
     [Tensor::cat(&states, 0), Tensor::cat(&actions, 0)]
 }
 
+/// Passes over this many steps: a single batch is the same in every order.
+fn passes(steps: usize) -> u64 {
+    if steps < 2 * BATCH { 1 } else { PASSES }
+}
+
 /// The estimate for each of the N steps, the mean of the passes.
 fn information(
     state: &Tensor,
@@ -123,7 +136,8 @@ fn information(
     let batches = (steps / BATCH).max(1);
     let mut sums = vec![0.0; steps];
     let mut order: Vec<i64> = (0..int(steps)).collect();
-    for pass in 0..PASSES {
+    let passes = passes(steps);
+    for pass in 0..passes {
         order.shuffle(&mut generator(seed, Purpose::Batch, pass));
         for batch in 0..batches {
             let places = &order[batch * steps / batches..(batch + 1) * steps / batches];
@@ -136,7 +150,7 @@ fn information(
         }
     }
     #[expect(clippy::cast_precision_loss, reason = "a handful")]
-    let passes = PASSES as f64;
+    let passes = passes as f64;
     Ok(sums.into_iter().map(|sum| sum / passes).collect())
 }
 
@@ -149,11 +163,46 @@ mod tests {
     use crate::toy;
     use crate::train::Silent;
 
+    /// More steps than a batch holds: correlated normal numbers, with one value to each part.
+    #[test]
+    fn steps_are_compared_in_batches_that_the_seed_draws() {
+        let drawn = normal(&mut generator(4, Purpose::Style, 0), 2 * 3000);
+        let (state, action): (Vec<f32>, Vec<f32>) =
+            drawn.chunks(2).map(|pair| (pair[0], 0.9 * pair[0] + 0.19f32.sqrt() * pair[1])).unzip();
+        let column = |values: &[f32]| Tensor::from_slice(values).view([-1, 1]);
+        let found = |seed: u64| {
+            let mut silent = Silent;
+            let mut progress = Progress::new(&mut silent, 3000 * PASSES);
+            information(&column(&state), &column(&action), seed, &mut progress).unwrap()
+        };
+        let first = found(1);
+        assert_eq!((first.len(), &first), (3000, &found(1)));
+        assert_ne!(first, found(2));
+        // Of batches of 1500: ψ(1500) is 7.313, ψ(5 … 7) are 1.506, 1.706, 1.873.
+        let mean = windows(&first, 3000)[2999] + 1.695 + 7.313;
+        assert!((mean - 0.830).abs() < 0.06, "{mean}");
+        assert!(first.iter().all(|score| score.is_finite()));
+    }
+
+    #[test]
+    fn an_id_with_two_contents_and_steps_that_are_not_finite_are_refused() {
+        let experts = toy::experts(3, 8);
+        let message = |imperfect: Trajectory| {
+            let spec = spec_of("deminf", &[]);
+            score_anew(&experts, &[imperfect], &spec, &mut Silent).unwrap_err().to_string()
+        };
+        let twin = Trajectory { id: experts[1].id.clone(), ..toy::episode("failure", 5, 9, false) };
+        assert!(message(twin).starts_with("episode expert 1: is an expert and imperfect"), "two contents");
+        let mut far = toy::episode("far", 5, 9, false);
+        far.proprioception[4] = f32::MAX;
+        assert!(message(far).starts_with("episode far: is too far from the encoder's data"), "not finite");
+    }
+
     fn run(experts: &[Trajectory], imperfect: &[Trajectory], seed: u64) -> Scores {
         score_anew(experts, imperfect, &spec_of("deminf", &[("seed", seed.into())]), &mut Silent).unwrap()
     }
 
-    /// In the toy task an expert's action follows from the state; of random actions the state says nothing.
+    /// In the toy task an expert's action follows from the state; random actions carry no information about it.
     #[test]
     fn random_actions_score_below_those_that_follow_from_the_state() {
         let experts = toy::experts(12, 12);
