@@ -2,7 +2,7 @@
 
 mod histogram;
 
-pub use histogram::{Histogram, KeptCount};
+pub use histogram::{Histogram, KeptCount, expert_auroc};
 
 use crate::ScoreSpec;
 

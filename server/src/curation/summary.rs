@@ -14,7 +14,7 @@ use crate::{
     domain::{
         curation::SegmentRef,
         id::{EpisodeId, ScoreRunId},
-        score::{Histogram, ScoreRun},
+        score::{Histogram, ScoreRun, expert_auroc},
         selection::{Candidate, Selection, WhatIf, ranked, what_if},
     },
     error::Result,
@@ -78,24 +78,29 @@ impl Summary {
     /// Internal.
     pub(crate) async fn histogram(self: &Arc<Self>, bins: usize) -> Result<Histogram> {
         let summary = Arc::clone(self);
-        off_runtime("making a histogram", move || Ok(summary.filled(bins))).await
+        let counting = move || {
+            let mut histogram = Histogram::new(bins, &[]);
+            summary.candidates.iter().for_each(|one| histogram.add(one.q.iter().copied()));
+            summary.experts.iter().for_each(|q| histogram.add_expert(q.iter().copied()));
+            Ok(histogram)
+        };
+        off_runtime("making a histogram", counting).await
     }
 
-    /// The share of pairs in which an expert's q is above an imperfect segment's, as [`Histogram::expert_auroc`].
+    /// The AUROC of q between experts and imperfect segments, as [`expert_auroc`].
     ///
     /// # Errors
     /// Internal.
     pub(crate) async fn expert_auroc(self: &Arc<Self>) -> Result<Option<f64>> {
         let summary = Arc::clone(self);
-        let comparing = move || Ok(*summary.expert_auroc.get_or_init(|| summary.filled(1).expert_auroc()));
+        let comparing = move || {
+            let all = || {
+                let imperfect = summary.candidates.iter().flat_map(|one| one.q.iter().copied()).collect();
+                expert_auroc(imperfect, summary.experts.concat())
+            };
+            Ok(*summary.expert_auroc.get_or_init(all))
+        };
         off_runtime("comparing experts", comparing).await
-    }
-
-    fn filled(&self, bins: usize) -> Histogram {
-        let mut histogram = Histogram::new(bins, &[]);
-        self.candidates.iter().for_each(|one| histogram.add(one.q.iter().copied()));
-        self.experts.iter().for_each(|q| histogram.add_expert(q.iter().copied()));
-        histogram
     }
 
     /// The best segments in order: by q, then by w, then by older episode and earlier step. At most 3 of one episode,

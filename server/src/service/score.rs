@@ -52,7 +52,8 @@ impl ScoreService for ScoreApi {
     async fn get_histogram(&self, request: Request<v1::GetHistogramRequest>) -> Reply<v1::GetHistogramResponse> {
         answer(async {
             let (run, empty) = wire::score::histogram_request(request.into_inner())?;
-            Ok(wire::score::histogram_response(&self.0.store.fill(&run, empty).await?))
+            let (histogram, expert_auroc) = self.0.store.fill(&run, empty).await?;
+            Ok(wire::score::histogram_response(&histogram, expert_auroc))
         })
         .await
     }

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId},
-        score::Histogram,
+        score::{Histogram, expert_auroc},
         selection::{Candidate, Selection, WhatIf, count},
         snapshot::Role,
     },
@@ -20,23 +20,29 @@ use crate::{
 record! { Candidate: episode_id, cohort, w, q }
 
 impl Store {
-    /// Fills a histogram with the q of a run's imperfect segments and of its experts.
+    /// Fills a histogram with the q of a run's imperfect segments and of its experts; also returns the AUROC between the
+    /// two, as [`expert_auroc`].
     ///
     /// # Errors
     /// As for [`Store::score_run`].
-    pub(crate) async fn fill(&self, run: &ScoreRunId, mut histogram: Histogram) -> Result<Histogram> {
+    pub(crate) async fn fill(&self, run: &ScoreRunId, mut histogram: Histogram) -> Result<(Histogram, Option<f64>)> {
         self.score_run(run).await?;
         let mut rows = sqlx::query("select role, q from episode_scores where score_run_id = ? order by position")
             .bind(run.param())
             .try_map(row::read::<(Role, Vec<f32>)>)
             .fetch(self.read());
+        let (mut imperfect, mut experts) = (Vec::new(), Vec::new());
         while let Some((role, q)) = rows.try_next().await.map_err(fault("reading a run's q"))? {
             match role {
-                Role::Imperfect => histogram.add(q.into_iter()),
-                Role::Expert => histogram.add_expert(q.into_iter()),
+                Role::Imperfect => histogram.add(q.iter().copied()),
+                Role::Expert => histogram.add_expert(q.iter().copied()),
             }
+            (if role == Role::Imperfect { &mut imperfect } else { &mut experts }).extend(q);
         }
-        Ok(histogram)
+        let comparing = tokio::task::spawn_blocking(move || expert_auroc(imperfect, experts));
+        let auroc =
+            comparing.await.map_err(|error| Error::internal("comparing experts with imperfect segments", error))?;
+        Ok((histogram, auroc))
     }
 
     /// The q of each expert of a run, from its comparison with the other experts.

@@ -66,8 +66,8 @@ pub fn histogram_request(request: v1::GetHistogramRequest) -> Result<(ScoreRunId
     Ok((run, Histogram::new(bins, &betas)))
 }
 
-/// A filled histogram.
-pub fn histogram_response(histogram: &Histogram) -> v1::GetHistogramResponse {
+/// A filled histogram, and the AUROC of experts.
+pub fn histogram_response(histogram: &Histogram, expert_auroc: Option<f64>) -> v1::GetHistogramResponse {
     let kept = histogram.kept().into_iter().map(|KeptCount { beta, segments, episodes }| v1::KeptCount {
         beta,
         segments,
@@ -78,7 +78,7 @@ pub fn histogram_response(histogram: &Histogram) -> v1::GetHistogramResponse {
         segments: histogram.segments(),
         kept: kept.collect(),
         expert_counts: histogram.expert_counts().to_vec(),
-        expert_auroc: histogram.expert_auroc(),
+        expert_auroc,
     }
 }
 

@@ -1,4 +1,5 @@
-//! The distribution of q in a run, and what thresholds keep of it: filled episode by episode.
+//! The distribution of q in a run, and what thresholds keep of it: filled episode by episode. How often q ranks experts
+//! above imperfect segments.
 
 use crate::selection::Filter;
 
@@ -19,8 +20,6 @@ pub struct KeptCount {
 pub struct Histogram {
     counts: Vec<u64>,
     expert_counts: Vec<u64>,
-    /// q of every imperfect and of every expert segment.
-    qualities: [Vec<f32>; 2],
     segments: u64,
     /// Thresholds from low to high, each with its index in the caller's order.
     ordered: Vec<(f64, usize)>,
@@ -38,7 +37,6 @@ impl Histogram {
         Self {
             counts: vec![0; bins.max(1)],
             expert_counts: vec![0; bins.max(1)],
-            qualities: [Vec::new(), Vec::new()],
             segments: 0,
             ordered,
             kept_segments: vec![0; betas.len() + 1],
@@ -52,7 +50,6 @@ impl Histogram {
         for q in q {
             let place = bin(q, self.counts.len());
             self.counts[place] += 1;
-            self.qualities[0].push(q);
             self.segments += 1;
             let keeping = self.keeping(q);
             self.kept_segments[keeping] += 1;
@@ -64,12 +61,11 @@ impl Histogram {
         }
     }
 
-    /// Adds one expert's q, from its comparison with the other experts.
+    /// Adds one expert's q.
     pub fn add_expert(&mut self, q: impl Iterator<Item = f32>) {
         for q in q {
             let place = bin(q, self.expert_counts.len());
             self.expert_counts[place] += 1;
-            self.qualities[1].push(q);
         }
     }
 
@@ -81,28 +77,6 @@ impl Histogram {
     /// Expert segments in each bin, as [`Histogram::counts`].
     pub fn expert_counts(&self) -> &[u64] {
         &self.expert_counts
-    }
-
-    /// The AUROC of q between the experts' segments and the imperfect ones: the share of pairs in which the expert's q is
-    /// higher, ties counted half. Below 0.5 the scores favour imperfect episodes. `None` without one of the two.
-    ///
-    /// It sorts every q.
-    pub fn expert_auroc(&self) -> Option<f64> {
-        let [imperfect, experts] = self.qualities.clone().map(|mut q| {
-            q.sort_unstable_by(f32::total_cmp);
-            q
-        });
-        let (mut below, mut upto, mut doubled) = (0, 0, 0_u128);
-        for q in &experts {
-            below += imperfect[below..].iter().take_while(|other| *other < q).count();
-            upto = upto.max(below);
-            upto += imperfect[upto..].iter().take_while(|other| *other <= q).count();
-            doubled += (below + upto) as u128;
-        }
-        let pairs = (experts.len() * imperfect.len()) as u128;
-        #[expect(clippy::cast_precision_loss, reason = "a share to read")]
-        let share = (pairs > 0).then(|| doubled as f64 / (2 * pairs) as f64);
-        share
     }
 
     /// Number of imperfect segments.
@@ -128,6 +102,23 @@ impl Histogram {
     }
 }
 
+/// The AUROC of q between the segments of experts and imperfect ones: the share of pairs in which the expert's q is
+/// higher, ties counted half. Below 0.5 the scores favour imperfect episodes. `None` without one of the two. Sorts both.
+pub fn expert_auroc(mut imperfect: Vec<f32>, mut experts: Vec<f32>) -> Option<f64> {
+    [&mut imperfect, &mut experts].into_iter().for_each(|q| q.sort_unstable_by(f32::total_cmp));
+    let (mut below, mut upto, mut doubled) = (0, 0, 0_u128);
+    for q in &experts {
+        below += imperfect[below..].iter().take_while(|other| *other < q).count();
+        upto = upto.max(below);
+        upto += imperfect[upto..].iter().take_while(|other| *other <= q).count();
+        doubled += (below + upto) as u128;
+    }
+    let pairs = (experts.len() * imperfect.len()) as u128;
+    #[expect(clippy::cast_precision_loss, reason = "a share to read")]
+    let share = (pairs > 0).then(|| doubled as f64 / (2 * pairs) as f64);
+    share
+}
+
 /// The bin of q among `bins` equal ones.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates; then clamped")]
 fn bin(q: f32, bins: usize) -> usize {
@@ -141,14 +132,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn experts_have_counts_of_their_own() {
+        let mut histogram = Histogram::new(4, &[0.5]);
+        histogram.add([0.1].into_iter());
+        histogram.add_expert([0.1, 0.9, 1.0].into_iter());
+        assert_eq!((histogram.counts(), histogram.expert_counts()), (&[1, 0, 0, 0][..], &[1, 0, 0, 2][..]));
+        assert_eq!((histogram.segments(), histogram.kept()[0].segments), (1, 0));
+    }
+
+    #[test]
     fn the_auroc_of_experts_is_the_share_of_pairs_that_they_win() {
-        let auroc = |imperfect: &[f32], experts: &[f32]| {
-            let mut histogram = Histogram::new(4, &[]);
-            histogram.add(imperfect.iter().copied());
-            histogram.add_expert(experts.iter().copied());
-            assert_eq!(histogram.expert_counts().iter().sum::<u64>(), experts.len() as u64);
-            histogram.expert_auroc()
-        };
+        let auroc = |imperfect: &[f32], experts: &[f32]| expert_auroc(imperfect.to_vec(), experts.to_vec());
         assert_eq!(auroc(&[0.1, 0.2], &[0.3, 0.9]), Some(1.0));
         assert_eq!(auroc(&[0.5, 0.5], &[0.5]), Some(0.5));
         assert_eq!(auroc(&[0.1, 0.5, 0.9], &[0.2, 0.5]), Some(2.5 / 6.0));

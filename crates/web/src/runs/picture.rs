@@ -54,7 +54,7 @@ fn stairs(heights: &[f64]) -> Vec<(f64, f64)> {
     heights.iter().zip(places).flat_map(|(height, from)| [(from, *height), (from + 1.0 / bins, *height)]).collect()
 }
 
-/// The separation of experts from imperfect episodes by q, with a warning where there is none.
+/// The share of pairs in which q ranks the expert higher, with a warning below one half.
 pub(super) fn separation(auroc: Option<f64>) -> Markup {
     let Some(auroc) = auroc else { return html! {} };
     html! {
