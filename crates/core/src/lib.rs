@@ -81,7 +81,7 @@ pub use secret::Secret;
 pub use settings::{Group, Word, Words};
 pub use spec::{
     ActionToken, Augmentation, Chosen, Device, EvaluateSpec, FinishedWeights, ModelSpec, NormaliserKind, OptimSpec,
-    Preset, PretrainSpec, RateSchedule, RunSpec, ScoreSpec, SizeSpec, TrainSpec, job_kinds, jobs, schema_of,
+    Preset, PretrainSpec, RateSchedule, RunSpec, ScoreSpec, TrainSpec, job_kinds, jobs, schema_of,
 };
 pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 

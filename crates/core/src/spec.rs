@@ -11,7 +11,7 @@ mod train;
 pub use chosen::Chosen;
 pub use evaluate::EvaluateSpec;
 pub use groups::{
-    ActionToken, Augmentation, Device, FinishedWeights, ModelSpec, OptimSpec, Preset, RateSchedule, RunSpec, SizeSpec,
+    ActionToken, Augmentation, Device, FinishedWeights, ModelSpec, OptimSpec, Preset, RateSchedule, RunSpec,
 };
 pub use pretrain::PretrainSpec;
 pub use score::{NormaliserKind, ScoreSpec};

@@ -1,7 +1,7 @@
 //! Groups of settings that several kinds of jobs share.
 
-use crate::schema::{integer_in, number_in};
-use crate::settings::Words as _;
+use crate::schema::{Setting, integer_in, number_in};
+use crate::settings::{Group as _, Words as _};
 
 crate::words! {
     /// Size of a model.
@@ -25,20 +25,6 @@ crate::words! {
     }
 }
 
-crate::settings! {
-    /// The size of a model that has no history.
-    #[derive(Copy)]
-    pub struct SizeSpec {
-        /// Size of the model. Larger models fit finer structure and need more data, memory and time.
-        pub preset: Preset = Preset::Tiny, Preset::shape();
-        /// Factor on the initial weights of the layer that finds keypoints in images (the softmax over places). At 1
-        /// every keypoint begins near the middle of the image and hardly depends on it; from about 5 it begins at the
-        /// one place that stands out, and a transformer looks, together with `proprioception_dropout`. Far higher
-        /// factors leave it no gradient.
-        pub keypoint_gain: f64 = 1.0, number_in(1e-3, 1e3);
-    }
-}
-
 crate::words! {
     /// The token that a transformer's action is read from.
     pub enum ActionToken {
@@ -53,7 +39,7 @@ crate::words! {
 }
 
 crate::settings! {
-    /// The size of a transformer and its history.
+    /// The size of a model, and of the history that a transformer sees.
     #[derive(Copy)]
     pub struct ModelSpec {
         /// Size of the model. Larger models fit finer structure and need more data, memory and time.
@@ -72,6 +58,13 @@ crate::settings! {
 }
 
 impl ModelSpec {
+    /// The settings of a model whose input is one step.
+    #[must_use]
+    pub fn schema_of_one_step() -> Vec<Setting> {
+        let of_windows = ["segment_length", "action_token"];
+        Self::schema().into_iter().filter(|setting| !of_windows.contains(&setting.name.as_str())).collect()
+    }
+
     /// Steps in a segment, `l + 1`.
     #[must_use]
     pub fn window(&self) -> usize {

@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::{integer_in, number_in};
-use gleaner_core::{Group as _, SizeSpec};
+use gleaner_core::{Group as _, ModelSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor};
 
@@ -33,7 +33,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     title: "ACT",
     about: "Action chunking with transformers, from scratch: a conditional VAE that predicts chunks of actions.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
-    settings: || [SizeSpec::schema(), ActSpec::schema()].concat(),
+    settings: || [ModelSpec::schema_of_one_step(), ActSpec::schema()].concat(),
     model: scratch::model,
     init,
     load,

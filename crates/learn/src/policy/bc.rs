@@ -5,8 +5,8 @@
 
 use std::collections::BTreeMap;
 
+use gleaner_core::ModelSpec;
 use gleaner_core::kinds::Needs;
-use gleaner_core::{Group as _, SizeSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::nn::{self, Module};
 use tch::{Device, Tensor};
@@ -22,7 +22,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     title: "BC",
     about: "Behaviour cloning from scratch without history: one step's images and proprioception to its action.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
-    settings: SizeSpec::schema,
+    settings: ModelSpec::schema_of_one_step,
     model: scratch::model,
     init,
     load,

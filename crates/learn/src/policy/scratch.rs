@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use gleaner_core::{ModelSpec, SizeSpec};
+use gleaner_core::ModelSpec;
 use tch::nn::{self, VarStore};
 use tch::{Device, Tensor};
 
@@ -25,8 +25,7 @@ pub(super) struct Scratch {
 
 /// The model of a policy whose input is one step: a history of l = 0.
 pub(super) fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
-    let SizeSpec { preset, keypoint_gain } = from.chosen().read()?;
-    Ok(ModelSpec { preset, keypoint_gain, segment_length: 0, ..ModelSpec::default() })
+    Ok(ModelSpec { segment_length: 0, ..from.chosen().read()? })
 }
 
 impl Scratch {
