@@ -37,6 +37,7 @@ mod batch;
 mod checkpoint;
 mod device;
 mod error;
+mod family;
 mod finished;
 mod history;
 mod kinds;

@@ -26,6 +26,7 @@ use tch::{Device, Tensor};
 
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
+use crate::family;
 use crate::train::Learner;
 use kind::{PolicyKind, PolicyModel};
 
@@ -34,13 +35,7 @@ const POLICIES: [&PolicyKind; 5] = [&finetune::KIND, &tf_bc::KIND, &bc::KIND, &a
 
 /// The policy of that name.
 fn find(name: &str) -> Result<&'static PolicyKind, LearnError> {
-    let found = POLICIES.into_iter().find(|kind| kind.name == name);
-    // The error lists the known names.
-    found.ok_or_else(|| Family::Policy.kind(name).err().map_or_else(|| unlisted(name), LearnError::from))
-}
-
-fn unlisted(name: &str) -> LearnError {
-    LearnError::invalid("policy", format!("{name} is missing in the list of policies of this program"))
+    family::find(Family::Policy, &POLICIES, |kind| kind.name, name)
 }
 
 /// Every policy as data.

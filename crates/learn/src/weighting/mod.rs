@@ -11,6 +11,7 @@ use gleaner_core::Chosen;
 use gleaner_core::kinds::{Family, Kind};
 
 use crate::error::LearnError;
+use crate::family;
 use kind::WeightingKind;
 
 /// Every weighting; the first is the default.
@@ -18,13 +19,7 @@ const WEIGHTINGS: [&WeightingKind; 2] = [&quality::KIND, &uniform::KIND];
 
 /// The chosen weighting with its settings.
 pub(crate) fn open(chosen: &Chosen) -> Result<Weighting, LearnError> {
-    match WEIGHTINGS.into_iter().find(|kind| kind.name == chosen.name) {
-        Some(kind) => (kind.open)(chosen),
-        None => {
-            let unlisted = LearnError::invalid("weighting", format!("{} is missing in this program", chosen.name));
-            Err(Family::Weighting.kind(&chosen.name).err().map_or(unlisted, LearnError::from))
-        }
-    }
+    (family::find(Family::Weighting, &WEIGHTINGS, |kind| kind.name, &chosen.name)?.open)(chosen)
 }
 
 /// Every weighting as data.

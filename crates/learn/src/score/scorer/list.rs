@@ -5,19 +5,14 @@ use gleaner_core::kinds::{Family, Kind};
 
 use super::{Scorer, ScorerKind, classifier, deminf, raw, ssdf};
 use crate::error::LearnError;
+use crate::family;
 
 /// Every scorer; the first is the default.
 const SCORERS: [&ScorerKind; 4] = [&ssdf::KIND, &raw::KIND, &classifier::KIND, &deminf::KIND];
 
 /// The chosen scorer with its settings.
 pub(in crate::score) fn open(chosen: &Chosen) -> Result<Scorer, LearnError> {
-    match SCORERS.into_iter().find(|kind| kind.name == chosen.name) {
-        Some(kind) => (kind.open)(chosen),
-        None => {
-            let unlisted = LearnError::invalid("scorer", format!("{} is missing in this program", chosen.name));
-            Err(Family::Scorer.kind(&chosen.name).err().map_or(unlisted, LearnError::from))
-        }
-    }
+    (family::find(Family::Scorer, &SCORERS, |kind| kind.name, &chosen.name)?.open)(chosen)
 }
 
 /// Every scorer as data.
