@@ -105,6 +105,11 @@ mod tests {
         vec![("x".to_owned(), Tensor::from_slice(&[value]))]
     }
 
+    /// The same tensors.
+    fn shared(parameters: &[(String, Tensor)]) -> Vec<(String, Tensor)> {
+        parameters.iter().map(|(name, x)| (name.clone(), x.shallow_clone())).collect()
+    }
+
     fn set(parameters: &[(String, Tensor)], value: f64) {
         let _ = parameters[0].1.shallow_clone().fill_(value);
     }
@@ -116,13 +121,13 @@ mod tests {
     #[test]
     fn the_average_follows_its_formula_and_survives_a_resume() {
         let parameters = parameter(0.0);
-        let mut finished = Finished::new(&rule(FinishedWeights::Ema), parameters.clone_shallow());
+        let mut finished = Finished::new(&rule(FinishedWeights::Ema), shared(&parameters));
         set(&parameters, 1.0);
         finished.after_step(1);
         // The first average is the first weight; the decay is 1 − 3^−0.75 = 0.561 at step 2, then the limit 0.6.
         set(&parameters, 2.0);
         finished.after_step(2);
-        let mut resumed = Finished::new(&rule(FinishedWeights::Ema), parameters.clone_shallow());
+        let mut resumed = Finished::new(&rule(FinishedWeights::Ema), shared(&parameters));
         resumed.load(&finished.named().into_iter().collect()).unwrap();
         set(&parameters, 4.0);
         resumed.after_step(3);
@@ -135,12 +140,12 @@ mod tests {
     #[test]
     fn the_best_weights_are_those_of_the_lowest_validation_loss() {
         let parameters = parameter(0.0);
-        let mut finished = Finished::new(&rule(FinishedWeights::Best), parameters.clone_shallow());
+        let mut finished = Finished::new(&rule(FinishedWeights::Best), shared(&parameters));
         for (value, loss) in [(1.0, 0.5), (2.0, 0.2), (3.0, 0.3)] {
             set(&parameters, value);
             finished.after_report(Some(loss));
         }
-        let mut resumed = Finished::new(&rule(FinishedWeights::Best), parameters.clone_shallow());
+        let mut resumed = Finished::new(&rule(FinishedWeights::Best), shared(&parameters));
         resumed.load(&finished.named().into_iter().collect()).unwrap();
         resumed.after_report(None);
         resumed.after_report(Some(0.25));
@@ -151,22 +156,12 @@ mod tests {
     #[test]
     fn last_keeps_no_copy_of_the_weights() {
         let parameters = parameter(1.0);
-        let mut finished = Finished::new(&rule(FinishedWeights::Last), parameters.clone_shallow());
+        let mut finished = Finished::new(&rule(FinishedWeights::Last), shared(&parameters));
         finished.after_step(1);
         finished.after_report(Some(0.1));
         set(&parameters, 5.0);
         finished.finish();
         assert!(finished.named().is_empty());
         assert_eq!(values(&parameters[0].1), [5.0]);
-    }
-
-    trait CloneShallow {
-        fn clone_shallow(&self) -> Self;
-    }
-
-    impl CloneShallow for Vec<(String, Tensor)> {
-        fn clone_shallow(&self) -> Self {
-            self.iter().map(|(name, x)| (name.clone(), x.shallow_clone())).collect()
-        }
     }
 }

@@ -55,9 +55,9 @@ pub fn pretrain(
             Resumed::Unfinished(training) => training,
         };
         let segments = Segments::every(shape, &data);
-        let loss = |network: &Network, step| {
-            let batch = draw(network, &data, &segments, spec, step);
-            pretrain_loss(&objectives, network, &batch, spec, step)
+        let loss = |network: &Network, number| {
+            let batch = draw(network, &data, &segments, spec, number);
+            pretrain_loss(&objectives, network, &batch, spec, number)
         };
         let finished = training.run(spec.run.checkpoint_every, &loss, &|_, _| Vec::new(), monitor)?;
         with_feature_scale(&finished, &data, spec)
@@ -115,13 +115,14 @@ fn begin(
     Ok(Resumed::Unfinished(Box::new(Training::start(network, info, &spec.optim))))
 }
 
-fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &PretrainSpec, step: u64) -> Batch {
-    let mut rng = generator(spec.run.seed, Purpose::Batch, step);
+/// The training batch of this number.
+fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &PretrainSpec, number: u64) -> Batch {
+    let mut rng = generator(spec.run.seed, Purpose::Batch, number);
     let drawn = segments.draw(&mut rng, spec.optim.batch, spec.optim.stretch);
     let window = spec.model.window();
     let mut batch = Batch::collect(&network.shape, data, &drawn, window, network.device());
     let standard = &network.statistics.proprioception;
-    augment(&mut batch, &spec.augmentation, standard, &mut generator(spec.run.seed, Purpose::Augmentation, step));
+    augment(&mut batch, &spec.augmentation, standard, &mut generator(spec.run.seed, Purpose::Augmentation, number));
     batch
 }
 
@@ -131,9 +132,9 @@ pub(crate) fn pretrain_loss(
     network: &Network,
     batch: &Batch,
     spec: &PretrainSpec,
-    step: u64,
+    number: u64,
 ) -> Loss {
-    let passes = Passes::new(network, batch, spec.run.seed, step);
+    let passes = Passes::new(network, batch, spec.run.seed, number);
     let losses: Vec<(&str, Tensor)> = objectives.iter().map(|each| (each.metric, (each.loss)(&passes))).collect();
     let total: Tensor = losses.iter().map(|(_, loss)| loss).sum();
     let parts = losses.iter().map(|(name, loss)| (*name, loss.double_value(&[])));

@@ -3,13 +3,13 @@
 
 #![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rand::RngExt;
 
 use crate::random::{Purpose, generator};
 use crate::shape::{CameraShape, TaskShape};
-use crate::train::Metrics;
 use crate::trajectory::Trajectory;
 use gleaner_core::{ModelSpec, OptimSpec, PretrainSpec, RunSpec, TrainSpec};
 
@@ -93,19 +93,16 @@ pub(crate) fn every(steps: u32, mut spec: PretrainSpec) -> PretrainSpec {
 #[derive(Default)]
 pub(crate) struct Recorder {
     pub(crate) losses: Vec<(u64, f64)>,
-    /// Every other metric, by step.
-    pub(crate) metrics: Vec<(u64, Metrics)>,
+    /// Every metric of every step.
+    pub(crate) metrics: Vec<BTreeMap<&'static str, f64>>,
     pub(crate) checkpoints: Vec<(u64, Vec<u8>)>,
     pub(crate) stop_after: Option<usize>,
 }
 
 impl Recorder {
     /// The values of a metric at the steps that have it.
-    pub(crate) fn metric(&self, name: &str) -> Vec<(u64, f64)> {
-        let of = |(step, metrics): &(u64, Metrics)| {
-            metrics.iter().find(|(known, _)| *known == name).map(|(_, value)| (*step, *value))
-        };
-        self.metrics.iter().filter_map(of).collect()
+    pub(crate) fn metric(&self, name: &str) -> Vec<f64> {
+        self.metrics.iter().filter_map(|metrics| metrics.get(name).copied()).collect()
     }
 }
 
@@ -113,7 +110,7 @@ impl crate::train::Monitor for Recorder {
     fn progress(&mut self, step: u64, _: u64, metrics: &[(&'static str, f64)]) {
         let loss = metrics.iter().find(|(name, _)| *name == "loss");
         self.losses.push((step, loss.map_or(0.0, |(_, loss)| *loss)));
-        self.metrics.push((step, metrics.to_vec()));
+        self.metrics.push(metrics.iter().copied().collect());
     }
 
     fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> Result<(), String> {

@@ -60,11 +60,11 @@ fn the_best_weights_have_the_lowest_validation_loss_of_the_run() {
     let (last, course) = train(wild(FinishedWeights::Last), None);
     let (best, report) = train(wild(FinishedWeights::Best), None);
     let losses = course.metric("loss_validation");
-    let lowest = losses.iter().map(|(_, loss)| *loss).fold(f64::INFINITY, f64::min);
-    assert!(lowest < losses.last().unwrap().1, "{losses:?}");
+    let lowest = losses.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(lowest < *losses.last().unwrap(), "{losses:?}");
     assert_ne!(weights(&best), weights(&last));
     // The last report is of the weights that the run finishes with.
-    assert_eq!(report.metric("loss_validation").last().unwrap().1, lowest);
+    assert_eq!(report.metric("loss_validation").last().copied(), Some(lowest));
     let (again, _) = train(wild(FinishedWeights::Best), Some(&report.checkpoints.last().unwrap().1));
     assert_eq!(again, best, "resumed after the best step");
 }

@@ -1,29 +1,8 @@
 //! Properties of every policy: it learns, resumes, survives its checkpoint, serves many histories at once.
 
-use std::collections::BTreeMap;
-
 use super::*;
 use crate::checkpoint::{self, inspect};
-use crate::train::Monitor;
 use gleaner_core::Augmentation;
-
-/// Stores every metric of every step.
-#[derive(Default)]
-struct Metrics(Vec<BTreeMap<&'static str, f64>>);
-
-impl Monitor for Metrics {
-    fn progress(&mut self, _: u64, _: u64, metrics: &[(&'static str, f64)]) {
-        self.0.push(metrics.iter().copied().collect());
-    }
-
-    fn checkpoint(&mut self, _: u64, _: &[u8]) -> Result<(), String> {
-        Ok(())
-    }
-
-    fn cancelled(&self) -> bool {
-        false
-    }
-}
 
 fn train(spec: &TrainSpec, resume: Option<&[u8]>) -> (Vec<u8>, Recorder) {
     let encoder = (spec.policy.name == "finetune").then(|| encoder(2));
@@ -124,12 +103,12 @@ fn every_policy_looks_at_the_image() {
     let encoder = pretrain(&shape, &experts, &toy::pretrain_spec(40), None, &mut Silent).unwrap();
     for kind in kinds().filter(looks) {
         let run = |steps| {
-            let mut metrics = Metrics::default();
+            let mut monitor = Recorder::default();
             let spec = spec(kind, steps);
-            let bytes = train_policy(&shape, Some(&encoder), &experts, &[], &spec, None, &mut metrics).unwrap();
+            let bytes = train_policy(&shape, Some(&encoder), &experts, &[], &spec, None, &mut monitor).unwrap();
             let policy = Policy::load(&bytes).unwrap();
             let squares = [[0.1, 0.8], [0.9, 0.2], [0.2, 0.2]];
-            (squares.map(|square| final_distance(&policy, square, 12)), metrics.0)
+            (squares.map(|square| final_distance(&policy, square, 12)), monitor.metrics)
         };
         let (untrained, _) = run(1);
         let (trained, metrics) = run(200);
@@ -216,10 +195,10 @@ fn the_loss_on_experts_that_are_held_out_is_reported_and_they_have_no_influence(
         let encoder = (kind == "finetune").then(|| encoder(1));
         let spec = TrainSpec { validation_share: 0.25, ..spec(kind, 3) };
         let train = |experts: &[Trajectory]| {
-            let mut metrics = Metrics::default();
+            let mut monitor = Recorder::default();
             let bytes =
-                train_policy(&toy::shape(), encoder.as_deref(), experts, &[], &spec, None, &mut metrics).unwrap();
-            (bytes, metrics.0)
+                train_policy(&toy::shape(), encoder.as_deref(), experts, &[], &spec, None, &mut monitor).unwrap();
+            (bytes, monitor.metrics)
         };
         let experts = toy::experts(4, 8);
         let (bytes, metrics) = train(&experts);
