@@ -186,7 +186,7 @@ fn fault<'a>(doing: &'a str, path: &'a Path) -> impl FnOnce(io::Error) -> Error 
     move |error| Error::internal(format!("{doing} {}", path.display()), error)
 }
 
-/// Name of the folder among the blobs.
+/// Name of the trash among the blobs.
 const TRASH: &str = "trash";
 
 /// The paths in a folder; none if it is missing.

@@ -130,7 +130,8 @@ impl Report {
         }
         let (episodes, beta) = (self.cell.episodes, self.cell.beta);
         // The plan was checked, so both can be read.
-        let lambda = &self.cell.train_spec(0).unwrap_or_default().weighting.settings["lambda"];
+        let training = self.cell.train_spec(0).unwrap_or_default();
+        let lambda = training.weighting.settings.get("lambda").unwrap_or(&Value::Null);
         let q = match self.cell.score_spec(0).unwrap_or_default().normaliser {
             NormaliserKind::MinMax => "w from its lowest to its highest",
             NormaliserKind::Quantile => "the share of segments with a lower w",
