@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use gleaner_core::action::ActionRanges;
-use gleaner_core::ensemble::{ChunkError, Ensemble};
+use gleaner_core::ensemble::{ChunkError, Ensemble, Execution};
 
 use crate::error::{ClientError, Result};
 
@@ -41,6 +41,11 @@ impl ActionBuffer {
     /// Sets the values that the robot executes: the ranges of the opened session.
     pub fn set_ranges(&mut self, ranges: ActionRanges) {
         self.chunks.set_ranges(ranges);
+    }
+
+    /// Sets how the policy's chunks are executed, as the opened session states it.
+    pub fn set_execution(&mut self, execution: Execution) {
+        self.chunks.set_execution(execution);
     }
 
     /// Adds the chunk that answers the observation of this stamp, and removes chunks that end before it.
@@ -130,6 +135,24 @@ mod tests {
         // Without an answer to 1200: the mean of both predictions.
         let second = (-0.01f64).exp();
         assert_near(buffer.due(1200), (3.0 + second * 6.0) / (1.0 + second));
+    }
+
+    /// A server slower than the control rate: the rest of a chunk is executed until the next one arrives, and is then
+    /// replaced from its present action on.
+    #[test]
+    fn under_a_horizon_a_late_chunk_replaces_the_rest_of_the_one_before() {
+        let mut buffer = ActionBuffer::new(PERIOD, Ensembling::ByServer);
+        buffer.set_execution(Execution::Horizon(2));
+        buffer.push(1000, chunk(&[1.0, 2.0, 3.0, 4.0])).unwrap();
+        for (at, due) in [(1000, 1.0), (1100, 2.0), (1200, 3.0)] {
+            assert_near(buffer.due(at), due);
+        }
+        buffer.push(1200, chunk(&[50.0, 60.0, 70.0, 80.0])).unwrap();
+        assert_near(buffer.due(1300), 60.0);
+        // The server repeats the rest of a chunk for an observation that needs no new one.
+        buffer.push(1400, chunk(&[70.0, 80.0])).unwrap();
+        assert_near(buffer.due(1400), 70.0);
+        assert_eq!(buffer.due(1600), None);
     }
 
     #[test]

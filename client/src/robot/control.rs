@@ -3,6 +3,7 @@
 
 use std::future::Future;
 
+use gleaner_core::ensemble::Execution;
 use gleaner_core::proto::action::ranges_from_proto;
 use gleaner_proto::v1::{Observation, SessionAction};
 use tokio::time::{Instant, timeout_at};
@@ -196,6 +197,7 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
                 self.anew = std::mem::replace(&mut self.opened, true);
                 self.report.reconnects += u64::from(self.anew);
                 self.buffer.set_ranges(ranges_from_proto(&opened.action_ranges));
+                self.buffer.set_execution(Execution::of_horizon(opened.execute_length));
                 self.report.policy_id = opened.policy_id;
                 self.connected = true;
             }

@@ -35,6 +35,8 @@ pub struct ControlPlan {
     pub record: bool,
     /// The cohort of these episodes; empty: the deployment's name.
     pub cohort: String,
+    /// Seed of the numbers that a policy such as flow draws its actions from.
+    pub seed: u64,
 }
 
 impl ControlPlan {
@@ -59,6 +61,7 @@ impl ControlPlan {
             ensembling: Ensembling::default(),
             record: false,
             cohort: String::new(),
+            seed: 0,
         };
         plan.check()?;
         Ok(plan)
@@ -99,6 +102,7 @@ impl ControlPlan {
             deadline_us: self.deadline_us().unwrap_or_default(),
             record: self.record,
             cohort: self.cohort.clone(),
+            seed: self.seed,
         }
     }
 

@@ -1,4 +1,4 @@
-//! Action-chunk ensembling: several predictions for one time become one action.
+//! The execution of action chunks: several predictions for one time become one action.
 //!
 //! Plain data: must not know clocks, sessions or policies.
 
@@ -9,15 +9,45 @@ use crate::action::ActionRanges;
 /// The decay of a prediction's weight with its rank by age: `exp(-DECAY * i)`, i = 0 the oldest.
 const DECAY: f64 = 0.01;
 
+/// The execution of a policy's chunks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Execution {
+    /// A chunk is predicted at every step, and an action is the mean of all predictions for its time.
+    #[default]
+    Ensembled,
+    /// This many actions of a chunk are executed before the next chunk is predicted (receding horizon), and the newest
+    /// chunk alone counts: the mean of two samples of a policy that draws its chunks can be no action at all.
+    Horizon(u32),
+}
+
+impl Execution {
+    /// The number of actions executed of each chunk; 0 for ensembling.
+    #[must_use]
+    pub fn horizon(self) -> u32 {
+        match self {
+            Self::Ensembled => 0,
+            Self::Horizon(actions) => actions,
+        }
+    }
+
+    /// The inverse of [`Execution::horizon`].
+    #[must_use]
+    pub fn of_horizon(actions: u32) -> Self {
+        if actions == 0 { Self::Ensembled } else { Self::Horizon(actions) }
+    }
+}
+
 /// The chunks of actions that cover the present or the future.
 ///
 /// Action i of a chunk is for the chunk's time plus i periods. The mean of several predictions for one time has the
 /// weights `exp(-0.01 i)`, i = 0 the oldest: a new observation changes the motion gradually. Of a binary value the newest
-/// prediction counts, because a mean of "close" and "open" is neither. The action is one that the robot executes.
+/// prediction counts, because a mean of "close" and "open" is neither. Under [`Execution::Horizon`] the newest chunk
+/// counts for every value. The action is one that the robot executes.
 #[derive(Clone, Debug)]
 pub struct Ensemble {
     period: i64,
     ranges: ActionRanges,
+    execution: Execution,
     /// Oldest first.
     chunks: VecDeque<Chunk>,
 }
@@ -66,7 +96,12 @@ impl Ensemble {
     /// that an action may take.
     #[must_use]
     pub fn new(period: i64, ranges: ActionRanges) -> Self {
-        Self { period: period.max(1), ranges, chunks: VecDeque::new() }
+        Self { period: period.max(1), ranges, execution: Execution::default(), chunks: VecDeque::new() }
+    }
+
+    /// Changes how chunks are executed.
+    pub fn set_execution(&mut self, execution: Execution) {
+        self.execution = execution;
     }
 
     /// Changes the values that an action may take.
@@ -93,10 +128,16 @@ impl Ensemble {
         Ok(())
     }
 
-    /// The action for this time: the weighted mean of all predictions for it, and the newest one of binary values; `None`
-    /// when no chunk covers it.
+    /// The action for this time: the weighted mean of all predictions for it, and the newest one of binary values; under
+    /// a horizon that of the newest chunk. `None` when no chunk covers it.
     #[must_use]
     pub fn action(&self, time: i64) -> Option<Vec<f32>> {
+        if let Execution::Horizon(_) = self.execution {
+            let (_, action) = self.chunks.iter().rev().find_map(|chunk| chunk.at(time, self.period))?;
+            let mut action = action.clone();
+            self.ranges.apply(&mut action);
+            return Some(action);
+        }
         let (mut sum, mut weights, mut weight) = (Vec::new(), 0.0, 1.0);
         let mut newest: &[f32] = &[];
         for (_, action) in self.chunks.iter().filter_map(|chunk| chunk.at(time, self.period)) {
@@ -126,6 +167,16 @@ impl Ensemble {
             (0, action) => Some(action),
             _ => None,
         }
+    }
+
+    /// The newest chunk's actions from this time on, while fewer of them than the horizon were executed; `None` when the
+    /// next chunk is wanted, which is always so without a horizon.
+    #[must_use]
+    pub fn remaining(&self, time: i64) -> Option<&[Vec<f32>]> {
+        let Execution::Horizon(horizon) = self.execution else { return None };
+        let chunk = self.chunks.back()?;
+        let (executed, _) = chunk.at(time, self.period).filter(|(index, _)| (*index as u64) < u64::from(horizon))?;
+        chunk.actions.get(executed..)
     }
 
     /// Whether the newest chunk covers this time or a later one.
@@ -218,6 +269,24 @@ mod tests {
         ensemble.push(2, vec![vec![1.0, 0.4]; 4]).unwrap();
         // The mean of the gripper is negative; the newest prediction opens it.
         assert_eq!(ensemble.action(2), Some(vec![1.0, 1.0]));
+    }
+
+    #[test]
+    fn under_a_horizon_the_newest_chunk_counts_alone_until_it_is_executed() {
+        let chunk = |first: u8| (0..4).map(|i| vec![f32::from(first + i)]).collect::<Vec<_>>();
+        let mut ensemble = free(1);
+        ensemble.set_execution(Execution::Horizon(2));
+        assert_eq!(ensemble.remaining(0), None);
+        ensemble.push(0, chunk(10)).unwrap();
+        assert_eq!(ensemble.remaining(0), Some(chunk(10).as_slice()));
+        assert_eq!(ensemble.remaining(1), Some(&chunk(10)[1..]));
+        // Two were executed, so the next chunk is wanted; until it arrives the rest of this one serves.
+        assert_eq!((ensemble.remaining(2), ensemble.action(2)), (None, Some(vec![12.0])));
+        ensemble.push(2, chunk(50)).unwrap();
+        assert_eq!((ensemble.action(2), ensemble.action(3)), (Some(vec![50.0]), Some(vec![51.0])));
+        assert_eq!(ensemble.remaining(7), None);
+        assert_eq!(Execution::of_horizon(Execution::Horizon(2).horizon()), Execution::Horizon(2));
+        assert_eq!(Execution::of_horizon(Execution::Ensembled.horizon()), Execution::Ensembled);
     }
 
     #[test]

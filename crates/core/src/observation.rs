@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::{
     action::ActionRanges,
+    ensemble::Execution,
     episode::Outcome,
     id::{EpisodeId, PolicyId, SessionId, TaskId},
     score::SegmentScored,
@@ -101,6 +102,8 @@ pub struct SessionSettings {
     pub deadline: Option<Duration>,
     /// The cohort of the recorded episode; `None`: the session is not recorded.
     pub record: Option<String>,
+    /// Seed of the numbers that a policy draws its actions from.
+    pub seed: u64,
 }
 
 /// Messages from a robot in a session.
@@ -130,6 +133,8 @@ pub enum SessionOutput {
         task_id: TaskId,
         /// The values that the robot executes.
         ranges: ActionRanges,
+        /// How the policy's chunks are executed.
+        execution: Execution,
     },
     /// Actions for an observation.
     Action {

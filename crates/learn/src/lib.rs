@@ -61,7 +61,7 @@ pub use device::set_threads;
 pub use error::LearnError;
 pub use history::{Embedding, History};
 pub use kinds::kinds;
-pub use policy::{Ensemble, Policy, train_policy};
+pub use policy::{Observed, Policy, PolicySession, train_policy};
 pub use pretrain::pretrain;
 pub use score::{
     EpisodeScores, FeatureScale, FeatureStore, Forgetful, LiveScorer, Normaliser, ScoreBase, ScoreInputs, Scores,

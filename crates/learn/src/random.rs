@@ -31,6 +31,8 @@ pub(crate) enum Purpose {
     Shares = 10,
     /// The experts that are held out, and the random parts of their losses; the counter is 0 and 1.
     Validation = 11,
+    /// The actions that a policy draws; the counter is the observation.
+    Action = 12,
 }
 
 /// The generator of `purpose` at `counter`.

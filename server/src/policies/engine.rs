@@ -6,6 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use gleaner_core::ensemble::Execution;
 use gleaner_learn::TaskShape;
 use tokio::sync::oneshot;
 
@@ -58,14 +59,15 @@ pub(super) struct InferenceRequest<H> {
     pub(super) deadline: Option<Instant>,
 }
 
-/// Shape and window of a loaded model, or the error of loading it.
-type Ready = Result<(TaskShape, usize)>;
+/// Shape, window and execution of a loaded model, or the error of loading it.
+type Ready = Result<(TaskShape, usize, Execution)>;
 
 /// A handle to a model's thread. The thread ends when the last handle is dropped, or on `close`.
 pub(super) struct Engine<M: Model> {
     identity: Identity,
     shape: Arc<TaskShape>,
     window: usize,
+    execution: Execution,
     rates: Arc<SessionRates>,
     requests: Mutex<Option<flume::Sender<QueuedRequest<M::History>>>>,
     thread: Mutex<Option<JoinHandle<()>>>,
@@ -93,12 +95,13 @@ impl<M: Model> Engine<M> {
                 }
             })
             .map_err(|error| Error::internal("starting a policy's thread", error))?;
-        let (shape, window) = ready.await.map_err(|error| Error::internal("loading a policy", error))??;
+        let (shape, window, execution) = ready.await.map_err(|error| Error::internal("loading a policy", error))??;
         tracing::info!(policy.id = %identity.policy_id, "policy loaded");
         Ok(Arc::new(Self {
             identity,
             shape: Arc::new(shape),
             window,
+            execution,
             rates,
             requests: Mutex::new(Some(requests)),
             thread: Mutex::new(Some(thread)),
@@ -116,6 +119,11 @@ impl<M: Model> Engine<M> {
     /// The steps in the model's window: l + 1.
     pub(super) fn window(&self) -> usize {
         self.window
+    }
+
+    /// How the model's chunks are executed.
+    pub(super) fn execution(&self) -> Execution {
+        self.execution
     }
 
     /// Registers a session that sends one request per period; `None`: per control period of the task.
@@ -196,12 +204,12 @@ fn warmed<M: Model>(load: impl FnOnce() -> Result<M>, ready_sender: oneshot::Sen
     let loaded = super::model::guarded("loading a policy", || {
         let model = load()?;
         let begun = Instant::now();
-        answer(&model, &[&ModelInput { history: None, skipped: 0, steps: vec![blank(model.shape())] }])?;
+        answer(&model, &[&ModelInput { history: None, seed: 0, skipped: 0, steps: vec![blank(model.shape())] }])?;
         Ok((model, begun.elapsed()))
     });
     match loaded {
         Ok((model, took)) => {
-            let loaded = (model.shape().clone(), model.window());
+            let loaded = (model.shape().clone(), model.window(), model.execution());
             ready_sender.send(Ok(loaded)).is_ok().then_some((model, took))
         }
         Err(error) => {

@@ -15,6 +15,8 @@ use crate::{domain::observation::Observation, error::Result, scorers::Watch};
 /// The state of a session between two observations.
 pub(super) struct Memory<H> {
     history: Option<H>,
+    /// Seed of the numbers that the policy draws its actions from.
+    seed: u64,
     /// The action sent last: taken as executed unless the robot sends another.
     pub(super) given: Option<Vec<f32>>,
     /// The newest observation of the history got no action: the executed action is unknown unless the robot sends it.
@@ -26,12 +28,12 @@ pub(super) struct Memory<H> {
 }
 
 impl<H> Memory<H> {
-    pub(super) fn new(watch: Option<Watch>) -> Self {
-        Self { history: None, given: None, withheld: false, unseen: 0, watch }
+    pub(super) fn new(seed: u64, watch: Option<Watch>) -> Self {
+        Self { history: None, seed, given: None, withheld: false, unseen: 0, watch }
     }
 
     pub(super) fn take(&mut self) -> Self {
-        std::mem::replace(self, Self::new(None))
+        std::mem::replace(self, Self::new(self.seed, None))
     }
 }
 
@@ -47,9 +49,9 @@ pub(super) async fn inference_step<M: Model>(
     observation: Observation,
     reply: PendingReply,
 ) -> Result<(Memory<M::History>, Option<Vec<Vec<f32>>>)> {
-    let Memory { history, given, withheld, unseen, mut watch } = memory;
+    let Memory { history, seed, given, withheld, unseen, mut watch } = memory;
     let skipped = unseen + reply.dropped;
-    let unrun = |history, given, watch| (Memory { history, given, withheld, unseen: skipped + 1, watch }, None);
+    let unrun = |history, given, watch| (Memory { history, seed, given, withheld, unseen: skipped + 1, watch }, None);
     if reply.is_late() {
         return Ok(unrun(history, given, watch));
     }
@@ -63,12 +65,12 @@ pub(super) async fn inference_step<M: Model>(
     if let Some(watch) = &mut watch {
         show(watch, reply.stamp_ns, &step, gap);
     }
-    let input = ModelInput { history, skipped, steps: vec![step] };
+    let input = ModelInput { history, seed, skipped, steps: vec![step] };
     Ok(match engine.infer_by(InferenceRequest { input, stages: reply.stages, deadline: reply.deadline }).await? {
         StepResult::Late(history) => unrun(history, given, watch),
         StepResult::Advanced(advanced) => {
             let history = Some(advanced.history);
-            (Memory { history, given, withheld: false, unseen: 0, watch }, Some(advanced.actions))
+            (Memory { history, seed, given, withheld: false, unseen: 0, watch }, Some(advanced.actions))
         }
     })
 }

@@ -1,6 +1,7 @@
 //! The interface of a model's thread to its model: policies of `learn`, or test doubles.
 
-use gleaner_learn::{Ensemble, History, LearnError, Policy, TaskShape};
+use gleaner_core::ensemble::Execution;
+use gleaner_learn::{LearnError, Observed, Policy, PolicySession, TaskShape};
 
 pub(super) use crate::error::guarded;
 use crate::error::{Error, Result};
@@ -21,6 +22,8 @@ pub(super) struct Step {
 pub(super) struct ModelInput<H> {
     /// `None` begins a new history.
     pub(super) history: Option<H>,
+    /// Seed of a new history, for a policy that draws its actions.
+    pub(super) seed: u64,
     /// Control steps that passed unseen before the last of `steps`.
     pub(super) skipped: u64,
     /// Oldest first, at least one.
@@ -48,22 +51,17 @@ pub(super) trait Model: 'static {
     /// The steps in its window: l + 1.
     fn window(&self) -> usize;
 
+    /// How its chunks are executed.
+    fn execution(&self) -> Execution {
+        Execution::default()
+    }
+
     /// Answers every input of a batch, in order.
     fn advance(&self, inputs: &[&ModelInput<Self::History>]) -> Result<Vec<Advanced<Self::History>>>;
 }
 
-/// A policy's state per session.
-#[derive(Debug, Clone)]
-pub(super) struct Memory {
-    history: History,
-    /// Predictions of earlier chunks; empty beyond the current step for policies that predict one action.
-    ensemble: Ensemble,
-    /// The control step of the newest observation.
-    step: u64,
-}
-
 impl Model for Policy {
-    type History = Memory;
+    type History = PolicySession;
 
     fn shape(&self) -> &TaskShape {
         self.shape()
@@ -73,42 +71,30 @@ impl Model for Policy {
         usize::try_from(self.segment_length()).unwrap_or(usize::MAX).saturating_add(1)
     }
 
-    fn advance(&self, inputs: &[&ModelInput<Memory>]) -> Result<Vec<Advanced<Memory>>> {
-        let frames: Vec<&[u8]> =
-            inputs.iter().flat_map(|input| &input.steps).map(|step| step.frame.as_slice()).collect();
-        let mut embeddings = self.embed(&frames).map_err(learned)?.into_iter();
-        let mut memories = Vec::with_capacity(inputs.len());
-        for input in inputs {
-            let mut memory = input.history.clone().unwrap_or_else(|| Memory {
-                history: History::new(self.segment_length()),
-                ensemble: self.ensemble(),
-                step: 0,
-            });
-            memory.step += input.skipped;
-            for step in &input.steps {
-                if let Some(action) = &step.executed {
-                    memory.history.set_executed(action.clone()).map_err(learned)?;
-                }
-                let embedding = embeddings
-                    .next()
-                    .ok_or_else(|| Error::internal("embedding frames", "fewer embeddings than frames"))?;
-                memory.history.push(embedding, step.proprioception.clone()).map_err(learned)?;
-                memory.step += 1;
-            }
-            memories.push(memory);
-        }
-        let chunks = self.act(&memories.iter().map(|memory| &memory.history).collect::<Vec<_>>()).map_err(learned)?;
-        memories.into_iter().zip(chunks).map(|(memory, chunk)| ensembled(memory, chunk)).collect()
+    fn execution(&self) -> Execution {
+        self.execution()
+    }
+
+    fn advance(&self, inputs: &[&ModelInput<PolicySession>]) -> Result<Vec<Advanced<PolicySession>>> {
+        let mut sessions: Vec<PolicySession> = inputs.iter().map(|input| session(self, input)).collect();
+        let steps: Vec<Vec<Observed<'_>>> =
+            inputs.iter().map(|input| input.steps.iter().map(observed).collect()).collect();
+        let mut advancing: Vec<_> =
+            sessions.iter_mut().zip(&steps).map(|(one, steps)| (one, steps.as_slice())).collect();
+        let actions = Policy::advance(self, &mut advancing).map_err(learned)?;
+        Ok(sessions.into_iter().zip(actions).map(|(history, actions)| Advanced { history, actions }).collect())
     }
 }
 
-/// The chunk, with its first action replaced by the ensemble of all chunks of the session that cover the current step.
-fn ensembled(mut memory: Memory, mut actions: Vec<Vec<f32>>) -> Result<Advanced<Memory>> {
-    let now = memory.ensemble.push(memory.step, actions.clone()).map_err(learned)?;
-    if let Some(first) = actions.first_mut() {
-        *first = now;
-    }
-    Ok(Advanced { history: memory, actions })
+/// The session of an input, with its skipped steps.
+fn session(policy: &Policy, input: &ModelInput<PolicySession>) -> PolicySession {
+    let mut session = input.history.clone().unwrap_or_else(|| policy.session(input.seed));
+    session.skip(input.skipped);
+    session
+}
+
+fn observed(step: &Step) -> Observed<'_> {
+    Observed { frame: &step.frame, proprioception: &step.proprioception, executed: step.executed.as_deref() }
 }
 
 /// Maps an error of `learn` to the caller's.

@@ -128,7 +128,7 @@ where
         let mut step = observation::step_of(shape, path, observation).await?;
         let Some((key, place)) = self.place else {
             step.executed = None;
-            let input = ModelInput { history: None, skipped: 0, steps: vec![step] };
+            let input = ModelInput { history: None, seed: 0, skipped: 0, steps: vec![step] };
             return Ok(self.engine.try_infer(input).await?.actions);
         };
         let slot = self.slot.unwrap_or_else(|| Slot::new(Arc::clone(&self.engine)));
@@ -141,7 +141,7 @@ where
         let history = memory.as_ref().map(|memory| memory.history.clone());
         // Waits for a place in the queue, as sessions do: a sequence has one request in flight, and the number of
         // sequences is limited.
-        let advanced = self.engine.infer(ModelInput { history, skipped: 0, steps: vec![step] }).await?;
+        let advanced = self.engine.infer(ModelInput { history, seed: 0, skipped: 0, steps: vec![step] }).await?;
         if place.end {
             *memory = None;
             drop(memory);

@@ -121,7 +121,7 @@ impl<M: Model> Session<M> {
         stopping: &CancellationToken,
     ) -> Result<()> {
         replies.send(self.opened()).await?;
-        let mut memory = Memory::new(self.watch.take());
+        let mut memory = Memory::new(self.terms.settings.seed, self.watch.take());
         let mut busy = pin!(Fuse::terminated());
         let mut close_at = None;
         loop {
@@ -210,7 +210,8 @@ impl<M: Model> Session<M> {
         let identity = self.engine.identity();
         let (policy_id, task_id) = (identity.policy_id.clone(), identity.task_id.clone());
         let ranges = self.engine.shape().ranges.clone();
-        SessionOutput::Opened { session_id: self.terms.id.clone(), policy_id, task_id, ranges }
+        let execution = self.engine.execution();
+        SessionOutput::Opened { session_id: self.terms.id.clone(), policy_id, task_id, ranges, execution }
     }
 
     fn closed(&self, episode_id: Option<EpisodeId>) -> SessionOutput {

@@ -123,7 +123,7 @@ pub(super) fn identity(batch: usize, queue: usize) -> Identity {
 /// A first input with this proprioception.
 pub(super) fn input(proprioception: f32) -> ModelInput<(f32, Vec<f32>)> {
     let step = Step { frame: Vec::new(), proprioception: vec![proprioception], executed: None };
-    ModelInput { history: None, skipped: 0, steps: vec![step] }
+    ModelInput { history: None, seed: 0, skipped: 0, steps: vec![step] }
 }
 
 /// An observation with this number as stamp and proprioception.

@@ -30,7 +30,7 @@ pub(crate) fn session_input(request: v1::SessionRequest) -> Result<SessionInput>
 }
 
 fn settings(sent: v1::SessionOpen) -> Result<SessionSettings> {
-    let v1::SessionOpen { deployment, control_rate_hz, deadline_us, record, cohort } = sent;
+    let v1::SessionOpen { deployment, control_rate_hz, deadline_us, record, cohort, seed } = sent;
     let deployment = deployment_name("open.deployment", deployment)?;
     let cohort = field::tag("open.cohort", cohort)?;
     if !record && !cohort.is_empty() {
@@ -42,6 +42,7 @@ fn settings(sent: v1::SessionOpen) -> Result<SessionSettings> {
         deadline: deadline(deadline_us),
         record: record.then_some(cohort),
         deployment,
+        seed,
     })
 }
 
@@ -54,12 +55,13 @@ fn control_rate(field: &str, hertz: f64) -> Result<Option<f64>> {
 
 pub(crate) fn session_response(output: SessionOutput) -> v1::SessionResponse {
     let message = match output {
-        SessionOutput::Opened { session_id, policy_id, task_id, ranges } => {
+        SessionOutput::Opened { session_id, policy_id, task_id, ranges, execution } => {
             session_response::Message::Opened(v1::SessionOpened {
                 session_id: session_id.into(),
                 policy_id: policy_id.into(),
                 task_id: task_id.into(),
                 action_ranges: ranges_to_proto(&ranges),
+                execute_length: execution.horizon(),
             })
         }
         SessionOutput::Action { acted, dropped, score } => {

@@ -37,8 +37,12 @@ impl Robot {
 
     /// Opens a session on a deployment.
     pub async fn open(api: &mut Api, deployment: &str) -> Result<Self, Status> {
+        Self::open_with(api, SessionOpen { deployment: deployment.into(), ..SessionOpen::default() }).await
+    }
+
+    /// Opens a session with these settings.
+    pub async fn open_with(api: &mut Api, open: SessionOpen) -> Result<Self, Status> {
         let mut robot = Self::connect(api).await;
-        let open = SessionOpen { deployment: deployment.into(), ..SessionOpen::default() };
         robot.send(SessionMessage::Open(open)).await;
         match robot.receive().await? {
             SessionReply::Opened(opened) => Ok(Self { opened, ..robot }),

@@ -46,6 +46,8 @@ class Policy:
     With `record` the server keeps each episode as a recording of the task, under `cohort` (empty: the deployment's
     name) and the outcome given to `close` or `reset`; an episode that ends otherwise is kept as unknown.
 
+    `seed` is of the numbers that a policy such as flow draws its actions from; each later episode has the next seed.
+
     The session opens with the first call, retried while there is no connection; once open it is not
     reopened, because its history would be lost in the middle of an episode: `reset()` starts again.
     """
@@ -60,6 +62,7 @@ class Policy:
         timeout: float = 60.0,
         record: bool = False,
         cohort: str = "",
+        seed: int = 0,
     ) -> None:
         for name, value in (("rate_hz", rate_hz), ("deadline", deadline), ("timeout", timeout)):
             if value is not None and not 0 < value <= _MOST:
@@ -74,6 +77,7 @@ class Policy:
             deadline_us=math.ceil((deadline or 0.0) * 1e6),
             record=record,
             cohort=cohort,
+            seed=seed,
         )
         self._timeout = timeout
         self._session: Session | None = None
@@ -173,6 +177,7 @@ class Policy:
 
     def _connect(self) -> Session:
         self._session = patiently(lambda: Session(self._client._rpc, self._open, self._timeout))
+        self._open.seed = (self._open.seed + 1) % 2**64
         self.policy_id = self._session.opened.policy_id
         return self._session
 

@@ -29,6 +29,8 @@ pub(crate) struct Stacked {
     /// `[N, A]` in physical units; zeros where unknown.
     pub(crate) action: Tensor,
     pub(crate) windows: Windows,
+    /// Per window, the seed and the number of its draw.
+    pub(crate) draws: Vec<(u64, u64)>,
 }
 
 impl Layout<'_> {
@@ -118,6 +120,7 @@ impl Layout<'_> {
             proprioception: rows(&m, shape.proprioception, self.device),
             action: rows(&a, shape.action, self.device),
             windows: Windows::in_order(valid, self.window, self.device),
+            draws: histories.iter().map(|history| (history.seed, history.pushed)).collect(),
         }
     }
 }

@@ -30,12 +30,21 @@ struct Step {
 pub struct History {
     window: usize,
     steps: VecDeque<Step>,
+    /// Of the numbers that are drawn for this history.
+    seed: u64,
+    /// Observations added, which numbers the draws.
+    pushed: u64,
 }
 
 impl History {
     /// An empty history for a policy or scorer with this segment length l.
     pub fn new(segment_length: u32) -> Self {
-        Self { window: segment_length as usize + 1, steps: VecDeque::new() }
+        Self::seeded(segment_length, 0)
+    }
+
+    /// As [`History::new`]; a policy that draws its actions draws those of this history from `seed`.
+    pub fn seeded(segment_length: u32, seed: u64) -> Self {
+        Self { window: segment_length as usize + 1, steps: VecDeque::new(), seed, pushed: 0 }
     }
 
     /// Steps remembered, at most `l + 1`.
@@ -70,6 +79,7 @@ impl History {
             self.steps.pop_front();
         }
         self.steps.push_back(Step { embedding, proprioception, executed: None });
+        self.pushed += 1;
         Ok(())
     }
 

@@ -9,7 +9,6 @@
 //! step on whose segment was not kept: the actions there were scored too low to imitate, and a chunk must not include
 //! them. Places that do not count are hidden from the style encoder and cost nothing. The sum is always divided by k,
 //! so that an action has the same weight in every chunk that contains it. A chunk's weight is the q of its first step.
-//! weighs the same in whichever chunk it stands. A chunk's weight is the q of its first step.
 
 mod layers;
 
@@ -21,19 +20,21 @@ use gleaner_core::{Group as _, ModelSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor};
 
+use super::chunk::ChunkSpec;
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
 use super::scratch::{self, Scratch};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
+use crate::error::LearnError;
 use crate::random::normal;
-use layers::{ChunkDecoder, StyleEncoder};
+use layers::{ChunkDecoder, Lengths, StyleEncoder};
 
 pub(super) const KIND: PolicyKind = PolicyKind {
     name: "act",
     title: "ACT",
     about: "Action chunking with transformers, from scratch: a conditional VAE that predicts chunks of actions.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
-    settings: || [ModelSpec::schema_of_one_step(), ActSpec::schema()].concat(),
+    settings: || [ModelSpec::schema_of_one_step(), ChunkSpec::schema(), ActSpec::schema()].concat(),
     model: scratch::model,
     init,
     load,
@@ -43,8 +44,6 @@ gleaner_core::settings! {
     /// Settings of ACT.
     #[derive(Copy)]
     pub(super) struct ActSpec {
-        /// Number of actions predicted at once (k). Longer chunks are smoother and react later.
-        pub(super) chunk_length: u32 = 10, integer_in(1, 256);
         /// Weight of the KL divergence of the style z from N(0, 1) (0: z is not regularised). Higher values make
         /// actions depend less on z.
         pub(super) kl_weight: f64 = 10.0, number_in(0.0, 1e6);
@@ -54,31 +53,34 @@ gleaner_core::settings! {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let policy = Act::new(Scratch::init(from, info)?, from.chosen().read()?);
+    let policy = Act::new(Scratch::init(from, info)?, info)?;
     policy.scratch.draw(info, from.spec.run.seed);
     Ok(Box::new(policy))
 }
 
 fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> NewPolicy {
-    let policy = Act::new(Scratch::load(info, named, device)?, info.settings()?);
+    let policy = Act::new(Scratch::load(info, named, device)?, info)?;
     policy.scratch.take(named)?;
     Ok(Box::new(policy))
 }
 
 struct Act {
     scratch: Scratch,
+    chunk_length: u32,
     spec: ActSpec,
     style: StyleEncoder,
     decoder: ChunkDecoder,
 }
 
 impl Act {
-    fn new(scratch: Scratch, spec: ActSpec) -> Self {
+    fn new(scratch: Scratch, info: &CheckpointInfo) -> Result<Self, LearnError> {
+        let (ChunkSpec { chunk_length }, spec): (ChunkSpec, ActSpec) = (info.settings()?, info.settings()?);
+        let lengths = Lengths { chunk: chunk_length.into(), latent: spec.latent_size.into() };
         let root = scratch.root();
-        let style = StyleEncoder::new(&(&root / "style"), &scratch.shape, &spec, &scratch.size);
-        let decoder = ChunkDecoder::new(&(&root / "decoder"), &scratch.shape, &spec, &scratch.size);
+        let style = StyleEncoder::new(&(&root / "style"), &scratch.shape, lengths, &scratch.size);
+        let decoder = ChunkDecoder::new(&(&root / "decoder"), &scratch.shape, lengths, &scratch.size);
         drop(root);
-        Self { scratch, spec, style, decoder }
+        Ok(Self { scratch, chunk_length, spec, style, decoder })
     }
 
     /// Standardised m_t, `[W, M]`.
@@ -89,7 +91,7 @@ impl Act {
 
 impl PolicyModel for Act {
     fn info(&self) -> PolicyInfo<'_> {
-        self.scratch.info(self.spec.chunk_length as usize)
+        self.scratch.info(self.chunk_length as usize)
     }
 
     fn parameters(&self) -> Vec<(String, Tensor)> {

@@ -12,6 +12,7 @@ use crate::batch::{Chunks, Windows, int};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
 use crate::normalize::{Sample, Statistics};
+use crate::random::{Purpose, generator, normal};
 use crate::shape::TaskShape;
 
 /// A policy, or the reason why it cannot be made.
@@ -73,6 +74,17 @@ pub(super) trait PolicyModel: Send {
     /// The task and sizes it was made for.
     fn info(&self) -> PolicyInfo<'_>;
 
+    /// Actions executed of each chunk before the next is predicted; 0 if a chunk is predicted at every step and all
+    /// predictions for a time are ensembled.
+    fn horizon(&self) -> u32 {
+        0
+    }
+
+    /// Values beside the parameters and statistics that a checkpoint keeps.
+    fn constants(&self) -> Vec<(String, Tensor)> {
+        Vec::new()
+    }
+
     /// The chance that training hides a window's past, 0 … 1.
     fn history_dropout(&self) -> f64 {
         0.0
@@ -120,6 +132,8 @@ pub(super) struct PolicyInput {
     pub(super) windows: Windows,
     /// `[W, L, 3]`: the o, m and a of the windows that are hidden, in training.
     pub(super) hidden: Option<Tensor>,
+    /// Per window, the seed and the number of its draw, for a policy that draws its actions; empty in training.
+    pub(super) draws: Vec<(u64, u64)>,
 }
 
 impl PolicyInput {
@@ -127,6 +141,15 @@ impl PolicyInput {
     pub(super) fn newest(&self, steps: &Tensor) -> Tensor {
         let places = self.windows.index.view([-1, int(self.windows.length)]).select(1, -1);
         steps.index_select(0, &places)
+    }
+
+    /// N(0, 1) of `size` for each window, `[W, …size]`. A window's numbers do not depend on the other windows.
+    pub(super) fn noise(&self, size: [i64; 2]) -> Tensor {
+        let count = usize::try_from(size.iter().product::<i64>()).unwrap_or(0);
+        let of = |(seed, number): &(u64, u64)| normal(&mut generator(*seed, Purpose::Action, *number), count);
+        let drawn: Vec<f32> = self.draws.iter().flat_map(of).collect();
+        let [chunk, action] = size;
+        Tensor::from_slice(&drawn).view([-1, chunk, action]).to_device(self.embedded.device())
     }
 }
 

@@ -3,20 +3,21 @@
 
 mod act;
 mod bc;
-mod ensemble;
+mod chunk;
 mod finetune;
 mod kind;
 mod perceptron;
 mod scratch;
 mod serve;
+mod session;
 mod shares;
 mod source;
 mod tf_bc;
 mod train;
 mod validation;
 
-pub use ensemble::Ensemble;
 pub use serve::Policy;
+pub use session::{Observed, PolicySession};
 pub use train::train_policy;
 
 use std::collections::BTreeMap;
@@ -31,7 +32,8 @@ use crate::train::Learner;
 use kind::{PolicyKind, PolicyModel};
 
 /// Every policy; the first is the default.
-const POLICIES: [&PolicyKind; 5] = [&finetune::KIND, &tf_bc::KIND, &bc::KIND, &act::KIND, &perceptron::KIND];
+const POLICIES: [&PolicyKind; 7] =
+    [&finetune::KIND, &tf_bc::KIND, &bc::KIND, &act::KIND, &flow::KIND, &diffusion::KIND, &perceptron::KIND];
 
 /// The policy of that name.
 fn find(name: &str) -> Result<&'static PolicyKind, LearnError> {
@@ -55,6 +57,7 @@ impl Learner for Box<dyn PolicyModel> {
     fn named(&self) -> Vec<(String, Tensor)> {
         let mut named = self.as_ref().parameters();
         named.extend(self.info().statistics.named());
+        named.extend(self.constants());
         named
     }
 }

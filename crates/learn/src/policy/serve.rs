@@ -6,7 +6,6 @@ use std::fmt;
 use gleaner_core::Device;
 use tch::no_grad_guard;
 
-use super::Ensemble;
 use super::kind::{PolicyInfo, PolicyInput, PolicyModel};
 use crate::batch::values;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
@@ -70,6 +69,11 @@ impl Policy {
         u32::try_from(self.model.info().chunk).unwrap_or(u32::MAX)
     }
 
+    /// Actions executed of each chunk before the next is predicted; 0 for a policy whose chunks are ensembled.
+    pub(super) fn horizon(&self) -> u32 {
+        self.model.horizon()
+    }
+
     /// The same policy, acting on the newest step alone: the past is hidden as in the training windows whose past was
     /// hidden. A policy that never saw a past, because its `history_dropout` is 1, always acts so.
     ///
@@ -95,14 +99,9 @@ impl Policy {
         layout(&about).embed(frames, |frames| self.model.encode(&images(frames)))
     }
 
-    /// An empty ensemble for one session of this policy.
-    pub fn ensemble(&self) -> Ensemble {
-        Ensemble::new(self.info.shape.ranges.clone())
-    }
-
     /// The next k actions of each history, the first for now, in physical units and within the task's ranges, so that
     /// each can be executed and remembered as it is; one pass for all. k is
-    /// [`Policy::chunk_length`]; [`Ensemble`] combines chunks into one action.
+    /// [`Policy::chunk_length`]; a [`PolicySession`](crate::PolicySession) executes chunks.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a history is empty, of another segment length, or holds values
@@ -116,10 +115,10 @@ impl Policy {
         guard(|| {
             let _no_grad = no_grad_guard();
             // The newest action is not known yet, and no policy reads it.
-            let Stacked { embedded, proprioception, action, windows } = layout(&about).stack(histories);
+            let Stacked { embedded, proprioception, action, windows, draws } = layout(&about).stack(histories);
             let hides = self.hides_history || self.model.history_dropout() >= 1.0;
             let hidden = windows.past_of(&vec![hides; histories.len()]);
-            let input = PolicyInput { embedded, proprioception, action, windows, hidden };
+            let input = PolicyInput { embedded, proprioception, action, windows, hidden, draws };
             let chunks = self.model.act(&input);
             let chunks = values(&about.statistics.actions(&chunks));
             let executed = |action: &[f32]| {

@@ -74,7 +74,14 @@ pub(super) fn mean_loss(
     noise: &mut ChaCha8Rng,
 ) -> (Tensor, Losses) {
     let Batch { images, seen_proprioception: proprioception, action, windows, weight, .. } = batch;
-    let input = PolicyInput { embedded: policy.embed_images(&images), proprioception, action, windows, hidden };
+    let input = PolicyInput {
+        embedded: policy.embed_images(&images),
+        proprioception,
+        action,
+        windows,
+        hidden,
+        draws: Vec::new(),
+    };
     let losses = policy.losses(&input, wanted, noise);
     ((&losses.each * weight).mean(None), losses)
 }

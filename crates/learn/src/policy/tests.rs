@@ -11,7 +11,7 @@ use tch::Device;
 
 use super::find;
 use super::kind::{PolicyInit, PolicyModel};
-use super::{Policy, train_policy};
+use super::{Observed, Policy, train_policy};
 use crate::History;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::error::LearnError;
@@ -80,17 +80,14 @@ pub(super) fn untrained(kind: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel
 /// Runs `policy` on an unseen square; returns the distance of the hand from it after `steps`.
 fn final_distance(policy: &Policy, square: [f32; 2], steps: u64) -> f32 {
     let mut hand = [0.5f32, 0.5];
-    let mut history = History::new(policy.segment_length());
-    let mut ensemble = policy.ensemble();
+    let (mut session, mut executed) = (policy.session(1), None::<Vec<f32>>);
     let frame = toy::frame(square[0], square[1]);
-    for step in 0..steps {
-        let embedding = policy.embed(&[&frame]).unwrap().remove(0);
-        history.push(embedding, vec![hand[0], hand[1], 5.0]).unwrap();
-        let chunk = policy.act(&[&history]).unwrap().remove(0);
-        assert_eq!(chunk.len(), policy.chunk_length() as usize);
-        let action = ensemble.push(step, chunk).unwrap();
+    for _ in 0..steps {
+        let proprioception = [hand[0], hand[1], 5.0];
+        let step = Observed { frame: &frame, proprioception: &proprioception, executed: executed.as_deref() };
+        let action = policy.advance(&mut [(&mut session, &[step])]).unwrap().remove(0).remove(0);
         hand = [hand[0] + action[0], hand[1] + action[1]];
-        history.set_executed(action).unwrap();
+        executed = Some(action);
     }
     (hand[0] - square[0]).hypot(hand[1] - square[1])
 }

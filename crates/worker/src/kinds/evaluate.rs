@@ -2,9 +2,9 @@
 
 use gleaner_core::action::ActionRanges;
 use gleaner_core::{EvaluateSpec, evaluation::SeedResult, work::Made};
-use gleaner_learn::{Ensemble, History, Monitor as _, Policy};
+use gleaner_learn::{Monitor as _, Observed, Policy, PolicySession};
 use gleaner_recording::TaskSpec;
-use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task, simulated, task_spec};
+use gleaner_sim::{ACTION_SIZE, Observation, Sim, SimConfig, Task, simulated, task_spec};
 
 use super::Work;
 use crate::{failure::Failure, monitor::Watcher};
@@ -74,8 +74,9 @@ impl Tally {
 /// One running attempt.
 struct Attempt {
     sim: Sim,
-    history: History,
-    ensemble: Ensemble,
+    session: PolicySession,
+    /// The action of the step before.
+    executed: Option<Vec<f32>>,
 }
 
 /// The attempts of one seed.
@@ -116,23 +117,22 @@ impl Trials<'_> {
     fn begin(&self, seed: u64) -> Attempt {
         Attempt {
             sim: Sim::new(self.simulation, self.config, seed),
-            history: History::new(self.policy.segment_length()),
-            ensemble: Ensemble::new(self.ranges.clone()),
+            session: self.policy.session(seed).within(self.ranges.clone()),
+            executed: None,
         }
     }
 
     /// One control step of every attempt.
     fn step(&self, running: &mut [Attempt]) -> Result<(), Failure> {
         let seen: Vec<_> = running.iter().map(|attempt| attempt.sim.observe()).collect();
-        let frames: Vec<&[u8]> = seen.iter().map(|seen| seen.frames.as_slice()).collect();
-        let embeddings = self.policy.embed(&frames)?;
-        for ((attempt, seen), embedding) in running.iter_mut().zip(&seen).zip(embeddings) {
-            attempt.history.push(embedding, seen.proprioception.clone())?;
-        }
-        let chunks = self.policy.act(&running.iter().map(|attempt| &attempt.history).collect::<Vec<_>>())?;
-        for (attempt, chunk) in running.iter_mut().zip(chunks) {
+        let executed: Vec<_> = running.iter_mut().map(|attempt| attempt.executed.take()).collect();
+        let steps: Vec<_> = seen.iter().zip(&executed).map(|(seen, executed)| [observed(seen, executed)]).collect();
+        let sessions = running.iter_mut().map(|attempt| &mut attempt.session).zip(&steps);
+        let mut sessions: Vec<_> = sessions.map(|(session, step)| (session, step.as_slice())).collect();
+        let actions = self.policy.advance(&mut sessions)?;
+        for (attempt, actions) in running.iter_mut().zip(actions) {
             // The task's ranges are the simulator's, so this is the action that it executes.
-            let action = attempt.ensemble.push(u64::from(attempt.sim.steps()), chunk)?;
+            let action = actions.into_iter().next().unwrap_or_default();
             let command: &[f32; ACTION_SIZE] = action.as_slice().try_into().map_err(|_| {
                 Failure::Permanent(format!(
                     "the policy gives {} values, the simulator takes {ACTION_SIZE}",
@@ -140,8 +140,12 @@ impl Trials<'_> {
                 ))
             })?;
             attempt.sim.step(command);
-            attempt.history.set_executed(action)?;
+            attempt.executed = Some(action);
         }
         Ok(())
     }
+}
+
+fn observed<'a>(seen: &'a Observation, executed: &'a Option<Vec<f32>>) -> Observed<'a> {
+    Observed { frame: &seen.frames, proprioception: &seen.proprioception, executed: executed.as_deref() }
 }

@@ -3,10 +3,18 @@
 use tch::nn::{self, Module};
 use tch::{Kind, Tensor};
 
-use super::ActSpec;
 use crate::batch::int;
 use crate::model::{Size, Transformer};
 use crate::shape::TaskShape;
+
+/// Sizes of ACT's parts.
+#[derive(Clone, Copy)]
+pub(super) struct Lengths {
+    /// Actions of a chunk, k.
+    pub(super) chunk: i64,
+    /// Values of the style z.
+    pub(super) latent: i64,
+}
 
 /// Tokens that the decoder attends to: o, m and z.
 const MEMORY: i64 = 3;
@@ -24,15 +32,15 @@ pub(super) struct StyleEncoder {
 }
 
 impl StyleEncoder {
-    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, spec: &ActSpec, size: &Size) -> Self {
+    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, lengths: Lengths, size: &Size) -> Self {
         let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
         Self {
             proprioception: linear("proprioception", int(shape.proprioception), size.width),
             action: linear("action", int(shape.action), size.width),
             summary: path.zeros("summary_embedding", &[1, size.width]),
-            place: path.zeros("place_embedding", &[i64::from(spec.chunk_length) + 2, size.width]),
+            place: path.zeros("place_embedding", &[lengths.chunk + 2, size.width]),
             transformer: Transformer::new(&(path / "transformer"), size),
-            out: linear("out", size.width, 2 * i64::from(spec.latent_size)),
+            out: linear("out", size.width, 2 * lengths.latent),
         }
     }
 
@@ -65,13 +73,13 @@ pub(super) struct ChunkDecoder {
 }
 
 impl ChunkDecoder {
-    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, spec: &ActSpec, size: &Size) -> Self {
+    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, lengths: Lengths, size: &Size) -> Self {
         let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
         Self {
             proprioception: linear("proprioception", int(shape.proprioception), size.width),
-            style: linear("style", i64::from(spec.latent_size), size.width),
+            style: linear("style", lengths.latent, size.width),
             memory: path.zeros("memory_embedding", &[MEMORY, size.width]),
-            query: path.zeros("query_embedding", &[i64::from(spec.chunk_length), size.width]),
+            query: path.zeros("query_embedding", &[lengths.chunk, size.width]),
             transformer: Transformer::new(&(path / "transformer"), size),
             out: linear("out", size.width, int(shape.action)),
         }

@@ -76,6 +76,7 @@ fn no_policy_looks_at_the_action_it_is_asked_for() {
             action: action.shallow_clone(),
             windows: batch.windows,
             hidden: None,
+            draws: vec![(0, 0)],
         };
         policy.act(&input).square().sum(None).backward();
         if length == 1 {
