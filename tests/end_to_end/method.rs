@@ -6,7 +6,7 @@ use serde_json::json;
 use crate::support::{
     api::Api,
     lab,
-    robot::{Robot, observe, start_sim},
+    robot::{Robot, close, observe, start_sim, values},
     shared::shared,
 };
 
@@ -59,8 +59,52 @@ async fn every_policy_trains_and_is_served() {
 
         let name = format!("{}@test", kind.name);
         api.deploy(&name, &id).await;
-        expect_ensemble(&mut api, &name, chunk).await;
+        if kind.settings.iter().any(|setting| setting.name == "execute_length") {
+            expect_executed_chunks(&mut api, &name, chunk).await;
+        } else {
+            expect_ensemble(&mut api, &name, chunk).await;
+        }
     }
+}
+
+/// Each reply has the rest of the chunk until all of it is executed: the default execute_length is above the length of the
+/// test's chunks.
+async fn expect_executed_chunks(api: &mut Api, name: &str, chunk: usize) {
+    let mut robot = Robot::open(api, name).await.unwrap();
+    assert_eq!(robot.opened.execute_length as usize, chunk);
+    let mut sim = start_sim();
+    let mut last: Vec<ActionStep> = Vec::new();
+    for step in 0..2 * chunk {
+        let actions = robot.act(observe(&sim)).await.unwrap().actions;
+        assert_eq!(actions.len(), chunk - step % chunk, "{name} step {step}");
+        assert_eq!(last.is_empty(), step % chunk == 0);
+        assert!(last.is_empty() || actions == last, "{name} step {step}");
+        sim.step(actions[0].values.as_slice().try_into().unwrap());
+        last = actions[1..].to_vec();
+    }
+}
+
+#[tokio::test]
+async fn a_policy_that_draws_its_actions_repeats_them_under_its_seed() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let data = train_spec::Data::ExpertsIn(shared.snapshot.clone());
+    let spec = lab::with(lab::train(data, 1), json!({"policy": "flow", "execute_length": 1}));
+    let policy = api.succeed(lab::TASK, spec).await.result_id;
+    api.deploy("draws@test", &policy).await;
+    let mut drawn = Vec::new();
+    for seed in [7, 7, u64::MAX] {
+        let open = SessionOpen { deployment: "draws@test".into(), seed, ..SessionOpen::default() };
+        let mut robot = Robot::open_with(&mut api, open).await.unwrap();
+        let sim = start_sim();
+        let mut chunks = Vec::new();
+        for _ in 0..2 {
+            chunks.push(values(&robot.act(observe(&sim)).await.unwrap().actions));
+        }
+        assert!(!close(&chunks[0], &chunks[1]), "each observation has a draw of its own");
+        drawn.push(chunks.concat());
+    }
+    assert!(close(&drawn[0], &drawn[1]) && !close(&drawn[0], &drawn[2]));
 }
 
 /// The first action of a session is the ensemble of the policy's chunks so far, which `Act` returns one by one.

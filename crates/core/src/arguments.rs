@@ -241,7 +241,7 @@ mod tests {
             ("--history-dropout 1.5", "--history-dropout: is 1.5, must be between 0 and 1"),
             ("--preset huge", "tiny"),
             ("--steps many", "invalid digit"),
-            ("--policy diffusion", "finetune"),
+            ("--policy dagger", "finetune"),
         ] {
             let message = parse::<Train>(options).unwrap_err();
             assert!(message.contains(expected), "{options}: {message}");

@@ -174,8 +174,8 @@ mod tests {
 
     #[test]
     fn an_unknown_kind_is_rejected_with_the_known_ones() {
-        let message = Family::Policy.kind("diffusion").unwrap_err().to_string();
-        assert!(message.starts_with("policy: unknown value \"diffusion\"; supported: finetune, "), "{message}");
+        let message = Family::Policy.kind("dagger").unwrap_err().to_string();
+        assert!(message.starts_with("policy: unknown value \"dagger\"; supported: finetune, "), "{message}");
     }
 
     #[test]

@@ -41,7 +41,7 @@ impl<'a> Sample<'a> {
     }
 
     /// One field of every step.
-    pub(super) fn rows<'s>(
+    pub(crate) fn rows<'s>(
         &'s self,
         of: impl Fn(&'a Trajectory, usize) -> &'a [f32] + Clone + 's,
     ) -> impl Iterator<Item = &'a [f32]> + Clone + 's

@@ -4,7 +4,10 @@
 mod act;
 mod bc;
 mod chunk;
+mod denoise;
+mod diffusion;
 mod finetune;
+mod flow;
 mod kind;
 mod perceptron;
 mod scratch;

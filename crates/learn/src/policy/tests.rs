@@ -2,6 +2,7 @@
 
 mod chunks;
 mod course;
+mod draws;
 mod every_kind;
 mod finetune;
 mod gradients;

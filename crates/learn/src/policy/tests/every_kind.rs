@@ -45,7 +45,7 @@ fn a_checkpoint_describes_its_policy_and_its_round_trip_is_exact() {
         let policy = Policy::load(&bytes).unwrap();
         let (window, chunk) = match kind {
             "finetune" | "tf_bc" => (3, 1),
-            "act" => (0, 4),
+            "act" | "flow" | "diffusion" => (0, 4),
             _ => (0, 1),
         };
         assert_eq!((policy.kind(), policy.segment_length(), policy.chunk_length()), (kind, window, chunk));
@@ -111,8 +111,9 @@ fn every_policy_looks_at_the_image() {
             (squares.map(|square| final_distance(&policy, square, 12)), monitor.metrics)
         };
         let (untrained, _) = run(1);
-        let (trained, metrics) = run(200);
-        let (first, last) = (&metrics[0], &metrics[199]);
+        // What removes noise has to learn it at every time.
+        let (trained, metrics) = run(if ["flow", "diffusion"].contains(&kind) { 350 } else { 200 });
+        let (first, last) = (&metrics[0], &metrics[metrics.len() - 1]);
         assert!(last["loss"] < 0.5 * first["loss"], "{kind:?}: {first:?} {last:?}");
         assert!(trained.iter().all(|distance| *distance < 0.15), "{kind:?}: {untrained:?} {trained:?}");
         // An encoder has learnt to act from AA before it is finetuned.

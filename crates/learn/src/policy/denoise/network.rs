@@ -1,0 +1,80 @@
+//! The network of policies that remove noise: a transformer over o, m and the places of a noisy chunk. Plain layers and
+//! their shapes.
+
+use tch::nn::{self, Module};
+use tch::{Kind, Tensor};
+
+use crate::batch::int;
+use crate::model::{Size, Transformer};
+use crate::shape::TaskShape;
+
+/// Tokens that the chunk's places attend to: o and m.
+const MEMORY: i64 = 2;
+/// The shortest and the longest period of the waves that represent a time in 0 … 1.
+const PERIODS: [f64; 2] = [4e-3, 4.0];
+
+pub(super) struct Network {
+    proprioception: nn::Linear,
+    action: nn::Linear,
+    time: [nn::Linear; 2],
+    /// `[2, d]`: the embeddings that distinguish o and m.
+    memory: Tensor,
+    /// `[k, d]`.
+    place: Tensor,
+    transformer: Transformer,
+    out: nn::Linear,
+    /// `[d / 2]`: 2 π over the period of each wave.
+    waves: Tensor,
+    /// `[1, 1, 2 + k, 2 + k]` of `bool`, true where the query (row) may attend to the key (column): o and m to each other,
+    /// places of the chunk to all.
+    seen: Tensor,
+}
+
+impl Network {
+    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, chunk: i64, size: &Size) -> Self {
+        let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
+        let (d, device) = (size.width, path.device());
+        let all = MEMORY + chunk;
+        let seen = Tensor::ones([all, all], (Kind::Bool, device));
+        let _ = seen.narrow(0, 0, MEMORY).narrow(1, MEMORY, chunk).fill_(0);
+        let [shortest, longest] = PERIODS.map(f64::ln);
+        let periods = Tensor::linspace(shortest, longest, d / 2, (Kind::Double, device)).exp();
+        Self {
+            proprioception: linear("proprioception", int(shape.proprioception), d),
+            action: linear("action", int(shape.action), d),
+            time: [linear("time_hidden", d, d), linear("time_out", d, d)],
+            memory: path.zeros("memory_embedding", &[MEMORY, d]),
+            place: path.zeros("place_embedding", &[chunk, d]),
+            transformer: Transformer::new(&(path / "transformer"), size),
+            out: linear("out", d, int(shape.action)),
+            waves: (periods.reciprocal() * std::f64::consts::TAU).to_kind(Kind::Float),
+            seen: seen.unsqueeze(0).unsqueeze(0),
+        }
+    }
+
+    /// Embedded o `[W, d]` and standardised m `[W, M]` to the tokens that a chunk is predicted from, `[W, 2, d]`.
+    pub(super) fn memory(&self, o: &Tensor, m: &Tensor) -> Tensor {
+        Tensor::stack(&[o, &self.proprioception.forward(m)], 1) + &self.memory
+    }
+
+    /// Memory `[R, 2, d]`, noisy chunks `[R, k, A]` and their times `[R, 1, 1]` in 0 … 1 to predictions `[R, k, A]`. Only
+    /// places that are `counted` `[R, k]` are seen by others; `None`: all are.
+    pub(super) fn forward(&self, memory: &Tensor, noisy: &Tensor, time: &Tensor, counted: Option<&Tensor>) -> Tensor {
+        let angle = time.squeeze_dim(-1) * self.waves.to_kind(time.kind());
+        let time = Tensor::cat(&[angle.sin(), angle.cos()], -1);
+        let time = self.time[1].forward(&self.time[0].forward(&time).silu()).unsqueeze(1);
+        let places = self.action.forward(noisy) + time + &self.place;
+        let tokens = Tensor::cat(&[memory, &places], 1);
+        let chunk = noisy.size()[1];
+        let mask = match counted {
+            None => self.seen.shallow_clone(),
+            Some(counted) => {
+                let always = Tensor::ones([counted.size()[0], MEMORY], (Kind::Bool, counted.device()));
+                let keys = Tensor::cat(&[&always, counted], 1).unsqueeze(1).unsqueeze(1);
+                let own = Tensor::eye(MEMORY + chunk, (Kind::Bool, counted.device()));
+                self.seen.logical_and(&keys).logical_or(&own)
+            }
+        };
+        self.out.forward(&self.transformer.last_tokens(&tokens, &mask, chunk))
+    }
+}

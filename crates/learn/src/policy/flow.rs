@@ -1,0 +1,119 @@
+//! The policy `flow`: flow matching over chunks (the action head of π0 and SmolVLA, at our size), from scratch.
+//!
+//! With noise ε ~ N(0, 1) and time t = 0.001 + 0.999 u^{2/3} (u uniform; t = 1 is noise), x_t = t ε + (1 − t) a, and the
+//! network predicts the velocity ε − a from x_t, t, o_t and m_t: the loss is the mean squared error. Acting integrates
+//! from noise at t = 1 to a chunk at t = 0 by Euler's method.
+
+use std::collections::BTreeMap;
+
+use gleaner_core::kinds::Needs;
+use rand_chacha::ChaCha8Rng;
+use tch::{Device, Tensor};
+
+use super::denoise::{self, Denoiser, Mixed};
+use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
+use super::scratch;
+use crate::batch::Chunks;
+use crate::checkpoint::CheckpointInfo;
+
+pub(super) const KIND: PolicyKind = PolicyKind {
+    name: "flow",
+    title: "Flow matching",
+    about: "Flow matching from scratch: chunks of actions are drawn from noise, which represents several ways to act.",
+    needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
+    settings: denoise::schema,
+    model: scratch::model,
+    init,
+    load,
+};
+
+fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
+    Ok(Box::new(Flow(Denoiser::init(from, info)?)))
+}
+
+fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> NewPolicy {
+    Ok(Box::new(Flow(Denoiser::load(info, named, device)?)))
+}
+
+struct Flow(Denoiser);
+
+impl PolicyModel for Flow {
+    fn info(&self) -> PolicyInfo<'_> {
+        self.0.info()
+    }
+
+    fn horizon(&self) -> u32 {
+        self.0.horizon()
+    }
+
+    fn parameters(&self) -> Vec<(String, Tensor)> {
+        self.0.scratch.parameters()
+    }
+
+    fn encode(&self, images: &[Tensor]) -> Tensor {
+        self.0.scratch.encode(images)
+    }
+
+    fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
+        let chunk = self.0.scratch.statistics.action.apply(&wanted.action);
+        self.0.losses(input, (&chunk, wanted), rng, time, mix)
+    }
+
+    fn act(&self, input: &PolicyInput) -> Tensor {
+        integrate(&self.0.noise(input), self.0.sampling_steps(), self.0.predictor(input))
+    }
+}
+
+/// A time of training: noisy ones are more likely.
+fn time(uniform: f64) -> f64 {
+    0.001 + 0.999 * uniform.powf(2.0 / 3.0)
+}
+
+fn mix(chunk: &Tensor, noise: &Tensor, time: &Tensor) -> Mixed {
+    Mixed { noisy: noise * time + chunk * (1.0 - time), target: noise - chunk }
+}
+
+/// Follows the field `velocity(x, t)` from noise at t = 1 to t = 0 in equal steps.
+fn integrate(noise: &Tensor, steps: u32, velocity: impl Fn(&Tensor, f64) -> Tensor) -> Tensor {
+    let step = 1.0 / f64::from(steps);
+    (0..steps).fold(noise.shallow_clone(), |x, i| &x - velocity(&x, 1.0 - f64::from(i) * step) * step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::values;
+    use crate::random::{Purpose, generator, normal};
+
+    /// The mean and deviation of chunks drawn by the exact field of N(0.3, 0.5²), against numbers computed apart.
+    #[test]
+    fn integration_of_an_exact_field_has_the_known_moments() {
+        let (mean, deviation) = (0.3, 0.5f64);
+        let velocity = |x: &Tensor, t: f64| {
+            let s2 = deviation.powi(2);
+            let slope = (t - (1.0 - t) * s2) / (t.powi(2) + (1.0 - t).powi(2) * s2);
+            (x - (1.0 - t) * mean) * slope - mean
+        };
+        let noise = normal(&mut generator(1, Purpose::Style, 0), 100_000);
+        // Exactly N(0, 1) in its first two moments.
+        let noise = Tensor::from_slice(&noise).to_kind(tch::Kind::Double);
+        let noise = (&noise - noise.mean(None)) / noise.std(true);
+        for (steps, expected) in [(5, 0.369), (10, 0.431), (20, 0.464), (100, 0.493)] {
+            let drawn = integrate(&noise, steps, velocity);
+            let found = [drawn.mean(None).double_value(&[]), drawn.std(true).double_value(&[])];
+            assert!((found[0] - mean).abs() < 1e-6 && (found[1] - expected).abs() < 1e-3, "{steps}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn times_of_training_are_noisy_and_the_mix_ends_at_noise_and_at_the_chunk() {
+        let mean = (0..1000).map(|i| time((f64::from(i) + 0.5) / 1000.0)).sum::<f64>() / 1000.0;
+        assert!((mean - (0.001 + 0.999 * 0.6)).abs() < 1e-4, "{mean}");
+        let (chunk, noise) = (Tensor::from_slice(&[2f32]), Tensor::from_slice(&[-1f32]));
+        let at = |t: f32| {
+            let Mixed { noisy, target } = mix(&chunk, &noise, &Tensor::from_slice(&[t]));
+            [values(&noisy)[0], values(&target)[0]]
+        };
+        assert_eq!((at(0.0), at(1.0), at(0.25)), ([2.0, -3.0], [-1.0, -3.0], [1.25, -3.0]));
+    }
+}
