@@ -61,6 +61,16 @@ pub(super) enum Source {
     Observations,
 }
 
+impl Source {
+    /// Scaling of the encoder's features, if these are compared.
+    pub(super) fn feature_scale(self) -> Option<FeatureScale> {
+        match self {
+            Self::Features(scale) => Some(scale),
+            Self::Observations => None,
+        }
+    }
+}
+
 /// The comparison of segments.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Comparison {

@@ -87,7 +87,7 @@ impl LiveScorer {
         }
         guard(|| {
             let _no_grad = no_grad_guard();
-            let opened = Opened::read(encoder, spec, Some(&comparison))?;
+            let opened = Opened::read(encoder, spec, comparison.source.feature_scale())?;
             let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(experts).collect();
             sorted.sort_by(|a, b| a.1.id.cmp(&b.1.id));
             let mut features = Vec::with_capacity(sorted.len());

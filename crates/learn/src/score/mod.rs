@@ -34,15 +34,15 @@ use crate::objective::features_view;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use base::Known;
-use comparison::{Comparison, Source};
+use comparison::Comparison;
 use features::Encoder;
 use gleaner_core::{NormaliserKind, PretrainSpec, ScoreSpec};
 use run::{Found, Progress, Run, count};
 use scorer::Scorer;
 
 /// The scores of one episode's segments, by the episode's name; entry t is the segment that ends at step t. w is the
-/// classifier's log p(expert) or DemInf's information if that is the scorer, and q is in 0 … 1. `match_episode` is an index into the given
-/// experts. Distances are before any modality scale.
+/// classifier's log p(expert) or DemInf's information if that is the scorer, and q is in 0 … 1. `match_episode` is an index
+/// into the given experts. Distances are before any modality scale.
 pub type EpisodeScores = gleaner_core::score::EpisodeScores<String>;
 
 /// The result of a score run.
@@ -132,13 +132,13 @@ struct Opened {
 }
 
 impl Opened {
-    fn read(encoder: &[u8], spec: &ScoreSpec, comparison: Option<&Comparison>) -> Result<Self, LearnError> {
+    fn read(encoder: &[u8], spec: &ScoreSpec, scale: Option<FeatureScale>) -> Result<Self, LearnError> {
         let device = device::open(spec.device, spec.threads)?;
         let (info, named) = checkpoint::read(encoder, CheckpointKind::Encoder)?;
         let network = Network::from_named(&info.shape, info.model, &named, device)?;
-        let scale = match comparison.map(|comparison| comparison.source) {
-            Some(Source::Features(FeatureScale::Whitened)) => Some(Scale::from_named(&named, network.width(), device)?),
-            Some(Source::Features(FeatureScale::Plain) | Source::Observations) | None => None,
+        let scale = match scale {
+            Some(FeatureScale::Whitened) => Some(Scale::from_named(&named, network.width(), device)?),
+            Some(FeatureScale::Plain) | None => None,
         };
         let made = serde_json::from_str::<PretrainSpec>(&info.spec);
         let made = made.map_err(|error| LearnError::Checkpoint(format!("its settings: {error}")))?;
@@ -161,16 +161,16 @@ impl Call<'_> {
     fn run(&self, base: Option<&ScoreBase>, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
         self.validate(base)?;
         guard(|| {
-            let opened = Opened::read(self.inputs.encoder, self.spec, self.scorer.comparison())?;
+            let opened = Opened::read(self.inputs.encoder, self.spec, self.scorer.feature_scale())?;
             let network = &opened.network;
             for trajectory in self.inputs.experts.iter().chain(self.inputs.imperfect) {
                 trajectory.validate(&network.shape)?;
             }
             let Found { mut imperfect, mut experts, local } = match &self.scorer {
                 Scorer::Nearest(comparison) => self.by_nearest(opened.encoder(), comparison, base, monitor)?,
-                Scorer::Trained(scores) => {
+                Scorer::Trained(trained) => {
                     let episodes = (self.inputs.experts, self.inputs.imperfect);
-                    let (imperfect, experts) = scores(network, episodes, monitor)?;
+                    let (imperfect, experts) = (trained.scores)(opened.encoder(), episodes, monitor)?;
                     Found { imperfect, experts, local: None }
                 }
             };

@@ -8,6 +8,6 @@ mod raw;
 mod ssdf;
 
 pub(super) use kind::Scorer;
-use kind::{ScorerKind, SeedSpec};
+use kind::{ScorerKind, SeedSpec, Trained, unmatched};
 pub(crate) use list::describe;
 pub(super) use list::open;

@@ -4,8 +4,10 @@
 pub(super) mod kept;
 mod learned;
 pub(super) mod raw;
+mod states;
 
 use crate::batch::{rows, values};
+use crate::error::LearnError;
 use crate::history::Stacked;
 use crate::model::{Network, View};
 use crate::normalize::FeatureScale;
@@ -14,6 +16,7 @@ use crate::trajectory::Trajectory;
 use tch::Tensor;
 
 pub use kept::{FeatureStore, Forgetful};
+pub(super) use states::states;
 
 /// Number of steps encoded, and of windows passed, at a time. It bounds memory; being fixed, it makes an episode's
 /// features independent of the other episodes.
@@ -21,6 +24,12 @@ const CHUNK: usize = 128;
 
 /// Features of T segments: one point each, with the parts o, m and a.
 pub(super) type Features = gleaner_search::Points;
+
+/// The error for an episode whose standardised values are not finite, or too large to be compared.
+pub(super) fn too_far(episode: &str) -> LearnError {
+    let message = "is too far from the encoder's data to be standardised; correct it or leave it out";
+    LearnError::invalid(format!("episode {episode}"), message)
+}
 
 /// Appends rows, `[N, width]` per modality.
 fn extend(features: &mut Features, parts: &[Tensor; 3]) {

@@ -3,12 +3,13 @@
 
 use gleaner_core::kinds::{Kind, Needs};
 use gleaner_core::schema::integer_in;
+use gleaner_core::snapshot::Role;
 use gleaner_core::{Chosen, Setting};
 
 use crate::error::LearnError;
-use crate::model::Network;
 use crate::score::EpisodeScores;
-use crate::score::comparison::Comparison;
+use crate::score::comparison::{Comparison, FeatureScale};
+use crate::score::features::Encoder;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 
@@ -52,15 +53,36 @@ pub(in crate::score) enum Scorer {
     Trained(Trained),
 }
 
+/// A scorer whose every score depends on all episodes.
+pub(in crate::score) struct Trained {
+    /// Scaling of the encoder's features; `None` if it does not use them.
+    pub(super) feature_scale: Option<FeatureScale>,
+    /// Its computation.
+    pub(in crate::score) scores: TrainedScores,
+}
+
 /// Scores the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the given order.
-pub(in crate::score) type Trained = Box<
+pub(super) type TrainedScores = Box<
     dyn Fn(
-            &Network,
+            Encoder<'_>,
             (&[Trajectory], &[Trajectory]),
             &mut dyn Monitor,
         ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError>
         + Send,
 >;
+
+/// The scores of an episode by a scorer that matches no segments, without q.
+pub(super) fn unmatched(episode: &str, role: Role, w: Vec<f64>) -> EpisodeScores {
+    EpisodeScores {
+        episode_id: episode.to_owned(),
+        role,
+        w,
+        q: Vec::new(),
+        match_episode: Vec::new(),
+        match_step: Vec::new(),
+        distances: Vec::new(),
+    }
+}
 
 impl Scorer {
     /// The comparison of segments; `None` for a scorer that is trained.
@@ -68,6 +90,14 @@ impl Scorer {
         match self {
             Self::Nearest(comparison) => Some(comparison),
             Self::Trained(_) => None,
+        }
+    }
+
+    /// Scaling of the encoder's features; `None` for a scorer that does not use them.
+    pub(in crate::score) fn feature_scale(&self) -> Option<FeatureScale> {
+        match self {
+            Self::Nearest(comparison) => comparison.source.feature_scale(),
+            Self::Trained(trained) => trained.feature_scale,
         }
     }
 }

@@ -13,12 +13,12 @@ use gleaner_core::kinds::Needs;
 use gleaner_core::snapshot::Role;
 use tch::Tensor;
 
-use super::{Scorer, ScorerKind, SeedSpec};
+use super::{Scorer, ScorerKind, SeedSpec, Trained, unmatched};
 use crate::batch::rows;
 use crate::error::LearnError;
 use crate::model::Network;
 use crate::score::EpisodeScores;
-use crate::score::features::{Features, raw};
+use crate::score::features::{Features, raw, too_far};
 use crate::score::run::{Progress, count};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
@@ -32,7 +32,10 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     settings: SeedSpec::schema,
     open: |chosen| {
         let SeedSpec { seed } = chosen.read()?;
-        Ok(Scorer::Trained(Box::new(move |network, episodes, monitor| scores(network, episodes, seed, monitor))))
+        Ok(Scorer::Trained(Trained {
+            feature_scale: None,
+            scores: Box::new(move |encoder, episodes, monitor| scores(encoder.network, episodes, seed, monitor)),
+        }))
     },
 };
 
@@ -101,10 +104,7 @@ fn gather<'a>(
     for trajectory in episodes {
         let features = raw::steps(network, trajectory);
         if !features.comparable() {
-            return Err(LearnError::invalid(
-                format!("episode {}", trajectory.id),
-                "is too far from the encoder's data to be standardised; correct it or leave it out",
-            ));
+            return Err(too_far(&trajectory.id));
         }
         progress.advance(features.count())?;
         let fold = folds.get(trajectory.id.as_str()).copied().unwrap_or(0);
@@ -132,16 +132,7 @@ fn describe(episode: &Episode<'_>, role: Role, mlp: &Mlp) -> Result<EpisodeScore
         let message = "is too far from the other episodes for the classifier; correct it or use another scorer";
         return Err(LearnError::invalid(format!("episode {}", episode.id), message));
     }
-    let (match_episode, match_step, distances) = (Vec::new(), Vec::new(), Vec::new());
-    Ok(EpisodeScores {
-        episode_id: episode.id.to_owned(),
-        role,
-        w,
-        q: Vec::new(),
-        match_episode,
-        match_step,
-        distances,
-    })
+    Ok(unmatched(episode.id, role, w))
 }
 
 #[cfg(test)]

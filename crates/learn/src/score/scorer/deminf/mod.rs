@@ -15,14 +15,15 @@ use gleaner_core::Group as _;
 use gleaner_core::kinds::Needs;
 use gleaner_core::snapshot::Role;
 use rand::seq::SliceRandom as _;
-use tch::{Device, Tensor, no_grad_guard};
+use tch::{Tensor, no_grad_guard};
 
-use super::{Scorer, ScorerKind, SeedSpec};
-use crate::batch::{Batch, Segments, int, values};
+use super::{Scorer, ScorerKind, SeedSpec, Trained, unmatched};
+use crate::batch::{int, rows, values};
 use crate::error::LearnError;
 use crate::model::Network;
 use crate::random::{Purpose, generator};
 use crate::score::EpisodeScores;
+use crate::score::features::{states, too_far};
 use crate::score::run::{Progress, count};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
@@ -36,7 +37,10 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     settings: SeedSpec::schema,
     open: |chosen| {
         let SeedSpec { seed } = chosen.read()?;
-        Ok(Scorer::Trained(Box::new(move |network, episodes, monitor| scores(network, episodes, seed, monitor))))
+        Ok(Scorer::Trained(Trained {
+            feature_scale: None,
+            scores: Box::new(move |encoder, episodes, monitor| scores(encoder.network, episodes, seed, monitor)),
+        }))
     },
 };
 
@@ -46,8 +50,6 @@ const BATCH: usize = 1024;
 const PASSES: u64 = 4;
 /// Values of an action that are compared, the first ones.
 const ACTION: i64 = 8;
-/// Steps encoded at a time.
-const CHUNK: usize = 128;
 
 /// The scores of the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the given order.
 fn scores(
@@ -66,20 +68,14 @@ fn scores(
     sorted.dedup_by(|a, b| a.id == b.id);
     let steps = count(network, sorted.iter().copied());
     let mut progress = Progress::new(monitor, steps * (1 + passes(usize::try_from(steps).unwrap_or(usize::MAX))));
-    let (mut states, mut actions) = (Vec::with_capacity(sorted.len()), Vec::with_capacity(sorted.len()));
+    let (mut observed, mut actions) = (Vec::with_capacity(sorted.len()), Vec::with_capacity(sorted.len()));
     for episode in &sorted {
-        let [state, action] = observed(network, episode);
-        if ![&state, &action].iter().all(|part| values(part).iter().all(|value| value.is_finite())) {
-            let message = "is too far from the encoder's data to be standardised; correct it or leave it out";
-            return Err(LearnError::invalid(format!("episode {}", episode.id), message));
-        }
-        // On the processor: a large run has more states than a device has memory for.
-        states.push(state.to_device(Device::Cpu));
-        actions.push(action);
+        observed.push(states(network, episode)?);
+        actions.push(first_actions(network, episode)?);
         progress.advance(episode.steps(&network.shape))?;
     }
-    let state = whitened(&states).to_device(network.device());
-    drop(states);
+    let state = whitened(&observed).to_device(network.device());
+    drop(observed);
     let of_steps = standardised(information(&state, &Tensor::cat(&actions, 0), seed, &mut progress)?);
     let mut begin = 0;
     let mut of_episodes = HashMap::new();
@@ -89,34 +85,20 @@ fn scores(
         begin = end;
     }
     let describe = |episodes: &[Trajectory], role: Role| -> Vec<EpisodeScores> {
-        let of = |episode: &Trajectory| EpisodeScores {
-            episode_id: episode.id.clone(),
-            role,
-            w: of_episodes.get(episode.id.as_str()).cloned().unwrap_or_default(),
-            q: Vec::new(),
-            match_episode: Vec::new(),
-            match_step: Vec::new(),
-            distances: Vec::new(),
+        let of = |episode: &Trajectory| {
+            unmatched(&episode.id, role, of_episodes.get(episode.id.as_str()).cloned().unwrap_or_default())
         };
         episodes.iter().map(of).collect()
     };
     Ok((describe(imperfect, Role::Imperfect), describe(experts, Role::Expert)))
 }
 
-/// The image embedding beside standardised proprioception, `[T, d + M]`, and the standardised actions, `[T, ≤ 8]`, of
-/// every step.
-fn observed(network: &Network, episode: &Trajectory) -> [Tensor; 2] {
-    let every = Segments::every(&network.shape, &[episode]);
-    let statistics = &network.statistics;
-    let (mut states, mut actions) = (Vec::new(), Vec::new());
-    for chunk in every.all().chunks(CHUNK) {
-        let batch = Batch::collect(&network.shape, &[episode], chunk, 1, network.device());
-        let proprioception = statistics.proprioception.apply(&batch.proprioception);
-        states.push(Tensor::cat(&[network.embed_images(&batch.images), proprioception], 1));
-        let action = statistics.action.apply(&batch.action);
-        actions.push(action.narrow(1, 0, action.size()[1].min(ACTION)));
-    }
-    [Tensor::cat(&states, 0), Tensor::cat(&actions, 0)]
+/// The first values of every step's standardised action, `[T, ≤ 8]`.
+fn first_actions(network: &Network, episode: &Trajectory) -> Result<Tensor, LearnError> {
+    let width = network.shape.action;
+    let action = network.statistics.action.apply(&rows(&episode.action, width, network.device()));
+    let first = action.narrow(1, 0, ACTION.min(int(width)));
+    if values(&first).iter().all(|value| value.is_finite()) { Ok(first) } else { Err(too_far(&episode.id)) }
 }
 
 /// Passes over this many steps: a single batch is the same in every order.
