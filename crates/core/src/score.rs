@@ -66,7 +66,8 @@ pub struct EpisodeScores<Id = EpisodeId> {
     pub episode_id: Id,
     /// Its role in the run's snapshot.
     pub role: Role,
-    /// The highest similarity to an expert segment, at most 0; the classifier's log p; the information of `deminf`.
+    /// The highest similarity to an expert segment, at most 0; the classifier's log p; the information of `deminf`;
+    /// the gain of `progress`.
     pub w: Vec<f64>,
     /// w normalised to [0, 1].
     pub q: Vec<f32>,

@@ -4,7 +4,9 @@ mod classifier;
 mod deminf;
 mod kind;
 mod list;
+mod progress;
 mod raw;
+mod recordings;
 mod ssdf;
 
 pub(super) use kind::Scorer;

@@ -3,12 +3,12 @@
 use gleaner_core::Chosen;
 use gleaner_core::kinds::{Family, Kind};
 
-use super::{Scorer, ScorerKind, classifier, deminf, raw, ssdf};
+use super::{Scorer, ScorerKind, classifier, deminf, progress, raw, ssdf};
 use crate::error::LearnError;
 use crate::family;
 
 /// Every scorer; the first is the default.
-const SCORERS: [&ScorerKind; 4] = [&ssdf::KIND, &raw::KIND, &classifier::KIND, &deminf::KIND];
+const SCORERS: [&ScorerKind; 5] = [&ssdf::KIND, &raw::KIND, &classifier::KIND, &deminf::KIND, &progress::KIND];
 
 /// The chosen scorer with its settings.
 pub(in crate::score) fn open(chosen: &Chosen) -> Result<Scorer, LearnError> {

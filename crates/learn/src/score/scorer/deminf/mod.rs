@@ -17,6 +17,7 @@ use gleaner_core::snapshot::Role;
 use rand::seq::SliceRandom as _;
 use tch::{Tensor, no_grad_guard};
 
+use super::recordings::check_ids;
 use super::{Scorer, ScorerKind, SeedSpec, Trained, unmatched};
 use crate::batch::{int, rows, values};
 use crate::error::LearnError;
@@ -61,10 +62,7 @@ fn scores(
     let _no_grad = no_grad_guard();
     let mut sorted: Vec<&Trajectory> = imperfect.iter().chain(experts).collect();
     sorted.sort_by(|a, b| a.id.cmp(&b.id));
-    if let Some([twice, _]) = sorted.array_windows().find(|[a, b]| a.id == b.id && a.content() != b.content()) {
-        let message = "is an expert and imperfect with different steps; give each recording an id of its own";
-        return Err(LearnError::invalid(format!("episode {}", twice.id), message));
-    }
+    check_ids(experts, imperfect)?;
     sorted.dedup_by(|a, b| a.id == b.id);
     let steps = count(network, sorted.iter().copied());
     let mut progress = Progress::new(monitor, steps * (1 + passes(usize::try_from(steps).unwrap_or(usize::MAX))));
