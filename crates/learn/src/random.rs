@@ -33,6 +33,8 @@ pub(crate) enum Purpose {
     Validation = 11,
     /// The actions that a policy draws; the counter is the observation.
     Action = 12,
+    /// The corruption of an expert's actions; the counter is the expert's number.
+    Corruption = 13,
 }
 
 /// The generator of `purpose` at `counter`.

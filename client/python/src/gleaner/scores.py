@@ -23,9 +23,10 @@ class EpisodeScores:
     episode_id: str  # empty when it is not stored
     role: str  # expert or imperfect; experts' scores leave their own episode out; unspecified when it is not stored
     q: NDArray[np.float32]  # quality in [0, 1]
-    # The highest similarity to an expert segment; log p of classifier, information of deminf, gain of progress.
+    # The highest similarity to an expert segment; log p of classifier, information of deminf, gain of progress, share
+    # of vote.
     w: NDArray[np.float64]
-    # The expert episode matched; empty for classifier, deminf and progress, as are the rest.
+    # The expert episode matched; empty for classifier, deminf, progress and vote, as are the rest.
     match_episode: NDArray[np.str_]
     match_step: NDArray[np.uint32]
     distance_o: NDArray[np.float32]  # of the images' features

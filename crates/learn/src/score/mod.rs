@@ -41,8 +41,8 @@ use run::{Found, Progress, Run, count};
 use scorer::Scorer;
 
 /// The scores of one episode's segments, by the episode's name; entry t is the segment that ends at step t. w is the
-/// classifier's log p(expert), DemInf's information, or the gain of `progress` if that is the scorer,
-/// and q is in 0 … 1. `match_episode` is an index into the given experts. Distances are before any modality scale.
+/// classifier's log p(expert), DemInf's information, the gain of `progress` or the share of `vote` if that is the
+/// scorer, and q is in 0 … 1. `match_episode` is an index into the given experts. Distances are before any modality scale.
 pub type EpisodeScores = gleaner_core::score::EpisodeScores<String>;
 
 /// The result of a score run.

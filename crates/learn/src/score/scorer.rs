@@ -8,6 +8,7 @@ mod progress;
 mod raw;
 mod recordings;
 mod ssdf;
+mod vote;
 
 pub(super) use kind::Scorer;
 use kind::{ScorerKind, SeedSpec, Trained, unmatched};

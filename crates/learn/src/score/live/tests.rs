@@ -84,7 +84,7 @@ fn what_cannot_be_scored_is_named() {
         LiveScorer::load(&encoder(), experts, spec, run.normaliser.clone()).map(|_| ()).unwrap_err().to_string()
     };
     assert!(load(&[], &spec).starts_with("experts: "));
-    for scorer in ["raw", "classifier", "progress"] {
+    for scorer in ["raw", "classifier", "progress", "vote"] {
         assert!(load(&experts, &spec_of(scorer, &[])).starts_with("scorer: "));
     }
     let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser.clone()).unwrap();
