@@ -75,7 +75,7 @@ impl TableKind {
 }
 
 // The default and the paper's to the letter; the nearest neighbour of raw observations as a baseline, without and with
-// the local scale; the classifier; and mutual information.
+// the local scale; the classifier; mutual information; progress; and the vote.
 fn scorings() -> Vec<Draft> {
     let cell = |label: &str, set: &[(&str, &str)]| {
         let flag = |text: &str| text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from);
@@ -90,6 +90,8 @@ fn scorings() -> Vec<Draft> {
         cell("raw segments + local scale", &[("scorer", "raw"), ("local_scale", "true"), ("similarity", "segment_l2")]),
         cell("classifier", &[("scorer", "classifier")]),
         cell("deminf", &[("scorer", "deminf")]),
+        cell("progress", &[("scorer", "progress")]),
+        cell("vote", &[("scorer", "vote")]),
     ]
 }
 
@@ -215,7 +217,9 @@ mod tests {
                 "raw segments",
                 "raw segments + local scale",
                 "classifier",
-                "deminf"
+                "deminf",
+                "progress",
+                "vote"
             ]
         );
         let scales = |index: usize| {
