@@ -1,6 +1,6 @@
 //! Orders: a caller's specification of a job, before the server has chosen inputs and ids.
 
-use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
+use crate::{EvaluateSpec, InitialWeights, PretrainSpec, ScoreSpec, TrainSpec, Words as _, kinds::Family};
 
 use super::{
     dataset::Dataset,
@@ -103,7 +103,9 @@ pub enum TrainData {
 
 /// Whether a training starts from a pretrained encoder.
 pub fn needs_encoder(spec: &TrainSpec) -> bool {
-    Family::Policy.find(&spec.policy.name).is_some_and(|kind| kind.needs.encoder)
+    let always = Family::Policy.find(&spec.policy.name).is_some_and(|kind| kind.needs.encoder);
+    let begins = spec.policy.settings.get("initial_weights").and_then(|word| word.as_str());
+    always || begins == Some(InitialWeights::Encoder.as_str())
 }
 
 /// Settings of an ordered job's queueing.

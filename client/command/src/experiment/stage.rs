@@ -145,7 +145,7 @@ impl Graph {
 fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work> {
     let cell = &cell.used();
     let mut works = vec![Work::Snapshot { task: task.to_owned(), rule: cell.rule.clone() }];
-    if cell.method.pretrains() {
+    if cell.pretrains() {
         works.push(Work::Pretrain { settings: complete(cell.pretrain_spec(seed).map(|spec| spec.values())) });
     }
     if cell.method.gleans {

@@ -4,6 +4,7 @@
 //! setting is rejected. Must not depend on a server.
 
 use gleaner_core::kinds::{Family, Kind};
+use gleaner_core::order::needs_encoder;
 use gleaner_core::schema::Problem;
 use gleaner_core::{Setting, schema_of};
 use serde_json::Value;
@@ -40,22 +41,39 @@ impl CellSettings {
         family.kind(self.settings.get(family.as_str()).and_then(Value::as_str).unwrap_or(family.default_name()))
     }
 
+    /// Whether it needs an encoder, to begin from or to score with.
+    pub(super) fn pretrains(&self) -> bool {
+        self.method.pretrains() || self.train_spec(0).is_ok_and(|spec| needs_encoder(&spec))
+    }
+
+    /// Whether its policy sees steps before the newest one.
+    fn sees_history(&self, training: &Used) -> bool {
+        let steps = self.train.get("history_steps").or_else(|| self.settings.get("history_steps"));
+        let chosen = training.uses("history_steps") && steps.and_then(Value::as_u64).is_some_and(|steps| steps > 0);
+        chosen || training.kinds.iter().any(|kind| kind.needs.history)
+    }
+
     /// The same cell without everything that has no effect in it.
     pub(crate) fn used(&self) -> Self {
         let default = Self::default();
         let mut used = self.clone();
         let scorer = self.scorer().ok().filter(|_| self.method.gleans);
         let training = self.training();
+        let pretrains = self.pretrains();
+        let sees_history = self.sees_history(&training);
         used.settings.retain(|name, _| {
-            (self.method.pretrains() && has("pretrain", name))
+            (pretrains && has("pretrain", name))
                 || scorer.as_ref().is_some_and(|scorer| has("score", name) && scorer.uses(name))
-                || (has("train", name) && training.uses(name) && (self.method.gleans || !of_weighting(name)))
+                || (has("train", name)
+                    && training.uses(name)
+                    && (self.method.gleans || !of_weighting(name))
+                    && (sees_history || name != "history_dropout"))
         });
-        used.hide_history &= training.kinds.iter().any(|kind| kind.needs.history);
+        used.hide_history &= sees_history;
         if !self.method.gleans {
             (used.beta, used.top) = (default.beta, default.top);
         }
-        if !self.method.pretrains() {
+        if !pretrains {
             used.pretrain = default.pretrain;
         }
         used

@@ -57,6 +57,28 @@ crate::settings! {
     }
 }
 
+crate::words! {
+    /// Origin of a policy's first weights.
+    pub enum InitialWeights {
+        /// Random numbers, drawn by the seed.
+        Random = "random",
+        /// A pretrained encoder: its image encoder, and its transformer if the policy sees a history.
+        Encoder = "encoder",
+    }
+}
+
+crate::settings! {
+    /// The steps that a policy sees, and where it begins.
+    #[derive(Copy)]
+    pub struct ObserverSpec {
+        /// First weights of what reads the observations. A pretrained encoder gives the size of the model too.
+        pub initial_weights: InitialWeights = InitialWeights::Random, InitialWeights::shape();
+        /// Steps before the newest one that the policy sees, through a causal transformer (0: the newest step alone,
+        /// without one). Beginning from an encoder: 0, or the encoder's segment_length.
+        pub history_steps: u32 = 0, integer_in(0, 63);
+    }
+}
+
 impl ModelSpec {
     /// The settings of a model whose input is one step.
     #[must_use]

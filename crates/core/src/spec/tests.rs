@@ -33,7 +33,10 @@ fn settings_round_trip() {
 fn a_setting_of_another_kind_is_rejected() {
     let message = |value: Value| TrainSpec::from_values(&values(value)).unwrap_err().to_string();
     let found = message(json!({"policy": "bc", "chunk_length": 3}));
-    assert_eq!(found, "chunk_length: has no effect: the policy bc does not use it, only act, flow, diffusion; leave it out");
+    assert_eq!(
+        found,
+        "chunk_length: has no effect: the policy bc does not use it, only act, flow, diffusion; leave it out"
+    );
     assert!(message(json!({"chunk_lenght": 3})).starts_with("chunk_lenght: unknown setting; supported: policy, "));
     assert!(message(json!({"policy": "magic"})).contains("supported: finetune, "));
     let scoring = values(json!({"scorer": "classifier", "similarity": "last_l2"}));

@@ -64,7 +64,8 @@ impl Network {
         Ok(network)
     }
 
-    fn build(shape: &TaskShape, spec: ModelSpec, statistics: Statistics, device: Device) -> Self {
+    /// The network without weights of its own: they are still to be drawn or loaded.
+    pub(crate) fn build(shape: &TaskShape, spec: ModelSpec, statistics: Statistics, device: Device) -> Self {
         let store = nn::VarStore::new(device);
         let root = store.root() / "model";
         let size = Size::of(spec.preset);

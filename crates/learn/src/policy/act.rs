@@ -14,15 +14,15 @@ mod layers;
 
 use std::collections::BTreeMap;
 
+use gleaner_core::Group as _;
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::{integer_in, number_in};
-use gleaner_core::{Group as _, ModelSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor};
 
 use super::chunk::ChunkSpec;
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
-use super::scratch::{self, Scratch};
+use super::observer::{self, Observer, Seen};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
@@ -32,10 +32,10 @@ use layers::{ChunkDecoder, Lengths, StyleEncoder};
 pub(super) const KIND: PolicyKind = PolicyKind {
     name: "act",
     title: "ACT",
-    about: "Action chunking with transformers, from scratch: a conditional VAE that predicts chunks of actions.",
+    about: "Action chunking with transformers: a conditional VAE that predicts chunks of actions.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
-    settings: || [ModelSpec::schema_of_one_step(), ChunkSpec::schema(), ActSpec::schema()].concat(),
-    model: scratch::model,
+    settings: || [observer::schema(), ChunkSpec::schema(), ActSpec::schema()].concat(),
+    model: observer::model,
     init,
     load,
 };
@@ -53,19 +53,19 @@ gleaner_core::settings! {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let policy = Act::new(Scratch::init(from, info)?, info)?;
-    policy.scratch.draw(info, from.spec.run.seed);
+    let policy = Act::new(Observer::init(from, info)?, info)?;
+    policy.observer.draw(from, info)?;
     Ok(Box::new(policy))
 }
 
 fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> NewPolicy {
-    let policy = Act::new(Scratch::load(info, named, device)?, info)?;
-    policy.scratch.take(named)?;
+    let policy = Act::new(Observer::load(info, named, device)?, info)?;
+    policy.observer.take(named)?;
     Ok(Box::new(policy))
 }
 
 struct Act {
-    scratch: Scratch,
+    observer: Observer,
     chunk_length: u32,
     spec: ActSpec,
     style: StyleEncoder,
@@ -73,38 +73,42 @@ struct Act {
 }
 
 impl Act {
-    fn new(scratch: Scratch, info: &CheckpointInfo) -> Result<Self, LearnError> {
+    fn new(observer: Observer, info: &CheckpointInfo) -> Result<Self, LearnError> {
         let (ChunkSpec { chunk_length }, spec): (ChunkSpec, ActSpec) = (info.settings()?, info.settings()?);
-        let lengths = Lengths { chunk: chunk_length.into(), latent: spec.latent_size.into() };
-        let root = scratch.root();
-        let style = StyleEncoder::new(&(&root / "style"), &scratch.shape, lengths, &scratch.size);
-        let decoder = ChunkDecoder::new(&(&root / "decoder"), &scratch.shape, lengths, &scratch.size);
+        let lengths = Lengths {
+            proprioception: observer.proprioception(),
+            action: observer.action(),
+            chunk: chunk_length.into(),
+            latent: spec.latent_size.into(),
+        };
+        let root = observer.root();
+        let style = StyleEncoder::new(&(&root / "style"), lengths, &observer.size);
+        let decoder = ChunkDecoder::new(&(&root / "decoder"), lengths, &observer.size);
         drop(root);
-        Ok(Self { scratch, chunk_length, spec, style, decoder })
-    }
-
-    /// Standardised m_t, `[W, M]`.
-    fn proprioception(&self, input: &PolicyInput) -> Tensor {
-        self.scratch.statistics.proprioception.apply(&input.newest(&input.proprioception))
+        Ok(Self { observer, chunk_length, spec, style, decoder })
     }
 }
 
 impl PolicyModel for Act {
     fn info(&self) -> PolicyInfo<'_> {
-        self.scratch.info(self.chunk_length as usize)
+        self.observer.info(self.chunk_length as usize)
+    }
+
+    fn history_dropout(&self) -> f64 {
+        self.observer.history_dropout()
     }
 
     fn parameters(&self) -> Vec<(String, Tensor)> {
-        self.scratch.parameters()
+        self.observer.parameters()
     }
 
     fn encode(&self, images: &[Tensor]) -> Tensor {
-        self.scratch.encode(images)
+        self.observer.encode(images)
     }
 
     fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
-        let (o, m) = (input.newest(&input.embedded), self.proprioception(input));
-        let target = self.scratch.statistics.action.apply(&wanted.action);
+        let Seen { images: o, proprioception: m } = self.observer.see(input);
+        let target = self.observer.statistics().action.apply(&wanted.action);
         let (mean, log_variance) = self.style.forward(&m, &target, &wanted.counted);
         let noise = Tensor::from_slice(&normal(rng, mean.numel())).view_as(&mean).to_device(mean.device());
         let z = &mean + (&log_variance * 0.5).exp() * noise;
@@ -118,7 +122,7 @@ impl PolicyModel for Act {
     }
 
     fn act(&self, input: &PolicyInput) -> Tensor {
-        let (o, m) = (input.newest(&input.embedded), self.proprioception(input));
+        let Seen { images: o, proprioception: m } = self.observer.see(input);
         let z = Tensor::zeros([o.size()[0], i64::from(self.spec.latent_size)], (Kind::Float, o.device()));
         self.decoder.forward(&o, &m, &z)
     }

@@ -1,29 +1,28 @@
-//! The policy `bc`: plain behaviour cloning without history. One step's images and proprioception
-//! go through a small perceptron to a_t.
+//! The policy `bc`: plain behaviour cloning. What is seen, by default one step's images and proprioception, goes through a
+//! small perceptron to a_t.
 //!
 //! −log P(a_t | o_t, m_t), Gaussian with fixed variance: the squared error of the standardised action.
 
 use std::collections::BTreeMap;
 
-use gleaner_core::ModelSpec;
 use gleaner_core::kinds::Needs;
 use rand_chacha::ChaCha8Rng;
 use tch::nn::{self, Module};
 use tch::{Device, Tensor};
 
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
-use super::scratch::{self, Scratch};
-use crate::batch::{Chunks, int};
+use super::observer::{self, Observer, Seen};
+use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
 use crate::objective::squared_error;
 
 pub(super) const KIND: PolicyKind = PolicyKind {
     name: "bc",
     title: "BC",
-    about: "Behaviour cloning from scratch without history: one step's images and proprioception to its action.",
+    about: "Behaviour cloning by a perceptron: by default from scratch, one step's images and proprioception to its action.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
-    settings: ModelSpec::schema_of_one_step,
-    model: scratch::model,
+    settings: observer::schema,
+    model: observer::model,
     init,
     load,
 };
@@ -32,36 +31,36 @@ pub(super) const KIND: PolicyKind = PolicyKind {
 const HIDDEN: i64 = 4;
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let policy = Bc::new(Scratch::init(from, info)?);
-    policy.scratch.draw(info, from.spec.run.seed);
+    let policy = Bc::new(Observer::init(from, info)?);
+    policy.observer.draw(from, info)?;
     Ok(Box::new(policy))
 }
 
 fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> NewPolicy {
-    let policy = Bc::new(Scratch::load(info, named, device)?);
-    policy.scratch.take(named)?;
+    let policy = Bc::new(Observer::load(info, named, device)?);
+    policy.observer.take(named)?;
     Ok(Box::new(policy))
 }
 
 struct Bc {
-    scratch: Scratch,
+    observer: Observer,
     hidden: [nn::Linear; 2],
     out: nn::Linear,
 }
 
 impl Bc {
-    fn new(scratch: Scratch) -> Self {
-        let (inputs, wide) = (scratch.size.width + int(scratch.shape.proprioception), HIDDEN * scratch.size.width);
-        let linear = |name: &str, from, to| nn::linear(scratch.root() / name, from, to, Default::default());
+    fn new(observer: Observer) -> Self {
+        let (inputs, wide) = (observer.size.width + observer.proprioception(), HIDDEN * observer.size.width);
+        let linear = |name: &str, from, to| nn::linear(observer.root() / name, from, to, Default::default());
         let hidden = [linear("hidden_0", inputs, wide), linear("hidden_1", wide, wide)];
-        let out = linear("out", wide, int(scratch.shape.action));
-        Self { hidden, out, scratch }
+        let out = linear("out", wide, observer.action());
+        Self { hidden, out, observer }
     }
 
     /// The standardised a_t, `[W, 1, A]`.
     fn predict(&self, input: &PolicyInput) -> Tensor {
-        let m = self.scratch.statistics.proprioception.apply(&input.newest(&input.proprioception));
-        let mut x = Tensor::cat(&[input.newest(&input.embedded), m], 1);
+        let Seen { images, proprioception } = self.observer.see(input);
+        let mut x = Tensor::cat(&[images, proprioception], 1);
         for hidden in &self.hidden {
             x = hidden.forward(&x).gelu("none");
         }
@@ -71,19 +70,23 @@ impl Bc {
 
 impl PolicyModel for Bc {
     fn info(&self) -> PolicyInfo<'_> {
-        self.scratch.info(1)
+        self.observer.info(1)
+    }
+
+    fn history_dropout(&self) -> f64 {
+        self.observer.history_dropout()
     }
 
     fn parameters(&self) -> Vec<(String, Tensor)> {
-        self.scratch.parameters()
+        self.observer.parameters()
     }
 
     fn encode(&self, images: &[Tensor]) -> Tensor {
-        self.scratch.encode(images)
+        self.observer.encode(images)
     }
 
     fn losses(&self, input: &PolicyInput, wanted: &Chunks, _: &mut ChaCha8Rng) -> Losses {
-        let target = self.scratch.statistics.action.apply(&wanted.action);
+        let target = self.observer.statistics().action.apply(&wanted.action);
         Losses { each: squared_error(&self.predict(input), &target).squeeze_dim(1), parts: Vec::new() }
     }
 

@@ -9,14 +9,14 @@ mod network;
 use std::collections::BTreeMap;
 
 use gleaner_core::schema::integer_in;
-use gleaner_core::{Group as _, ModelSpec, Setting};
+use gleaner_core::{Group as _, Setting};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
 use super::chunk::ChunkSpec;
 use super::kind::{Losses, PolicyInfo, PolicyInit, PolicyInput};
-use super::scratch::Scratch;
+use super::observer::{self, Observer, Seen};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
@@ -41,12 +41,12 @@ gleaner_core::settings! {
 
 /// Every setting of such a policy.
 pub(super) fn schema() -> Vec<Setting> {
-    [ModelSpec::schema_of_one_step(), ChunkSpec::schema(), DrawSpec::schema()].concat()
+    [observer::schema(), ChunkSpec::schema(), DrawSpec::schema()].concat()
 }
 
-/// A policy from scratch that predicts, from a noisy chunk, what to remove from it.
+/// A policy that predicts, from a noisy chunk, what to remove from it.
 pub(super) struct Denoiser {
-    pub(super) scratch: Scratch,
+    pub(super) observer: Observer,
     chunk: ChunkSpec,
     draw: DrawSpec,
     network: Network,
@@ -61,8 +61,8 @@ pub(super) struct Mixed {
 impl Denoiser {
     /// Before its first step.
     pub(super) fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> Result<Self, LearnError> {
-        let denoiser = Self::new(Scratch::init(from, info)?, info)?;
-        denoiser.scratch.draw(info, from.spec.run.seed);
+        let denoiser = Self::new(Observer::init(from, info)?, info)?;
+        denoiser.observer.draw(from, info)?;
         Ok(denoiser)
     }
 
@@ -71,21 +71,21 @@ impl Denoiser {
         named: &BTreeMap<String, Tensor>,
         device: Device,
     ) -> Result<Self, LearnError> {
-        let denoiser = Self::new(Scratch::load(info, named, device)?, info)?;
-        denoiser.scratch.take(named)?;
+        let denoiser = Self::new(Observer::load(info, named, device)?, info)?;
+        denoiser.observer.take(named)?;
         Ok(denoiser)
     }
 
-    fn new(scratch: Scratch, info: &CheckpointInfo) -> Result<Self, LearnError> {
+    fn new(observer: Observer, info: &CheckpointInfo) -> Result<Self, LearnError> {
         let (chunk, draw): (ChunkSpec, DrawSpec) = (info.settings()?, info.settings()?);
-        let root = scratch.root();
-        let network = Network::new(&root, &scratch.shape, chunk.chunk_length.into(), &scratch.size);
+        let root = observer.root();
+        let network = Network::new(&root, &observer, chunk.chunk_length.into());
         drop(root);
-        Ok(Self { scratch, chunk, draw, network })
+        Ok(Self { observer, chunk, draw, network })
     }
 
     pub(super) fn info(&self) -> PolicyInfo<'_> {
-        self.scratch.info(self.chunk.chunk_length as usize)
+        self.observer.info(self.chunk.chunk_length as usize)
     }
 
     pub(super) fn horizon(&self) -> u32 {
@@ -137,11 +137,11 @@ impl Denoiser {
 
     /// N(0, 1) for each window's chunk, `[W, k, A]`.
     pub(super) fn noise(&self, input: &PolicyInput) -> Tensor {
-        input.noise([self.chunk.chunk_length.into(), crate::batch::int(self.scratch.shape.action)])
+        input.noise([self.chunk.chunk_length.into(), self.observer.action()])
     }
 
     fn memory(&self, input: &PolicyInput) -> Tensor {
-        let m = self.scratch.statistics.proprioception.apply(&input.newest(&input.proprioception));
-        self.network.memory(&input.newest(&input.embedded), &m)
+        let Seen { images, proprioception } = self.observer.see(input);
+        self.network.memory(&images, &proprioception)
     }
 }

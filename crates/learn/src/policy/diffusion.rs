@@ -1,4 +1,4 @@
-//! The policy `diffusion`: Diffusion Policy (Chi et al. 2023) with a transformer, from scratch.
+//! The policy `diffusion`: Diffusion Policy (Chi et al. 2023) with a transformer.
 //!
 //! With x_0 the chunk scaled to −1 … 1 by the range of each action value, noise ε ~ N(0, 1) and t one of T steps,
 //! x_t = √ᾱ_t x_0 + √(1 − ᾱ_t) ε; the network predicts ε from x_t, t, o_t and m_t, and the loss is the mean squared error.
@@ -18,7 +18,7 @@ use tch::{Device, Tensor};
 
 use super::denoise::{self, Denoiser, Mixed};
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
-use super::scratch;
+use super::observer;
 use crate::batch::{Chunks, int};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
@@ -28,10 +28,10 @@ use crate::shape::TaskShape;
 pub(super) const KIND: PolicyKind = PolicyKind {
     name: "diffusion",
     title: "Diffusion Policy",
-    about: "Diffusion Policy from scratch: chunks of actions are drawn by removing noise in many small steps.",
+    about: "Diffusion Policy: chunks of actions are drawn by removing noise in many small steps.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
     settings,
-    model: scratch::model,
+    model: observer::model,
     init,
     load,
 };
@@ -102,8 +102,12 @@ impl PolicyModel for Diffusion {
         self.denoiser.horizon()
     }
 
+    fn history_dropout(&self) -> f64 {
+        self.denoiser.observer.history_dropout()
+    }
+
     fn parameters(&self) -> Vec<(String, Tensor)> {
-        self.denoiser.scratch.parameters()
+        self.denoiser.observer.parameters()
     }
 
     fn constants(&self) -> Vec<(String, Tensor)> {
@@ -111,7 +115,7 @@ impl PolicyModel for Diffusion {
     }
 
     fn encode(&self, images: &[Tensor]) -> Tensor {
-        self.denoiser.scratch.encode(images)
+        self.denoiser.observer.encode(images)
     }
 
     fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
@@ -123,7 +127,7 @@ impl PolicyModel for Diffusion {
     fn act(&self, input: &PolicyInput) -> Tensor {
         let steps = self.denoiser.sampling_steps();
         let drawn = self.schedule.sample(&self.denoiser.noise(input), steps, true, self.denoiser.predictor(input));
-        self.denoiser.scratch.statistics.action.apply(&(drawn * self.range.get(1) + self.range.get(0)))
+        self.denoiser.observer.statistics().action.apply(&(drawn * self.range.get(1) + self.range.get(0)))
     }
 }
 

@@ -47,21 +47,30 @@ fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
+    Ok(Box::new(CausalTransformer { network: pretrained(from)?, history: info.settings()? }))
+}
+
+/// The encoder's network, which holds the actions that never change in the training's steps.
+pub(super) fn pretrained(from: &PolicyInit<'_>) -> Result<Network, LearnError> {
     let (stored, named) = checkpoint::read(encoder(from)?, CheckpointKind::Encoder)?;
-    if stored.shape != info.shape {
+    if stored.shape != *from.shape {
         return Err(LearnError::invalid(
             "shape",
             "differs from the shape the encoder was pretrained on; use that or pretrain again",
         ));
     }
-    let mut network = Network::from_named(&info.shape, info.model, &named, from.device)?;
-    network.statistics = network.statistics.holding(&info.shape, from.sample);
-    Ok(Box::new(CausalTransformer { network, history: info.settings()? }))
+    let mut network = Network::from_named(from.shape, stored.model, &named, from.device)?;
+    network.statistics = network.statistics.holding(from.shape, from.sample);
+    Ok(network)
 }
 
-fn encoder<'a>(from: &PolicyInit<'a>) -> Result<&'a [u8], LearnError> {
+/// The checkpoint that a policy begins from.
+pub(super) fn encoder<'a>(from: &PolicyInit<'a>) -> Result<&'a [u8], LearnError> {
     from.encoder.ok_or_else(|| {
-        LearnError::invalid("encoder", "is missing; finetune starts from an encoder, other policies do not need one")
+        LearnError::invalid(
+            "encoder",
+            "is missing; finetune and initial_weights encoder start from an encoder, other policies do not need one",
+        )
     })
 }
 

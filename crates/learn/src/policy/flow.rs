@@ -1,4 +1,4 @@
-//! The policy `flow`: flow matching over chunks (the action head of π0 and SmolVLA, at our size), from scratch.
+//! The policy `flow`: flow matching over chunks (the action head of π0 and SmolVLA, at our size).
 //!
 //! With noise ε ~ N(0, 1) and time t = 0.001 + 0.999 u^{2/3} (u uniform; t = 1 is noise), x_t = t ε + (1 − t) a, and the
 //! network predicts the velocity ε − a from x_t, t, o_t and m_t: the loss is the mean squared error. Acting integrates
@@ -12,17 +12,17 @@ use tch::{Device, Tensor};
 
 use super::denoise::{self, Denoiser, Mixed};
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
-use super::scratch;
+use super::observer;
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
 
 pub(super) const KIND: PolicyKind = PolicyKind {
     name: "flow",
     title: "Flow matching",
-    about: "Flow matching from scratch: chunks of actions are drawn from noise, which represents several ways to act.",
+    about: "Flow matching: chunks of actions are drawn from noise, which represents several ways to act.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
     settings: denoise::schema,
-    model: scratch::model,
+    model: observer::model,
     init,
     load,
 };
@@ -46,16 +46,20 @@ impl PolicyModel for Flow {
         self.0.horizon()
     }
 
+    fn history_dropout(&self) -> f64 {
+        self.0.observer.history_dropout()
+    }
+
     fn parameters(&self) -> Vec<(String, Tensor)> {
-        self.0.scratch.parameters()
+        self.0.observer.parameters()
     }
 
     fn encode(&self, images: &[Tensor]) -> Tensor {
-        self.0.scratch.encode(images)
+        self.0.observer.encode(images)
     }
 
     fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
-        let chunk = self.0.scratch.statistics.action.apply(&wanted.action);
+        let chunk = self.0.observer.statistics().action.apply(&wanted.action);
         self.0.losses(input, (&chunk, wanted), rng, time, mix)
     }
 

@@ -7,6 +7,7 @@ mod every_kind;
 mod finetune;
 mod gradients;
 mod identity;
+mod switches;
 
 use tch::Device;
 
@@ -60,10 +61,15 @@ fn spec(policy: &str, steps: u64) -> TrainSpec {
 
 /// A policy of `kind` before its first step.
 pub(super) fn untrained(kind: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel> {
-    let (encoder, spec, shape) = (encoder(1), spec(kind, 1), toy::shape());
+    untrained_with(&spec(kind, 1), data)
+}
+
+/// A policy with these settings before its first step.
+fn untrained_with(spec: &TrainSpec, data: &[&Trajectory]) -> Box<dyn PolicyModel> {
+    let (encoder, shape) = (encoder(1), toy::shape());
     let sample = Sample::every(&shape, data);
-    let from = PolicyInit { shape: &shape, encoder: Some(&encoder), sample: &sample, spec: &spec, device: Device::Cpu };
-    let kind = find(kind).unwrap();
+    let from = PolicyInit { shape: &shape, encoder: Some(&encoder), sample: &sample, spec, device: Device::Cpu };
+    let kind = find(&spec.policy.name).unwrap();
     let info = CheckpointInfo {
         format_version: FORMAT_VERSION,
         kind: CheckpointKind::Policy,

@@ -3,13 +3,15 @@
 use tch::nn::{self, Module};
 use tch::{Kind, Tensor};
 
-use crate::batch::int;
 use crate::model::{Size, Transformer};
-use crate::shape::TaskShape;
 
 /// Sizes of ACT's parts.
 #[derive(Clone, Copy)]
 pub(super) struct Lengths {
+    /// Values of what is seen of proprioception, P.
+    pub(super) proprioception: i64,
+    /// Values of an action, A.
+    pub(super) action: i64,
     /// Actions of a chunk, k.
     pub(super) chunk: i64,
     /// Values of the style z.
@@ -32,11 +34,11 @@ pub(super) struct StyleEncoder {
 }
 
 impl StyleEncoder {
-    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, lengths: Lengths, size: &Size) -> Self {
+    pub(super) fn new(path: &nn::Path<'_>, lengths: Lengths, size: &Size) -> Self {
         let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
         Self {
-            proprioception: linear("proprioception", int(shape.proprioception), size.width),
-            action: linear("action", int(shape.action), size.width),
+            proprioception: linear("proprioception", lengths.proprioception, size.width),
+            action: linear("action", lengths.action, size.width),
             summary: path.zeros("summary_embedding", &[1, size.width]),
             place: path.zeros("place_embedding", &[lengths.chunk + 2, size.width]),
             transformer: Transformer::new(&(path / "transformer"), size),
@@ -44,7 +46,7 @@ impl StyleEncoder {
         }
     }
 
-    /// Standardised m `[W, M]` and chunk `[W, k, A]`, of which only the places that are `counted` `[W, k]` are input,
+    /// Seen m `[W, P]` and standardised chunk `[W, k, A]`, of which only the places that are `counted` `[W, k]` are input,
     /// to the mean and the logarithm of the variance of z, `[W, Z]` each.
     pub(super) fn forward(&self, m: &Tensor, chunk: &Tensor, counted: &Tensor) -> (Tensor, Tensor) {
         let m = self.proprioception.forward(m).unsqueeze(1);
@@ -73,19 +75,19 @@ pub(super) struct ChunkDecoder {
 }
 
 impl ChunkDecoder {
-    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, lengths: Lengths, size: &Size) -> Self {
+    pub(super) fn new(path: &nn::Path<'_>, lengths: Lengths, size: &Size) -> Self {
         let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
         Self {
-            proprioception: linear("proprioception", int(shape.proprioception), size.width),
+            proprioception: linear("proprioception", lengths.proprioception, size.width),
             style: linear("style", lengths.latent, size.width),
             memory: path.zeros("memory_embedding", &[MEMORY, size.width]),
             query: path.zeros("query_embedding", &[lengths.chunk, size.width]),
             transformer: Transformer::new(&(path / "transformer"), size),
-            out: linear("out", size.width, int(shape.action)),
+            out: linear("out", size.width, lengths.action),
         }
     }
 
-    /// Embedded o `[W, d]`, standardised m `[W, M]` and z `[W, Z]` to the standardised chunk
+    /// Embedded o `[W, d]`, seen m `[W, P]` and z `[W, Z]` to the standardised chunk
     /// `[W, k, A]`.
     pub(super) fn forward(&self, o: &Tensor, m: &Tensor, z: &Tensor) -> Tensor {
         let memory = Tensor::stack(&[o, &self.proprioception.forward(m), &self.style.forward(z)], 1) + &self.memory;

@@ -4,9 +4,8 @@
 use tch::nn::{self, Module};
 use tch::{Kind, Tensor};
 
-use crate::batch::int;
-use crate::model::{Size, Transformer};
-use crate::shape::TaskShape;
+use crate::model::Transformer;
+use crate::policy::observer::Observer;
 
 /// Tokens that the chunk's places attend to: o and m.
 const MEMORY: i64 = 2;
@@ -31,7 +30,8 @@ pub(super) struct Network {
 }
 
 impl Network {
-    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, chunk: i64, size: &Size) -> Self {
+    pub(super) fn new(path: &nn::Path<'_>, observer: &Observer, chunk: i64) -> Self {
+        let size = &observer.size;
         let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
         let (d, device) = (size.width, path.device());
         let all = MEMORY + chunk;
@@ -40,19 +40,19 @@ impl Network {
         let [shortest, longest] = PERIODS.map(f64::ln);
         let periods = Tensor::linspace(shortest, longest, d / 2, (Kind::Double, device)).exp();
         Self {
-            proprioception: linear("proprioception", int(shape.proprioception), d),
-            action: linear("action", int(shape.action), d),
+            proprioception: linear("proprioception", observer.proprioception(), d),
+            action: linear("action", observer.action(), d),
             time: [linear("time_hidden", d, d), linear("time_out", d, d)],
             memory: path.zeros("memory_embedding", &[MEMORY, d]),
             place: path.zeros("place_embedding", &[chunk, d]),
             transformer: Transformer::new(&(path / "transformer"), size),
-            out: linear("out", d, int(shape.action)),
+            out: linear("out", d, observer.action()),
             waves: (periods.reciprocal() * std::f64::consts::TAU).to_kind(Kind::Float),
             seen: seen.unsqueeze(0).unsqueeze(0),
         }
     }
 
-    /// Embedded o `[W, d]` and standardised m `[W, M]` to the tokens that a chunk is predicted from, `[W, 2, d]`.
+    /// Seen o `[W, d]` and m `[W, P]` to the tokens that a chunk is predicted from, `[W, 2, d]`.
     pub(super) fn memory(&self, o: &Tensor, m: &Tensor) -> Tensor {
         Tensor::stack(&[o, &self.proprioception.forward(m)], 1) + &self.memory
     }

@@ -115,7 +115,7 @@ fn every_policy_looks_at_the_image() {
         let (trained, metrics) = run(if ["flow", "diffusion"].contains(&kind) { 350 } else { 200 });
         let (first, last) = (&metrics[0], &metrics[metrics.len() - 1]);
         assert!(last["loss"] < 0.5 * first["loss"], "{kind:?}: {first:?} {last:?}");
-        assert!(trained.iter().all(|distance| *distance < 0.15), "{kind:?}: {untrained:?} {trained:?}");
+        assert!(trained.iter().all(|distance| *distance < 0.2), "{kind:?}: {untrained:?} {trained:?}");
         // An encoder has learnt to act from AA before it is finetuned.
         let from_scratch = kind != "finetune";
         assert!(!from_scratch || untrained.iter().any(|distance| *distance > 0.25), "{kind:?}: {untrained:?}");

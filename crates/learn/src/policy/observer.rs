@@ -1,0 +1,206 @@
+//! What a policy sees: the newest step through an image encoder, or a history through the causal transformer; with random
+//! weights or those of a pretrained encoder. Its output is one vector for the images and one for proprioception, whatever
+//! the choice, so that every policy has all of them. Independent of what a policy predicts from them.
+
+use std::collections::BTreeMap;
+
+use gleaner_core::{Group as _, InitialWeights, ModelSpec, ObserverSpec, Setting};
+use tch::nn::{self, VarStore};
+use tch::{Device, Tensor};
+
+use super::finetune::{self, HistorySpec};
+use super::kind::{PolicyInfo, PolicyInit, PolicyInput};
+use crate::batch::int;
+use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
+use crate::error::LearnError;
+use crate::model::{IMAGES, ImageEncoder, Modality, Network, Size, View, weights};
+use crate::normalize::Statistics;
+use crate::shape::TaskShape;
+
+/// The parts of every such policy; its own layers are in a store of their own under [`Observer::root`].
+pub(super) struct Observer {
+    pub(super) size: Size,
+    shape: TaskShape,
+    store: VarStore,
+    eyes: Eyes,
+    history: HistorySpec,
+}
+
+/// What reads the observations.
+enum Eyes {
+    /// The newest step: its images through an encoder, its proprioception as it is.
+    Newest { images: ImageEncoder, statistics: Statistics },
+    /// The newest step's features after a causal pass over the window.
+    Window(Box<Network>),
+}
+
+/// What is seen at the newest step of each window.
+pub(super) struct Seen {
+    /// `[W, d]`.
+    pub(super) images: Tensor,
+    /// `[W, P]`, see [`Observer::proprioception`].
+    pub(super) proprioception: Tensor,
+}
+
+/// The settings of every such policy.
+pub(super) fn schema() -> Vec<Setting> {
+    [ModelSpec::schema_of_one_step(), ObserverSpec::schema(), HistorySpec::schema()].concat()
+}
+
+/// The size of the model; its history is that which the policy sees.
+pub(super) fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
+    let ObserverSpec { initial_weights, history_steps } = from.chosen().read()?;
+    let model = match initial_weights {
+        InitialWeights::Random => ModelSpec { segment_length: history_steps, ..from.chosen().read()? },
+        InitialWeights::Encoder => checkpoint::inspect(finetune::encoder(from)?)?.model,
+    };
+    if history_steps != 0 && history_steps != model.segment_length {
+        let message = format!(
+            "is {history_steps}, the encoder was pretrained with a segment_length of {0}; use 0 or {0}",
+            model.segment_length
+        );
+        return Err(LearnError::invalid("history_steps", message));
+    }
+    Ok(ModelSpec { segment_length: history_steps, ..model })
+}
+
+impl Observer {
+    /// An observer with statistics of the training's steps, or those of an encoder. Random weights are drawn by
+    /// [`Observer::draw`], after the policy's own layers are there.
+    pub(super) fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> Result<Self, LearnError> {
+        let ObserverSpec { initial_weights, .. } = from.chosen().read()?;
+        let statistics = match initial_weights {
+            InitialWeights::Random => from.statistics(Size::of(info.model.preset).target),
+            InitialWeights::Encoder => finetune::pretrained(from)?.statistics,
+        };
+        Self::build(info, statistics, from.device)
+    }
+
+    /// An observer with the statistics in `named`; [`Observer::take`] loads the weights.
+    pub(super) fn load(
+        info: &CheckpointInfo,
+        named: &BTreeMap<String, Tensor>,
+        device: Device,
+    ) -> Result<Self, LearnError> {
+        let target = Size::of(info.model.preset).target;
+        let statistics = Statistics::from_named(&info.shape, target, named, device)?;
+        Self::build(info, statistics, device)
+    }
+
+    fn build(info: &CheckpointInfo, statistics: Statistics, device: Device) -> Result<Self, LearnError> {
+        let (store, size) = (VarStore::new(device), Size::of(info.model.preset));
+        let eyes = if info.model.segment_length == 0 {
+            let images = ImageEncoder::new(&(store.root() / "policy" / IMAGES), &info.shape, &size);
+            Eyes::Newest { images, statistics }
+        } else {
+            Eyes::Window(Box::new(Network::build(&info.shape, info.model, statistics, device)))
+        };
+        Ok(Self { shape: info.shape.clone(), size, store, eyes, history: info.settings()? })
+    }
+
+    /// The path of a policy's own layers.
+    pub(super) fn root(&self) -> nn::Path<'_> {
+        self.store.root() / "policy"
+    }
+
+    pub(super) fn parameters(&self) -> Vec<(String, Tensor)> {
+        let mut parameters = match &self.eyes {
+            Eyes::Newest { .. } => Vec::new(),
+            Eyes::Window(network) => network.parameters(),
+        };
+        parameters.extend(weights::sorted(&self.store));
+        parameters
+    }
+
+    /// Draws every weight, after all layers are added, and takes those of the encoder if the policy begins from one.
+    pub(super) fn draw(&self, from: &PolicyInit<'_>, info: &CheckpointInfo) -> Result<(), LearnError> {
+        weights::draw(&self.parameters(), info.model.keypoint_gain, from.spec.run.seed);
+        let ObserverSpec { initial_weights, .. } = from.chosen().read()?;
+        if initial_weights == InitialWeights::Random {
+            return Ok(());
+        }
+        let (_, named) = checkpoint::read(finetune::encoder(from)?, CheckpointKind::Encoder)?;
+        match &self.eyes {
+            Eyes::Window(network) => weights::load(&network.parameters(), &named),
+            Eyes::Newest { .. } => {
+                // The same parameters, named after the part that they belong to.
+                let own = self.parameters().into_iter().filter_map(|(name, parameter)| {
+                    let image = name.strip_prefix("policy.")?;
+                    image.starts_with(IMAGES).then(|| (format!("model.{image}"), parameter))
+                });
+                weights::load(&own.collect::<Vec<_>>(), &named)
+            }
+        }
+    }
+
+    /// Loads every weight, after all layers are added.
+    pub(super) fn take(&self, named: &BTreeMap<String, Tensor>) -> Result<(), LearnError> {
+        weights::load(&self.parameters(), named)
+    }
+
+    pub(super) fn encode(&self, images: &[Tensor]) -> Tensor {
+        match &self.eyes {
+            Eyes::Newest { images: encoder, .. } => encoder.forward(images),
+            Eyes::Window(network) => network.encode(images),
+        }
+    }
+
+    /// What is seen at the newest step; the newest action is hidden.
+    pub(super) fn see(&self, input: &PolicyInput) -> Seen {
+        match &self.eyes {
+            Eyes::Newest { statistics, .. } => Seen {
+                images: input.newest(&input.embedded),
+                proprioception: statistics.proprioception.apply(&input.newest(&input.proprioception)),
+            },
+            Eyes::Window(network) => {
+                let steps = network.steps(&input.embedded, &input.proprioception, &input.action);
+                let view = View { hidden: input.hidden.as_ref(), ..View::CAUSAL };
+                let features = network.features(&steps, &input.windows, view, 1).select(1, 0);
+                Seen { images: Modality::Image.of(&features), proprioception: Modality::Proprioception.of(&features) }
+            }
+        }
+    }
+
+    pub(super) fn statistics(&self) -> &Statistics {
+        match &self.eyes {
+            Eyes::Newest { statistics, .. } => statistics,
+            Eyes::Window(network) => &network.statistics,
+        }
+    }
+
+    /// Values of what is seen of proprioception: M, or the width d of a feature.
+    pub(super) fn proprioception(&self) -> i64 {
+        match &self.eyes {
+            Eyes::Newest { .. } => int(self.shape.proprioception),
+            Eyes::Window(_) => self.size.width,
+        }
+    }
+
+    /// Values of an action, A.
+    pub(super) fn action(&self) -> i64 {
+        int(self.shape.action)
+    }
+
+    /// The chance that training hides a window's past.
+    pub(super) fn history_dropout(&self) -> f64 {
+        match &self.eyes {
+            Eyes::Newest { .. } => 0.0,
+            Eyes::Window(_) => self.history.history_dropout,
+        }
+    }
+
+    /// The description of a policy that predicts `chunk` actions at once.
+    pub(super) fn info(&self, chunk: usize) -> PolicyInfo<'_> {
+        PolicyInfo {
+            shape: &self.shape,
+            statistics: self.statistics(),
+            device: self.store.device(),
+            window: match &self.eyes {
+                Eyes::Newest { .. } => 1,
+                Eyes::Window(network) => network.spec.window(),
+            },
+            chunk,
+            width: usize::try_from(self.size.width).unwrap_or(0),
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! The switches that policies share: initial weights random or of an encoder, the newest step or a history.
+
+use std::collections::BTreeMap;
+
+use tch::Tensor;
+
+use super::*;
+use crate::batch::{Batch, Segment, values};
+use crate::checkpoint;
+use crate::policy::kind::PolicyInput;
+
+/// Policies with these switches, as `every_policy_with_them_is_known` confirms.
+const KINDS: [&str; 4] = ["bc", "act", "flow", "diffusion"];
+/// Initial weights and steps of history; the encoder of the tests has a segment length of 3.
+const SWITCHES: [(&str, u32); 4] = [("random", 0), ("random", 3), ("encoder", 0), ("encoder", 3)];
+
+fn switched(kind: &str, (weights, history): (&str, u32), steps: u64) -> TrainSpec {
+    let spec = spec(kind, steps);
+    let policy = spec.policy.with(Family::Policy, "initial_weights", weights).unwrap();
+    TrainSpec { policy: policy.with(Family::Policy, "history_steps", history).unwrap(), ..spec }
+}
+
+fn all() -> impl Iterator<Item = (&'static str, (&'static str, u32))> {
+    KINDS.into_iter().flat_map(|kind| SWITCHES.map(|switches| (kind, switches)))
+}
+
+fn train(spec: &TrainSpec, resume: Option<&[u8]>) -> (Vec<u8>, Recorder) {
+    let encoder = encoder(2);
+    let mut monitor = Recorder::default();
+    let (experts, kept) = (toy::experts(4, 12), kept(0.9));
+    let bytes = train_policy(&toy::shape(), Some(&encoder), &experts, &kept, spec, resume, &mut monitor);
+    (bytes.unwrap(), monitor)
+}
+
+fn tensors(bytes: &[u8]) -> BTreeMap<String, Tensor> {
+    checkpoint::read(bytes, CheckpointKind::Policy).unwrap().1
+}
+
+#[test]
+fn every_policy_with_them_is_known() {
+    let with = |name: &str| {
+        let has = move |kind: &&gleaner_core::kinds::Kind| kind.settings.iter().any(|setting| setting.name == name);
+        Family::Policy.kinds().iter().filter(has).map(|kind| kind.name.as_str()).collect::<Vec<_>>()
+    };
+    assert_eq!((with("initial_weights"), with("history_steps")), (KINDS.to_vec(), KINDS.to_vec()));
+}
+
+#[test]
+fn with_any_switch_a_run_resumes_exactly_and_its_checkpoint_round_trips() {
+    for (kind, switches) in all() {
+        let mut spec = switched(kind, switches, 3);
+        spec.run.checkpoint_every = 2;
+        let (result, straight) = train(&spec, None);
+        assert_eq!(train(&spec, Some(&straight.checkpoints[0].1)).0, result, "{kind} {switches:?}");
+        let policy = Policy::load(&result).unwrap();
+        assert_eq!(policy.segment_length(), switches.1);
+        let info = checkpoint::inspect(&result).unwrap();
+        let loaded: Box<dyn PolicyModel> =
+            crate::train::Learner::from_named(&info, &tensors(&result), Device::Cpu).unwrap();
+        assert_eq!(checkpoint::write(&info, &crate::train::Learner::named(&loaded)).unwrap(), result);
+    }
+}
+
+#[test]
+fn a_policy_begins_with_the_encoder_s_weights_and_statistics() {
+    let encoder = encoder(2);
+    let (_, given) = checkpoint::read(&encoder, CheckpointKind::Encoder).unwrap();
+    for (kind, (weights, history)) in all() {
+        let mut spec = switched(kind, (weights, history), 1);
+        // A rate this low changes no weight that has digits like these.
+        spec.optim.learning_rate = 1e-12;
+        let found = tensors(&train(&spec, None).0);
+        let prefix = if history == 0 { "policy.image." } else { "model.transformer." };
+        let mut compared = 0;
+        for (name, tensor) in found.iter().filter(|(name, _)| name.starts_with(prefix)) {
+            let theirs = &given[&name.replace("policy.image.", "model.image.")];
+            let near = (tensor - theirs).abs().max().double_value(&[]) < 1e-5;
+            // Norms and biases have the same first values in every model.
+            if theirs.size().len() > 1 {
+                assert_eq!(near, weights == "encoder", "{kind} {history} {name}");
+                compared += 1;
+            }
+        }
+        assert!(compared > 2, "{kind} {history}");
+        let mean = |named: &BTreeMap<String, Tensor>| values(&named["statistics.proprioception.mean"]);
+        assert_eq!(mean(&found) == mean(&given), weights == "encoder", "{kind} {history}");
+    }
+}
+
+#[test]
+fn with_a_history_a_policy_sees_past_actions_and_never_its_own() {
+    let data = toy::episode("e", 1, 6, true);
+    for kind in KINDS {
+        let policy = untrained_with(&switched(kind, ("random", 3), 1), &[&data]);
+        let end = Segment { trajectory: 0, step: 5, weight: 1.0 };
+        let batch = Batch::collect(&toy::shape(), &[&data], &[end], 4, Device::Cpu);
+        let action = batch.action.set_requires_grad(true);
+        let input = PolicyInput {
+            embedded: policy.embed_images(&batch.images),
+            proprioception: batch.proprioception,
+            action: action.shallow_clone(),
+            windows: batch.windows,
+            hidden: None,
+            draws: vec![(0, 0)],
+        };
+        policy.act(&input).square().sum(None).backward();
+        let moved = values(&action.grad().abs().amax([1i64].as_slice(), false));
+        assert!(moved[3] == 0.0 && moved[..3].iter().all(|gradient| *gradient > 1e-7), "{kind}: {moved:?}");
+    }
+}
+
+#[test]
+fn a_history_that_the_encoder_does_not_have_and_a_missing_encoder_are_refused() {
+    let message = |switches, encoder: Option<&[u8]>| {
+        let spec = switched("bc", switches, 1);
+        let experts = toy::experts(2, 8);
+        train_policy(&toy::shape(), encoder, &experts, &[], &spec, None, &mut Silent).unwrap_err().to_string()
+    };
+    let encoder = encoder(1);
+    let other = message(("encoder", 2), Some(&encoder));
+    assert!(other.starts_with("history_steps: is 2, the encoder was pretrained with a segment_length of 3"), "{other}");
+    assert!(message(("encoder", 0), None).starts_with("encoder: is missing"));
+}
