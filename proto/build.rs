@@ -5,13 +5,14 @@ use std::{fmt::Write as _, path::PathBuf};
 use prost::Message as _;
 use prost_types::FileDescriptorSet;
 
-const PROTOS: [&str; 10] = [
+const PROTOS: [&str; 11] = [
     "gleaner/v1/task.proto",
     "gleaner/v1/episode.proto",
     "gleaner/v1/snapshot.proto",
     "gleaner/v1/job.proto",
     "gleaner/v1/schedule.proto",
     "gleaner/v1/score.proto",
+    "gleaner/v1/selection.proto",
     "gleaner/v1/dataset.proto",
     "gleaner/v1/policy.proto",
     "gleaner/v1/worker.proto",

@@ -2,8 +2,13 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use gleaner_core::{
+    id::EpisodeId,
+    proto::score::selection_to_proto,
+    selection::{Candidate, Resolved, Selection as Choice, SelectionShape as Shape, places, ranked},
+};
 use gleaner_proto::v1::*;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::support::{
     api::Api,
@@ -86,7 +91,115 @@ async fn streamed(api: &mut Api, dataset: &str) -> Vec<(String, u32, f32)> {
     segments
 }
 
+/// The imperfect episodes of the run, as selections read them.
+async fn candidates(api: &mut Api, shared: &Shared) -> Vec<Candidate> {
+    let steps: BTreeMap<&str, u64> = shared.episodes.iter().map(|one| (one.id.as_str(), one.steps)).collect();
+    let mut candidates = Vec::new();
+    for episode in &shared.episodes {
+        let scores = api.episode_scores(&shared.run, &episode.id).await;
+        if scores.role() == Role::Imperfect {
+            let lengths: Vec<u64> = scores.expert_ids.iter().map(|id| steps[id.as_str()]).collect();
+            candidates.push(Candidate {
+                episode_id: EpisodeId::parse("id", &episode.id).unwrap(),
+                cohort: "failed".into(),
+                places: places(&scores.match_episode, &scores.match_step, &lengths).unwrap(),
+                w: scores.w,
+                q: scores.q,
+            });
+        }
+    }
+    candidates
+}
+
+/// Episode, end step and q of the segments that a selection keeps by its definition.
+fn defined(selection: Choice, candidates: &[Candidate]) -> Vec<(String, u32, f32)> {
+    let ranked = ranked(candidates);
+    let (resolved, mut marked) = (Resolved::new(selection, &ranked, candidates), Vec::new());
+    let mut kept = Vec::new();
+    for one in candidates {
+        resolved.mark(one, &mut marked);
+        let steps = (0..).zip(&one.q).zip(&marked).filter(|(_, kept)| **kept);
+        kept.extend(steps.map(|((step, q), _)| (one.episode_id.to_string(), step, *q)));
+    }
+    kept
+}
+
+/// Episode, step and q of the kept steps in the manifest of an export of the dataset.
+async fn exported(api: &mut Api, dataset: &str) -> Vec<(String, u32, f64)> {
+    let spec = ExportSpec { dataset_id: dataset.into(), format: ExportFormat::Mcap.into() };
+    let export_id = api.succeed(lab::TASK, job_spec::Spec::Export(spec)).await.result_id;
+    let request = DownloadExportFileRequest { export_id, name: "manifest.jsonl".into() };
+    let mut chunks = api.datasets.download_export_file(request).await.unwrap().into_inner();
+    let mut bytes = Vec::new();
+    while let Some(chunk) = chunks.message().await.unwrap() {
+        bytes.extend_from_slice(&chunk.data);
+    }
+    let mut kept = Vec::new();
+    for line in String::from_utf8(bytes).unwrap().lines() {
+        let line: Value = serde_json::from_str(line).unwrap();
+        for step in line["steps"].as_array().unwrap() {
+            let end = u32::try_from(step["step"].as_u64().unwrap()).unwrap();
+            kept.push((line["episode"].as_str().unwrap().to_owned(), end, step["q"].as_f64().unwrap()));
+        }
+    }
+    kept
+}
+
+/// A dataset with every part of a shape counts, streams and exports the segments of the definition; one that keeps the
+/// segments of another selection trains the same policy.
+#[tokio::test]
+async fn a_shaped_dataset_trains_and_exports_the_segments_of_its_definition() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let candidates = candidates(&mut api, &shared).await;
+    let shape = Shape {
+        close_gaps: 2,
+        min_run: 3,
+        context_before: 1,
+        context_after: 2,
+        max_share_of_episode: 0.6,
+        phases: 4,
+        max_per_phase: 9,
+    };
+    let selection = Choice { shape, ..Choice::beta(0.4) };
+    let expected = defined(selection, &candidates);
+    assert!(!expected.is_empty() && expected != defined(Choice::beta(0.4), &candidates), "{expected:?}");
+
+    let dataset = api.dataset(&shared.run, selection).await;
+    assert_eq!(dataset.selection, Some(selection_to_proto(selection)));
+    assert_eq!(dataset.kept_segments, Some(expected.len() as u64));
+    assert_eq!(streamed(&mut api, &dataset.id).await, expected);
+    let mut steps = exported(&mut api, &dataset.id).await;
+    steps.sort_by(|a, b| (&a.0, a.1).cmp(&(&b.0, b.1)));
+    assert_eq!(steps.len(), expected.len());
+    for ((episode, step, q), (of, end, weight)) in steps.iter().zip(&expected) {
+        assert_eq!((episode, step), (of, end));
+        assert!((q - f64::from(*weight)).abs() < 1e-6, "its own q: {q} and {weight}");
+    }
+
+    // The best N of one phase are the best N of the run.
+    let all: usize = candidates.iter().map(|one| one.q.len()).sum();
+    let most = all / 3;
+    let limited = Shape { phases: 1, max_per_phase: u32::try_from(most).unwrap(), ..Shape::default() };
+    let top = Choice::top_fraction(most as f64 / all as f64);
+    let mut losses = Vec::new();
+    for selection in [Choice { shape: limited, ..Choice::beta(0.0) }, top, selection] {
+        let dataset = api.dataset(&shared.run, selection).await;
+        let spec = lab::train(train_spec::Data::DatasetId(dataset.id), 4);
+        let job = api.succeed(lab::TASK, spec).await;
+        losses.push(api.metric(&job.id, "loss").await);
+    }
+    assert_eq!(losses[0], losses[1], "the same segments");
+    assert_ne!(losses[0], losses[2], "other segments");
+}
+
 impl Api {
+    async fn dataset(&mut self, run: &str, selection: Choice) -> Dataset {
+        let selection = Some(selection_to_proto(selection));
+        let request = CreateDatasetRequest { score_run_id: run.into(), selection };
+        self.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap()
+    }
+
     async fn snapshot(&mut self, rule: RoleRule) -> (String, Vec<SnapshotEpisode>) {
         let request = CreateSnapshotRequest { task: lab::TASK.into(), rule: Some(rule) };
         let snapshot = self.snapshots.create_snapshot(request).await.unwrap().into_inner().snapshot.unwrap();

@@ -147,6 +147,7 @@ async fn pipeline_is_submitted_at_once_and_runs_in_order() {
         score: true,
         beta: Some(0.5),
         top_fraction: None,
+        shape: Some(SelectionShape { context_after: 1, ..SelectionShape::default() }),
         train: Some(TrainSpec { data: None, ..train }),
         scoring: Some(ScoreSpec {
             settings: lab::settings(json!({"similarity": "last_cosine"})),

@@ -2,6 +2,7 @@
 //!
 //! Must not know a server; the reports of experiments and of the demo use it.
 
+use gleaner_core::selection::{Candidate, Resolved, Selection, ranked};
 use gleaner_core::statistics::{auroc, auroc_interval, precision_recall};
 use gleaner_sim::RecordedEpisode;
 use serde::{Deserialize, Serialize};
@@ -38,21 +39,16 @@ impl From<&RecordedEpisode> for Mark {
 /// One imperfect episode: its scores and its mark.
 #[derive(Clone, Debug)]
 pub(crate) struct MarkedEpisode {
-    pub(crate) id: String,
-    pub(crate) cohort: String,
+    pub(crate) scores: Candidate,
     /// Whether it reached the goal nevertheless.
     pub(crate) success: bool,
     pub(crate) mark: Mark,
-    /// One value a step.
-    pub(crate) q: Vec<f32>,
-    /// One value a step.
-    pub(crate) w: Vec<f64>,
 }
 
 impl MarkedEpisode {
     /// Each step's q, and whether the segment that ends there is good.
     pub(crate) fn steps(&self) -> impl Iterator<Item = (f64, bool)> {
-        self.q.iter().enumerate().map(|(step, q)| (f64::from(*q), !self.mark.is_bad(step)))
+        self.scores.q.iter().enumerate().map(|(step, q)| (f64::from(*q), !self.mark.is_bad(step)))
     }
 }
 
@@ -90,12 +86,13 @@ pub(crate) struct Selected {
 pub(crate) fn separations(episodes: &[MarkedEpisode]) -> Vec<Separation> {
     let mut cohorts: Vec<&str> = Vec::new();
     for episode in episodes {
-        if !cohorts.contains(&episode.cohort.as_str()) {
-            cohorts.push(&episode.cohort);
+        if !cohorts.contains(&episode.scores.cohort.as_str()) {
+            cohorts.push(&episode.scores.cohort);
         }
     }
-    let of =
-        |cohort: &str| -> Vec<&MarkedEpisode> { episodes.iter().filter(|episode| episode.cohort == cohort).collect() };
+    let of = |cohort: &str| -> Vec<&MarkedEpisode> {
+        episodes.iter().filter(|episode| episode.scores.cohort == cohort).collect()
+    };
     let mut rows = vec![separation(ALL, &episodes.iter().collect::<Vec<_>>())];
     let failures: Vec<&MarkedEpisode> = episodes.iter().filter(|episode| !episode.success).collect();
     if !failures.is_empty() && failures.len() < episodes.len() {
@@ -128,30 +125,18 @@ pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// Keeps q > β. As on the server both are compared in the precision of q, so that a q equal to β is never kept for
-/// how β is rounded.
-#[expect(clippy::cast_possible_truncation, reason = "rounded on purpose; β is in [0, 1]")]
-pub(crate) fn above(beta: f64) -> impl Fn(f32, f64) -> bool {
-    move |q, _| q > beta as f32
-}
-
-/// Keeps `count` steps, those of highest q, then of highest w; and every tie with the last of them.
-pub(crate) fn best(episodes: &[MarkedEpisode], count: usize) -> impl Fn(f32, f64) -> bool {
-    let scores = |episode: &MarkedEpisode| -> Vec<(f32, f64)> {
-        episode.q.iter().copied().zip(episode.w.iter().copied()).collect()
-    };
-    let mut ranked: Vec<(f32, f64)> = episodes.iter().flat_map(scores).collect();
-    ranked.sort_by(|one, two| two.0.total_cmp(&one.0).then(two.1.total_cmp(&one.1)));
-    let last = count.checked_sub(1).and_then(|index| ranked.get(index).copied());
-    move |q, w| last.is_some_and(|(lowest_q, lowest_w)| q > lowest_q || (q == lowest_q && w >= lowest_w))
-}
-
-/// The steps that a rule on (q, w) keeps, and how good they are.
+/// The steps that a selection keeps, and how good they are.
 #[expect(clippy::cast_precision_loss, reason = "counts of steps are far below 2^52")]
-pub(crate) fn select(episodes: &[MarkedEpisode], keeps: impl Fn(f32, f64) -> bool) -> Selected {
-    let good: Vec<bool> = episodes.iter().flat_map(MarkedEpisode::steps).map(|step| step.1).collect();
-    let scores = episodes.iter().flat_map(|episode| episode.q.iter().zip(&episode.w));
-    let kept: Vec<bool> = scores.map(|(q, w)| keeps(*q, *w)).collect();
+pub(crate) fn select(episodes: &[MarkedEpisode], selection: Selection) -> Selected {
+    let candidates: Vec<Candidate> = episodes.iter().map(|episode| episode.scores.clone()).collect();
+    let ranked = ranked(&candidates);
+    let (resolved, mut marked) = (Resolved::new(selection, &ranked, &candidates), Vec::new());
+    let (mut kept, mut good) = (Vec::new(), Vec::new());
+    for episode in episodes {
+        resolved.mark(&episode.scores, &mut marked);
+        kept.extend_from_slice(&marked);
+        good.extend(episode.steps().map(|step| step.1));
+    }
     let (precision, recall) = precision_recall(&kept, &good);
     let count = kept.iter().filter(|kept| **kept).count();
     Selected { kept: count, of: good.len(), share: count as f64 / good.len().max(1) as f64, precision, recall }
@@ -178,16 +163,21 @@ fn bin(q: f64) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use gleaner_core::{id::EpisodeId, selection::SelectionShape};
+
     use super::*;
 
     fn episodes() -> Vec<MarkedEpisode> {
         let episode = |cohort: &str, went_wrong: Option<u32>, q: &[f32]| MarkedEpisode {
-            id: "ep".into(),
-            cohort: cohort.into(),
+            scores: Candidate {
+                episode_id: EpisodeId::new(),
+                cohort: cohort.into(),
+                w: q.iter().map(|q| f64::from(*q) - 1.0).collect(),
+                q: q.to_vec(),
+                places: Vec::new(),
+            },
             success: went_wrong.is_none(),
             mark: Mark { went_wrong },
-            q: q.to_vec(),
-            w: q.iter().map(|q| f64::from(*q) - 1.0).collect(),
         };
         vec![
             episode("freeze", Some(2), &[1.0, 0.75, 0.25, 0.0]),
@@ -217,16 +207,18 @@ mod tests {
     }
 
     #[test]
-    fn a_selection_keeps_the_segments_of_its_rule() {
-        let half = select(&episodes(), above(0.5));
+    fn a_selection_keeps_the_segments_of_its_rule_and_shape() {
+        let half = select(&episodes(), Selection::beta(0.5));
         assert_eq!((half.kept, half.of, half.precision, half.recall), (3, 7, Some(2.0 / 3.0), Some(0.5)));
         assert!((half.share - 3.0 / 7.0).abs() < 1e-12);
-        let nothing = select(&episodes(), above(1.0));
+        let nothing = select(&episodes(), Selection::beta(1.0));
         assert_eq!((nothing.kept, nothing.precision, nothing.recall), (0, None, Some(0.0)));
         // 1, 0.75 and, with it, the other 0.75.
-        assert_eq!(select(&episodes(), best(&episodes(), 2)).kept, 3);
-        assert_eq!(select(&episodes(), best(&episodes(), 0)).kept, 0);
-        assert!(!above(0.6)(0.6, 0.0), "rounded as q is");
+        assert_eq!(select(&episodes(), Selection::top_fraction(2.0 / 7.0)).kept, 3);
+        // The first two of freeze are a run of two; wander's last is alone.
+        let shape = SelectionShape { min_run: 2, ..SelectionShape::default() };
+        let runs = select(&episodes(), Selection { shape, ..Selection::beta(0.5) });
+        assert_eq!((runs.kept, runs.precision, runs.recall), (2, Some(1.0), Some(0.5)));
     }
 
     #[test]

@@ -6,7 +6,8 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser as _, 
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use serde_json::Value;
 
-use crate::schema::{Setting, Shape, Values};
+use crate::schema::{Problem, Setting, Shape, Values};
+use crate::selection::SelectionShape;
 use crate::spec::schema_of;
 
 /// Other names of options, short to type.
@@ -17,6 +18,9 @@ type Of = (Setting, Vec<&'static str>);
 
 /// A set of options.
 pub trait Options {
+    /// Their heading in the help.
+    const HEADING: &'static str = "Settings";
+
     /// The settings, and the prefix of their options' names.
     fn settings() -> Vec<(Of, &'static str)>;
 }
@@ -89,10 +93,48 @@ impl Options for Pipeline {
     }
 }
 
+/// The options of a [`SelectionShape`].
+#[derive(Debug, Clone, Copy)]
+struct OfShape;
+
+impl Options for OfShape {
+    const HEADING: &'static str = "Shape of the selection, applied in this order";
+
+    fn settings() -> Vec<(Of, &'static str)> {
+        let settings = <SelectionShape as crate::Group>::schema();
+        settings.into_iter().map(|setting| ((setting, Vec::new()), "")).collect()
+    }
+}
+
+impl Args for SelectionShape {
+    fn augment_args(command: Command) -> Command {
+        Given::<OfShape>::augment_args(command)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for SelectionShape {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let given = Given::<OfShape>::from_arg_matches(matches)?.values;
+        let wrong =
+            |problem: Problem| clap::Error::raw(clap::error::ErrorKind::ValueValidation, format!("{problem}\n"));
+        Self::from_values(&given).map_err(wrong)
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
 impl<O: Options> Args for Given<O> {
     fn augment_args(command: Command) -> Command {
         let settings = O::settings();
-        settings.iter().fold(command, |command, ((setting, kinds), prefix)| command.arg(option(setting, kinds, prefix)))
+        let option = |((setting, kinds), prefix): &(Of, &'static str)| option(setting, kinds, prefix, O::HEADING);
+        settings.iter().fold(command, |command, one| command.arg(option(one)))
     }
 
     fn augment_args_for_update(command: Command) -> Command {
@@ -129,9 +171,9 @@ impl<O: Options> FromArgMatches for Given<O> {
     }
 }
 
-fn option(setting: &Setting, kinds: &[&str], prefix: &str) -> Arg {
+fn option(setting: &Setting, kinds: &[&str], prefix: &str, heading: &'static str) -> Arg {
     let name = format!("{prefix}{}", setting.name);
-    let heading = if prefix.is_empty() { "Settings" } else { "Settings of the training's optimiser" };
+    let heading = if prefix.is_empty() { heading } else { "Settings of the training's optimiser" };
     let option = Arg::new(name.clone())
         .long(name.replace('_', "-"))
         .help(help(setting, kinds))

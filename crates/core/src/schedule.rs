@@ -5,7 +5,7 @@ use croner::parser::{CronParser, Seconds, Year};
 
 use super::{
     id::{ScheduleId, SnapshotId, TaskId},
-    selection::Selection,
+    selection::{Rule, Selection, SelectionShape},
     snapshot::RoleRule,
     time::Millis,
 };
@@ -30,6 +30,9 @@ pub struct PipelineSpec {
     /// Makes a dataset of this best part of the segments instead; needs `score`.
     #[serde(default)]
     pub top_fraction: Option<f64>,
+    /// The shape of that dataset; off without one.
+    #[serde(default)]
+    pub shape: SelectionShape,
     /// Trains a policy on it; needs a dataset.
     pub train: Option<TrainSpec>,
     /// Evaluates that policy; needs `train`.
@@ -40,7 +43,8 @@ pub struct PipelineSpec {
 impl PipelineSpec {
     /// The selection of the dataset; `None` when none is made.
     pub fn selection(&self) -> Option<Selection> {
-        self.beta.map(Selection::Beta).or(self.top_fraction.map(Selection::TopFraction))
+        let rule = self.beta.map(Rule::Beta).or(self.top_fraction.map(Rule::TopFraction))?;
+        Some(Selection { rule, shape: self.shape })
     }
 }
 

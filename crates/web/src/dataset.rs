@@ -1,13 +1,7 @@
 //! One dataset: its selection, its counts and the results made from it.
 
 use axum::{extract::Path, response::IntoResponse as _};
-use gleaner_core::{
-    Error, Result,
-    dataset::Dataset,
-    error::Kind,
-    id::DatasetId,
-    selection::{Selection, WhatIf},
-};
+use gleaner_core::{Error, Result, dataset::Dataset, error::Kind, id::DatasetId, selection::WhatIf};
 use maud::{Markup, html};
 
 use crate::{
@@ -34,7 +28,7 @@ pub(super) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
     let task = backend.task_by_id(&dataset.task_id).await?;
     let body = html! {
         h1 { "Dataset " (link::tail(dataset.id.as_str())) }
-        p.lead { "The imperfect segments with " (link::selection(dataset.selection)) ", weighted by q, and all experts. A dataset is a view, not a copy." }
+        p.lead { "The imperfect segments with " (link::selection(dataset.selection)) ", each weighted by its q, and all experts. A dataset is a view, not a copy." }
         @match &kept {
             Ok((what, _)) => {
                 (runs::figures(what))
@@ -68,10 +62,7 @@ async fn kept(backend: &dyn Backend, dataset: &Dataset) -> Result<std::result::R
 
 fn facts(dataset: &Dataset, expert_segments: Option<u64>) -> Markup {
     let run = &dataset.score_run_id;
-    let at = match dataset.selection {
-        Selection::Beta(beta) => format!("/runs/{run}?beta={beta}"),
-        Selection::TopFraction(part) => format!("/runs/{run}?top_fraction={part}"),
-    };
+    let at = format!("/runs/{run}?{}", runs::parameters(dataset.selection));
     html! {
         dl.facts.panel {
             dt { "Dataset" } dd.id { (dataset.id) }

@@ -2,7 +2,7 @@
 
 use gleaner_core::{
     id::{DatasetId, EncoderId, EpisodeId, JobId, PolicyId, ScoreRunId, SnapshotId},
-    selection::Selection,
+    selection::{Rule, Selection},
 };
 use maud::{Markup, html};
 
@@ -79,18 +79,19 @@ fn is_id(word: &str) -> bool {
 }
 
 /// A short description of a selection.
-pub(crate) fn selection(selection: Selection) -> String {
-    match selection {
-        Selection::Beta(beta) => format!("q > {beta}"),
-        Selection::TopFraction(part) => {
+pub(crate) fn selection(Selection { rule, shape }: Selection) -> String {
+    let rule = match rule {
+        Rule::Beta(beta) => format!("q > {beta}"),
+        Rule::TopFraction(part) => {
             format!("best {:.4}", part * 100.0).trim_end_matches('0').trim_end_matches('.').to_owned() + " %"
         }
-    }
+    };
+    if shape.is_off() { rule } else { format!("{rule}, {shape}") }
 }
 
 #[cfg(test)]
 mod tests {
-    use gleaner_core::id::ExportId;
+    use gleaner_core::{id::ExportId, selection::SelectionShape};
 
     use super::*;
 
@@ -123,8 +124,10 @@ mod tests {
 
     #[test]
     fn selections_are_described_briefly() {
-        assert_eq!(selection(Selection::Beta(0.85)), "q > 0.85");
-        assert_eq!(selection(Selection::TopFraction(0.125)), "best 12.5 %");
-        assert_eq!(selection(Selection::TopFraction(0.1)), "best 10 %");
+        assert_eq!(selection(Selection::beta(0.85)), "q > 0.85");
+        assert_eq!(selection(Selection::top_fraction(0.125)), "best 12.5 %");
+        assert_eq!(selection(Selection::top_fraction(0.1)), "best 10 %");
+        let shape = SelectionShape { min_run: 5, ..SelectionShape::default() };
+        assert_eq!(selection(Selection { shape, ..Selection::beta(0.9) }), "q > 0.9, min_run 5");
     }
 }

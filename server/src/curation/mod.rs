@@ -55,7 +55,7 @@ impl Curation {
     pub(crate) async fn summary(&self, run: &ScoreRunId) -> Result<Arc<Summary>> {
         let load = async {
             let of = self.0.store.score_run(run).await?;
-            let candidates = self.0.store.candidates(run).await?;
+            let candidates = self.0.store.candidates(run, true).await?;
             let experts = self.0.store.expert_qualities(run).await?;
             off_runtime("summing up a run", move || Ok(Arc::new(Summary::new(of, candidates, experts)))).await
         };

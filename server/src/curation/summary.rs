@@ -15,7 +15,7 @@ use crate::{
         curation::SegmentRef,
         id::{EpisodeId, ScoreRunId},
         score::{Histogram, ScoreRun, expert_auroc},
-        selection::{Candidate, Selection, WhatIf, ranked, what_if},
+        selection::{Candidate, Rule, Selection, WhatIf, ranked, what_if},
     },
     error::Result,
 };
@@ -63,9 +63,9 @@ impl Summary {
     pub(crate) async fn what_if(self: &Arc<Self>, selection: Selection) -> Result<WhatIf> {
         let summary = Arc::clone(self);
         let counting = move || {
-            let ranked = match selection {
-                Selection::Beta(_) => &[],
-                Selection::TopFraction(_) => summary.ranked.get_or_init(|| ranked(&summary.candidates)).as_slice(),
+            let ranked = match selection.rule {
+                Rule::Beta(_) => &[],
+                Rule::TopFraction(_) => summary.ranked.get_or_init(|| ranked(&summary.candidates)).as_slice(),
             };
             Ok(what_if(selection, ranked, &summary.candidates))
         };
@@ -125,7 +125,7 @@ impl Summary {
     /// # Errors
     /// Internal.
     pub(super) async fn warm(self: &Arc<Self>) -> Result<()> {
-        self.what_if(Selection::TopFraction(1.0)).await?;
+        self.what_if(Selection::top_fraction(1.0)).await?;
         self.expert_auroc().await?;
         self.best(1).await?;
         self.worst(1).await?;
@@ -210,7 +210,7 @@ impl Weighter<ScoreRunId, Arc<Summary>> for Weigh {
     fn weight(&self, _: &ScoreRunId, summary: &Arc<Summary>) -> u64 {
         let segments: usize = summary.candidates.iter().map(|one| one.q.len()).sum();
         let of_experts: usize = summary.experts.iter().map(Vec::len).sum();
-        let bytes = segments as u64 * 28 + of_experts as u64 * 4 + summary.candidates.len() as u64 * 256;
+        let bytes = segments as u64 * 32 + of_experts as u64 * 4 + summary.candidates.len() as u64 * 256;
         // A summary larger than the whole cache is kept alone, because its run could not be shown otherwise.
         bytes.min(RUN_BYTES / 10 * 9)
     }

@@ -11,7 +11,7 @@ use crate::{
     domain::{
         episode::{Episode, Outcome},
         score::Histogram,
-        selection::{Candidate, Selection},
+        selection::{Candidate, Selection, SelectionShape},
         snapshot::Role,
         task::Task,
     },
@@ -146,10 +146,14 @@ async fn a_summary_agrees_with_the_database() {
     let (run, episodes) = run_with(&lab, &[&[0.1, 0.9, 0.9], &[0.5, 1.0], &[0.9]]).await;
     let summary = lab.curation.summary(&run).await.unwrap();
     assert_eq!(summary.run().id, run);
-    let selections = [0.0, 0.5, 0.9, 1.0].map(Selection::Beta).into_iter();
-    for selection in selections.chain([0.01, 0.3, 0.5, 1.0].map(Selection::TopFraction)) {
+    let selections = [0.0, 0.5, 0.9, 1.0].map(Selection::beta).into_iter();
+    for selection in selections.chain([0.01, 0.3, 0.5, 1.0].map(Selection::top_fraction)) {
         let counted = lab.store.count_kept(&run, vec![selection]).await.unwrap().remove(0);
         assert_eq!(summary.what_if(selection).await.unwrap(), counted, "{selection:?}");
+        let shape = SelectionShape { context_before: 1, phases: 10, max_per_phase: 1, ..SelectionShape::default() };
+        let shaped = Selection { shape, ..selection };
+        let counted = lab.store.count_kept(&run, vec![selection, shaped]).await.unwrap().remove(1);
+        assert_eq!(summary.what_if(shaped).await.unwrap(), counted, "{shaped:?}");
     }
     for bins in [1, 7, 20] {
         let (filled, auroc) = lab.store.fill(&run, Histogram::new(bins, &[])).await.unwrap();
@@ -168,7 +172,7 @@ async fn empty_runs_are_summarised_and_missing_ones_rejected() {
     let lab = lab(&testing::spec()).await;
     let (run, _) = run_with(&lab, &[]).await;
     let summary = lab.curation.summary(&run).await.unwrap();
-    for selection in [Selection::Beta(0.5), Selection::TopFraction(0.5)] {
+    for selection in [Selection::beta(0.5), Selection::top_fraction(0.5)] {
         let counted = summary.what_if(selection).await.unwrap();
         assert_eq!((counted.total.of_segments, counted.threshold), (0, None));
     }
@@ -189,8 +193,13 @@ async fn concurrent_callers_share_one_read() {
 /// A summary of this many segments, of one episode.
 async fn sized(lab: &Lab, run: &ScoreRunId, segments: usize) -> Arc<Summary> {
     let run = lab.store.score_run(run).await.unwrap();
-    let candidate =
-        Candidate { episode_id: EpisodeId::new(), cohort: String::new(), w: Vec::new(), q: vec![0.0; segments] };
+    let candidate = Candidate {
+        episode_id: EpisodeId::new(),
+        cohort: String::new(),
+        w: Vec::new(),
+        q: vec![0.0; segments],
+        places: Vec::new(),
+    };
     Arc::new(Summary::new(run, vec![candidate], Vec::new()))
 }
 

@@ -34,6 +34,7 @@ fn pipeline() -> PipelineSpec {
         score: true,
         beta: Some(0.5),
         top_fraction: None,
+        shape: crate::domain::selection::SelectionShape::default(),
         train: Some(TrainSpec::default()),
         scoring: None,
         evaluate: None,
@@ -113,7 +114,7 @@ async fn a_pipeline_links_all_its_jobs() {
     let dataset = bench.store.dataset(&dataset.unwrap()).await.unwrap();
     assert_eq!(
         (dataset.selection, String::from(dataset.score_run_id)),
-        (Selection::Beta(0.5), score.result_id.clone())
+        (Selection::beta(0.5), score.result_id.clone())
     );
     assert!(matches!(&train.spec, JobSpec::Train { dataset_id: Some(id), .. } if *id == dataset.id));
 

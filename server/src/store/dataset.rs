@@ -5,6 +5,7 @@ use sqlx::{Sqlite, Transaction, sqlite::SqliteRow};
 
 use super::{
     Store, fault,
+    kept::Matched,
     row::{self, Column as _, Record, column, record, unreadable},
 };
 use crate::{
@@ -13,7 +14,7 @@ use crate::{
         id::{DatasetId, EpisodeId, ScoreRunId, TaskId},
         job::JobKind,
         score::ScoreRun,
-        selection::{Filter, Selection, ranked},
+        selection::{Resolved, Rule, Selection, ranked},
         time::Millis,
     },
     error::{Error, Result},
@@ -24,26 +25,18 @@ record! { Dataset: id, task_id, score_run_id, created_at; selection }
 impl Record for Selection {
     fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
         let (beta, top_fraction): (Option<f64>, Option<f64>) = (column(row, "beta")?, column(row, "top_fraction")?);
-        let selection = beta.map(Self::Beta).or(top_fraction.map(Self::TopFraction));
-        selection.ok_or_else(|| unreadable("beta", "the dataset has neither β nor a top fraction"))
+        let rule = beta.map(Rule::Beta).or(top_fraction.map(Rule::TopFraction));
+        let rule = rule.ok_or_else(|| unreadable("beta", "the dataset has neither β nor a top fraction"))?;
+        Ok(Self { rule, shape: column(row, "shape")? })
     }
 }
 
-struct Scores {
-    episode_id: EpisodeId,
-    w: Vec<f64>,
-    q: Vec<f32>,
-    match_episode: Vec<u32>,
-    match_step: Vec<u32>,
-}
-
-record! { Scores: episode_id, w, q, match_episode, match_step }
-
-impl Scores {
-    /// The segments that the filter keeps; `None` when it keeps none.
-    fn kept(self, filter: Filter, experts: &[EpisodeId]) -> Result<Option<KeptEpisode>> {
+impl Matched {
+    /// The marked segments; `None` when there are none.
+    fn kept(self, marked: &[bool], experts: &[EpisodeId]) -> Result<Option<KeptEpisode>> {
+        let Self { candidate, match_episode, match_step } = self;
         // Without matches both lists are empty.
-        let nearest = |step: usize| match (self.match_episode.get(step), self.match_step.get(step)) {
+        let nearest = |step: usize| match (match_episode.get(step), match_step.get(step)) {
             (Some(&episode), Some(&end_step)) => {
                 let expert = usize::try_from(episode).ok().and_then(|index| experts.get(index)).cloned();
                 let unknown = || Error::internal("reading a match", format!("the run has no expert {episode}"));
@@ -53,37 +46,39 @@ impl Scores {
             (None, _) | (_, None) => Ok(None),
         };
         let mut segments = Vec::new();
-        for ((end_step, step), (w, weight)) in (0..).zip(0..).zip(self.w.into_iter().zip(self.q)) {
-            if filter.keeps(w, weight) {
+        for ((end_step, step), (weight, &kept)) in (0..).zip(0..).zip(candidate.q.into_iter().zip(marked)) {
+            if kept {
                 segments.push(KeptSegment { end_step, weight, nearest: nearest(step)? });
             }
         }
         if segments.is_empty() {
             return Ok(None);
         }
-        Ok(Some(KeptEpisode { episode_id: self.episode_id, segments }))
+        Ok(Some(KeptEpisode { episode_id: candidate.episode_id, segments }))
     }
 }
 
-/// The two columns of a selection: β, top fraction.
-fn columns(selection: Selection) -> (Option<f64>, Option<f64>) {
-    match selection {
-        Selection::Beta(beta) => (Some(beta), None),
-        Selection::TopFraction(fraction) => (None, Some(fraction)),
+/// The two columns of a rule: β, top fraction.
+fn columns(rule: Rule) -> (Option<f64>, Option<f64>) {
+    match rule {
+        Rule::Beta(beta) => (Some(beta), None),
+        Rule::TopFraction(fraction) => (None, Some(fraction)),
     }
 }
 
 /// Adds a dataset; the job that makes its run must exist.
 pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, dataset: &Dataset) -> Result<()> {
-    let (beta, top_fraction) = columns(dataset.selection);
+    let (beta, top_fraction) = columns(dataset.selection.rule);
     sqlx::query(
-        "insert into datasets (id, task_id, score_run_id, beta, top_fraction, created_at) values (?, ?, ?, ?, ?, ?)",
+        "insert into datasets (id, task_id, score_run_id, beta, top_fraction, shape, created_at) \
+         values (?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(dataset.id.param())
     .bind(dataset.task_id.param())
     .bind(dataset.score_run_id.param())
     .bind(beta)
     .bind(top_fraction)
+    .bind(dataset.selection.shape.param())
     .bind(dataset.created_at.param())
     .execute(&mut **tx)
     .await
@@ -105,13 +100,15 @@ impl Store {
             created_at: Millis::now(),
         };
         let mut tx = self.write().await?;
-        let (beta, top_fraction) = columns(selection);
+        let (beta, top_fraction) = columns(selection.rule);
         let same = sqlx::query(
-            "select * from datasets where score_run_id = ? and beta is ? and top_fraction is ? order by id limit 1",
+            "select * from datasets where score_run_id = ? and beta is ? and top_fraction is ? and shape is ? \
+             order by id limit 1",
         )
         .bind(run.param())
         .bind(beta)
         .bind(top_fraction)
+        .bind(selection.shape.param())
         .try_map(row::read)
         .fetch_optional(&mut *tx)
         .await
@@ -212,22 +209,17 @@ impl Store {
 
     /// Every imperfect episode with its kept segments, if any; rows are read one by one.
     async fn kept(&self, run: &ScoreRun, selection: Selection) -> Result<Vec<KeptEpisode>> {
-        let candidates = match selection {
-            Selection::Beta(_) => Vec::new(),
-            Selection::TopFraction(_) => self.candidates(&run.id).await?,
+        let candidates = match selection.rule {
+            Rule::Beta(_) if !selection.limits_phases() => Vec::new(),
+            Rule::Beta(_) | Rule::TopFraction(_) => self.candidates(&run.id, selection.limits_phases()).await?,
         };
         let ranked = ranked(&candidates);
-        let filter = Filter::new(selection, &ranked);
-        let mut rows = sqlx::query(
-            "select episode_id, w, q, match_episode, match_step from episode_scores \
-             where score_run_id = ? and role = 'imperfect' order by position",
-        )
-        .bind(run.id.param())
-        .try_map(row::read::<Scores>)
-        .fetch(self.read());
-        let mut kept = Vec::new();
-        while let Some(found) = rows.try_next().await.map_err(fault("reading a dataset's segments"))? {
-            kept.extend(found.kept(filter, &run.expert_ids)?);
+        let resolved = Resolved::new(selection, &ranked, &candidates);
+        let mut rows = self.matched(run, selection.limits_phases()).await?;
+        let (mut kept, mut marked) = (Vec::new(), Vec::new());
+        while let Some(found) = rows.try_next().await? {
+            resolved.mark(&found.candidate, &mut marked);
+            kept.extend(found.kept(&marked, &run.expert_ids)?);
         }
         Ok(kept)
     }

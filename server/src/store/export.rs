@@ -98,7 +98,7 @@ mod tests {
         testing::episode(&store, &task, Outcome::Failure, "").await;
         let encoder = results::encoder(&store, &task).await;
         let run = results::run(&store, &task, &encoder, &[]).await;
-        let dataset = store.insert_dataset(&run.id, Selection::Beta(0.9)).await.unwrap();
+        let dataset = store.insert_dataset(&run.id, Selection::beta(0.9)).await.unwrap();
         let export = ExportId::new();
         let spec = JobSpec::Export { dataset_id: dataset.id.clone() };
         let job = results::job(&store, &task, spec, export.as_str()).await;

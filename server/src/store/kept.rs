@@ -1,23 +1,54 @@
 //! Counts of a run's kept segments: q and w are read in one pass, row by row on the database's own thread, so that a
 //! large run does not block the runtime.
 
-use futures::TryStreamExt as _;
+use std::collections::HashMap;
+
+use futures::{Stream, StreamExt as _, TryStreamExt as _};
+use sqlx::sqlite::SqliteRow;
 
 use super::{
     Store, fault,
-    row::{self, Column as _, record},
+    row::{self, Column as _, Record, column, record},
 };
 use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId},
-        score::{Histogram, expert_auroc},
-        selection::{Candidate, Selection, WhatIf, count},
+        score::{Histogram, ScoreRun, expert_auroc},
+        selection::{Candidate, Selection, WhatIf, count, places},
         snapshot::Role,
     },
     error::{Error, Result},
 };
 
-record! { Candidate: episode_id, cohort, w, q }
+/// An imperfect episode with its matches, if the scorer gives any.
+pub(super) struct Matched {
+    pub(super) candidate: Candidate,
+    pub(super) match_episode: Vec<u32>,
+    pub(super) match_step: Vec<u32>,
+}
+
+record! { Matched: match_episode, match_step; candidate }
+
+impl Record for Candidate {
+    /// Without places, which are computed from the matches.
+    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+        let (episode_id, cohort) = (column(row, "episode_id")?, column(row, "cohort")?);
+        Ok(Self { episode_id, cohort, w: column(row, "w")?, q: column(row, "q")?, places: Vec::new() })
+    }
+}
+
+/// The query of a run's imperfect episodes in the snapshot's order, for its snapshot and the run.
+macro_rules! imperfect {
+    ($columns:literal) => {
+        concat!(
+            "select episode_scores.episode_id, cohort, w, q",
+            $columns,
+            " from episode_scores join snapshot_episodes \
+             on snapshot_id = ? and snapshot_episodes.episode_id = episode_scores.episode_id \
+             where score_run_id = ? and episode_scores.role = 'imperfect' order by episode_scores.position"
+        )
+    };
+}
 
 impl Store {
     /// Fills a histogram with the q of a run's imperfect segments and of its experts; also returns the AUROC between the
@@ -63,28 +94,72 @@ impl Store {
     /// # Errors
     /// As for [`Store::score_run`].
     pub(crate) async fn count_kept(&self, run: &ScoreRunId, selections: Vec<Selection>) -> Result<Vec<WhatIf>> {
-        let candidates = self.candidates(run).await?;
+        let candidates = self.candidates(run, selections.iter().any(Selection::limits_phases)).await?;
         let counting = tokio::task::spawn_blocking(move || count(&selections, &candidates));
         counting.await.map_err(|error| Error::internal("counting kept segments", error))
     }
 
-    /// w and q of a run's imperfect episodes, in the snapshot's order, with their cohorts in that snapshot.
+    /// The values of a run's imperfect episodes that selections read, in the snapshot's order, with their cohorts in that
+    /// snapshot. Only a selection that limits phases needs `places`, whose matches are two thirds more to read.
     ///
     /// # Errors
     /// As for [`Store::score_run`].
-    pub(crate) async fn candidates(&self, run: &ScoreRunId) -> Result<Vec<Candidate>> {
-        let snapshot = self.score_run(run).await?.snapshot_id;
-        sqlx::query(
-            "select episode_scores.episode_id, cohort, w, q from episode_scores join snapshot_episodes \
-             on snapshot_id = ? and snapshot_episodes.episode_id = episode_scores.episode_id \
-             where score_run_id = ? and episode_scores.role = 'imperfect' order by episode_scores.position",
+    pub(crate) async fn candidates(&self, run: &ScoreRunId, places: bool) -> Result<Vec<Candidate>> {
+        let run = self.score_run(run).await?;
+        if places {
+            return self.matched(&run, true).await?.map_ok(|matched| matched.candidate).try_collect().await;
+        }
+        sqlx::query(imperfect!(""))
+            .bind(run.snapshot_id.param())
+            .bind(run.id.param())
+            .try_map(row::read)
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("reading a run's scores"))
+    }
+
+    /// The same with matches, row by row.
+    pub(super) async fn matched(
+        &self,
+        run: &ScoreRun,
+        with_places: bool,
+    ) -> Result<impl Stream<Item = Result<Matched>> + Unpin> {
+        let lengths = if with_places { Some(self.expert_lengths(run).await?) } else { None };
+        let located = move |mut matched: Matched| {
+            let Matched { candidate, match_episode, match_step } = &mut matched;
+            if let Some(lengths) = &lengths {
+                let unknown = || {
+                    Error::internal("reading a match", format!("{} matches an unknown expert", candidate.episode_id))
+                };
+                candidate.places = places(match_episode, match_step, lengths).ok_or_else(unknown)?;
+            }
+            Ok(matched)
+        };
+        let rows = sqlx::query(imperfect!(", match_episode, match_step"))
+            .bind(run.snapshot_id.param())
+            .bind(run.id.param())
+            .try_map(row::read::<Matched>)
+            .fetch(self.read());
+        Ok(rows.map(move |row| row.map_err(fault("reading a run's scores")).and_then(&located)))
+    }
+
+    /// The number of steps of each expert of a run.
+    async fn expert_lengths(&self, run: &ScoreRun) -> Result<Vec<u64>> {
+        let rows: Vec<(EpisodeId, u64)> = sqlx::query(
+            "select episode_id, steps from snapshot_episodes join episodes on episodes.id = episode_id \
+             where snapshot_id = ? and role = 'expert'",
         )
-        .bind(snapshot.param())
-        .bind(run.param())
+        .bind(run.snapshot_id.param())
         .try_map(row::read)
         .fetch_all(self.read())
         .await
-        .map_err(fault("reading a run's scores"))
+        .map_err(fault("reading the lengths of experts"))?;
+        let steps: HashMap<EpisodeId, u64> = rows.into_iter().collect();
+        let length = |id: &EpisodeId| {
+            let unknown = || Error::internal("reading the lengths of experts", format!("{id} is not in the snapshot"));
+            steps.get(id).copied().ok_or_else(unknown)
+        };
+        run.expert_ids.iter().map(length).collect()
     }
 
     /// The episodes with scores in a run, in the snapshot's order, for reading them one by one.

@@ -27,6 +27,7 @@ use crate::domain::{
     job::{JobKind, JobSpec, JobState},
     order::JobOrder,
     schedule::PipelineSpec,
+    selection::SelectionShape,
     snapshot::{Role, RoleRule},
     time::Millis,
 };
@@ -119,6 +120,9 @@ columns!(String: TaskSpec Report RoleRule JobSpec JobOrder ScoreSpec PipelineSpe
 columns!(Option<String>: Vec<JobId>;
     |ids| ids.iter().flat_map(|ids| ids.split(',')).map(|id| Ok(id.to_owned().try_into()?)).collect();
     |ids| Ok(Some(ids.iter().map(JobId::as_str).collect::<Vec<_>>().join(","))));
+columns!(Option<String>: SelectionShape;
+    |json| json.map_or_else(|| Ok(Self::default()), |json| Ok(serde_json::from_str(&json)?));
+    |shape| if shape.is_off() { Ok(None) } else { Ok(Some(serde_json::to_string(&shape.changed())?)) });
 columns!(Vec<u8>: Vec<f64> Vec<f32> Vec<u32> Vec<[f32; 3]>; |bytes| unpack(&bytes); |values| Ok(pack(values)));
 
 impl<T: Column> Column for Option<T> {

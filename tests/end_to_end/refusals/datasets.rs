@@ -15,14 +15,27 @@ async fn invalid_datasets_are_rejected() {
     let mut api = Api::connect(&shared.server).await;
     let create = |run: &str, selection| CreateDatasetRequest { score_run_id: run.to_owned(), selection };
     let run = shared.run.as_str();
+    let shaped = |change: fn(&mut SelectionShape)| {
+        let mut shape = SelectionShape::default();
+        change(&mut shape);
+        create(run, Some(Selection { shape: Some(shape), ..lab::above(0.5) }))
+    };
     expect_errors!(api.datasets:
         create_dataset(create("run_7", Some(lab::above(0.5)))) => InvalidArgument ["score_run_id: "];
         create_dataset(create(&absent_id("run"), Some(lab::above(0.5)))) => NotFound [&absent_id("run")];
         create_dataset(create(run, None)) => InvalidArgument ["selection: "];
-        create_dataset(create(run, Some(Selection { rule: None }))) => InvalidArgument ["selection: "];
+        create_dataset(create(run, Some(Selection::default()))) => InvalidArgument ["selection: "];
         create_dataset(create(run, Some(lab::above(1.5)))) => InvalidArgument ["selection.beta: "];
         create_dataset(create(run, Some(lab::above(f64::NAN)))) => InvalidArgument ["selection.beta: "];
         create_dataset(create(run, Some(lab::top(0.0)))) => InvalidArgument ["selection.top_fraction: "];
+        create_dataset(shaped(|s| s.close_gaps = u32::MAX)) => InvalidArgument ["selection.shape.close_gaps: "];
+        create_dataset(shaped(|s| s.min_run = u32::MAX)) => InvalidArgument ["selection.shape.min_run: "];
+        create_dataset(shaped(|s| s.context_before = u32::MAX)) => InvalidArgument ["selection.shape.context_before: "];
+        create_dataset(shaped(|s| s.context_after = u32::MAX)) => InvalidArgument ["selection.shape.context_after: "];
+        create_dataset(shaped(|s| s.max_share_of_episode = Some(0.0))) => InvalidArgument ["selection.shape.max_share_of_episode: "];
+        create_dataset(shaped(|s| s.max_share_of_episode = Some(f64::NAN))) => InvalidArgument ["selection.shape.max_share_of_episode: "];
+        create_dataset(shaped(|s| s.phases = Some(0))) => InvalidArgument ["selection.shape.phases: "];
+        create_dataset(shaped(|s| s.max_per_phase = u32::MAX)) => InvalidArgument ["selection.shape.max_per_phase: "];
         get_dataset(GetDatasetRequest { dataset_id: "x".into() }) => InvalidArgument ["dataset_id: "];
         get_dataset(GetDatasetRequest { dataset_id: absent_id("ds") }) => NotFound [&absent_id("ds")];
         list_datasets(ListDatasetsRequest { task: "absent".into() }) => NotFound ["absent"];

@@ -131,6 +131,8 @@ async fn incomplete_pipelines_are_rejected() {
         submit_pipeline(submit(lab::TASK, |r| r.beta = None)) => InvalidArgument ["pipeline.train: "];
         submit_pipeline(submit(lab::TASK, |r| r.top_fraction = Some(0.5))) => InvalidArgument ["pipeline.top_fraction: "];
         submit_pipeline(submit(lab::TASK, |r| (r.beta, r.top_fraction) = (None, Some(0.0)))) => InvalidArgument ["pipeline.top_fraction: "];
+        submit_pipeline(submit(lab::TASK, |r| r.shape = Some(SelectionShape { phases: Some(0), ..Default::default() }))) => InvalidArgument ["pipeline.shape.phases: "];
+        submit_pipeline(submit(lab::TASK, |r| (r.beta, r.train, r.shape) = (None, None, Some(SelectionShape::default())))) => InvalidArgument ["pipeline.shape: "];
         submit_pipeline(submit(lab::TASK, |r| r.train.as_mut().unwrap().settings = unknown())) => InvalidArgument ["pipeline.train.settings.no_such_setting: "];
         submit_pipeline(submit(lab::TASK, data)) => InvalidArgument ["pipeline.train.data: "];
         submit_pipeline(submit(lab::TASK, named)) => InvalidArgument ["pipeline.scoring.encoder_id: "];

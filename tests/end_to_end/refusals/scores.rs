@@ -21,6 +21,10 @@ async fn invalid_score_requests_are_rejected() {
     let histogram = |run: &str, bins, betas| GetHistogramRequest { score_run_id: run.to_owned(), bins, betas };
     let count =
         |run: &str, selections| CountKeptRequest { score_run_id: run.to_owned(), selections, per_episode: false };
+    let phases = |count| {
+        let shape = Some(SelectionShape { phases: Some(count), ..SelectionShape::default() });
+        Selection { shape, ..lab::above(0.5) }
+    };
     expect_errors!(api.scores:
         get_score_run(GetScoreRunRequest { score_run_id: "x".into() }) => InvalidArgument ["score_run_id: "];
         get_score_run(GetScoreRunRequest { score_run_id: unknown.clone() }) => NotFound [&unknown];
@@ -38,8 +42,9 @@ async fn invalid_score_requests_are_rejected() {
         count_kept(count(&unknown, vec![lab::above(0.5)])) => NotFound [&unknown];
         count_kept(count(run, vec![])) => InvalidArgument ["selections: "];
         count_kept(count(run, vec![lab::above(0.5); 101])) => InvalidArgument ["selections: "];
-        count_kept(count(run, vec![lab::above(0.5), Selection { rule: None }])) => InvalidArgument ["selections[1]: "];
+        count_kept(count(run, vec![lab::above(0.5), Selection::default()])) => InvalidArgument ["selections[1]: "];
         count_kept(count(run, vec![lab::top(2.0)])) => InvalidArgument ["selections[0].top_fraction: "];
+        count_kept(count(run, vec![phases(0)])) => InvalidArgument ["selections[0].shape.phases: "];
     );
     expect_alive(&mut api).await;
 }

@@ -188,10 +188,10 @@ pub fn train(data: train_spec::Data, steps: u32) -> job_spec::Spec {
 
 /// Selects segments whose q is above β.
 pub fn above(beta: f64) -> Selection {
-    Selection { rule: Some(selection::Rule::Beta(beta)) }
+    Selection { rule: Some(selection::Rule::Beta(beta)), shape: None }
 }
 
 /// Selects the best part by w.
 pub fn top(fraction: f64) -> Selection {
-    Selection { rule: Some(selection::Rule::TopFraction(fraction)) }
+    Selection { rule: Some(selection::Rule::TopFraction(fraction)), shape: None }
 }

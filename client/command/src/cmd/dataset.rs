@@ -1,11 +1,13 @@
 //! `dataset`: create, list, show, stream.
 
 use clap::{Args, Subcommand};
+use gleaner_core::proto::score::selection_to_proto;
+use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{
-    CreateDatasetRequest, Dataset, GetDatasetRequest, ListDatasetsRequest, Segment, Selection, StreamSegmentsRequest,
+    CreateDatasetRequest, Dataset, GetDatasetRequest, ListDatasetsRequest, Segment, StreamSegmentsRequest,
 };
 
-use super::what_if::{beta, selected, top};
+use super::selection::{SelectionArgs, selected};
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::table::Column::{Left, Right};
@@ -19,12 +21,8 @@ pub(crate) enum DatasetCommand {
         /// Id of the score run, which may be unfinished.
         #[arg(long)]
         run: String,
-        /// Keep segments with a quality above this threshold, 0 to 1.
-        #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
-        beta: f64,
-        /// Instead of --beta, keep this fraction of the segments, the best ones.
-        #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
-        top: Option<f64>,
+        #[command(flatten)]
+        selection: SelectionArgs,
     },
     /// List a task's datasets, newest first.
     List {
@@ -56,9 +54,7 @@ pub(crate) struct StreamArgs {
 impl DatasetCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         match self {
-            Self::Create { run, beta: above, top: part } => {
-                create(context, run, part.map_or_else(|| beta(above), top)).await
-            }
+            Self::Create { run, selection } => create(context, run, selection.selection()).await,
             Self::List { task } => list(context, task).await,
             Self::Show { id } => show(context, id).await,
             Self::Stream(args) => stream(context, args).await,
@@ -67,7 +63,7 @@ impl DatasetCommand {
 }
 
 async fn create(context: &Context, run: String, selection: Selection) -> Result<()> {
-    let request = CreateDatasetRequest { score_run_id: run, selection: Some(selection) };
+    let request = CreateDatasetRequest { score_run_id: run, selection: Some(selection_to_proto(selection)) };
     let reply = context.client().await?.datasets().create_dataset(request).await?.into_inner();
     let dataset = present(reply.dataset.as_ref(), "a dataset")?;
     context.output.result(|| json::value(&reply), || describe(dataset))?;

@@ -20,6 +20,7 @@ pub(crate) mod record;
 pub(crate) mod schedule;
 pub(crate) mod score_recording;
 pub(crate) mod scores;
+pub(crate) mod selection;
 pub(crate) mod snapshot;
 pub(crate) mod submit;
 pub(crate) mod task;

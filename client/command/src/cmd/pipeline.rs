@@ -3,12 +3,14 @@
 use clap::{Args, ValueEnum};
 use gleaner_core::arguments::{Given, Pipeline, TRAIN};
 use gleaner_core::kinds::{Family, Kind};
-use gleaner_core::proto::to_struct;
+use gleaner_core::proto::{score::shape_to_proto, to_struct};
+use gleaner_core::selection::{Rule, Selection};
 use gleaner_core::{Group as _, OptimSpec, Values};
 use gleaner_proto::v1::{EvaluateSpec, Job, PipelineSpec, ScoreSpec, SubmitPipelineRequest, TrainSpec};
 use prost_types::Struct;
 
 use super::plan::SnapshotArgs;
+use super::selection::SelectionArgs;
 use super::submit::{SubmitArgs, after, outcome};
 use super::{follow, jobs};
 use crate::context::Context;
@@ -33,12 +35,8 @@ pub(crate) struct PipelineArgs {
     /// Last stage of the chain.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
-    /// Keep segments with a quality above this threshold, 0 to 1.
-    #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
-    beta: f64,
-    /// Instead of --beta, keep this fraction of the segments, the best ones.
-    #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
-    top: Option<f64>,
+    #[command(flatten)]
+    selection: SelectionArgs,
     #[command(flatten)]
     settings: Given<Pipeline>,
 }
@@ -46,11 +44,17 @@ pub(crate) struct PipelineArgs {
 impl PipelineArgs {
     pub(crate) fn spec(&self) -> PipelineSpec {
         let (scored, selected) = (self.until >= Until::Score, self.until >= Until::Dataset);
+        let Selection { rule, shape } = self.selection.selection();
+        let (beta, top_fraction) = match rule {
+            Rule::Beta(beta) => (Some(beta).filter(|_| selected), None),
+            Rule::TopFraction(fraction) => (None, Some(fraction).filter(|_| selected)),
+        };
         PipelineSpec {
             score: scored,
             scoring: scored.then(|| ScoreSpec { settings: self.stage("score"), ..ScoreSpec::default() }),
-            beta: (selected && self.top.is_none()).then_some(self.beta),
-            top_fraction: self.top.filter(|_| selected),
+            beta,
+            top_fraction,
+            shape: shape_to_proto(shape).filter(|_| selected),
             train: (self.until >= Until::Train).then(|| TrainSpec { data: None, settings: self.training() }),
             evaluate: (self.until >= Until::Evaluate)
                 .then(|| EvaluateSpec { subject: None, settings: self.stage("evaluate") }),
@@ -185,6 +189,8 @@ mod tests {
         assert_eq!(kept(""), (Some(0.9), None));
         assert_eq!(kept("--top 0.1"), (None, Some(0.1)));
         assert_eq!(kept("--top 0.1 --until score"), (None, None));
+        assert_eq!(spec("--min-run 5").shape.map(|shape| shape.min_run), Some(5));
+        assert_eq!((spec("").shape, spec("--min-run 5 --until score").shape), (None, None));
         assert!(Line::try_parse_from(["x", "--top", "0.1", "--beta", "0.5"]).is_err());
     }
 

@@ -1,33 +1,16 @@
-//! `what-if`: the size of possible datasets; and selections, from arguments and as text.
+//! `what-if`: the size of possible datasets.
 
 use clap::Args;
-use gleaner_proto::v1::selection::Rule;
-use gleaner_proto::v1::{CountKeptRequest, CountKeptResponse, Kept, KeptBySelection, Selection};
+use gleaner_core::proto::score::selection_to_proto;
+use gleaner_core::selection::{Rule, Selection, SelectionShape};
+use gleaner_proto::v1::{CountKeptRequest, CountKeptResponse, Kept, KeptBySelection};
 
+use super::selection::{options, selected};
 use crate::context::Context;
 use crate::failure::Result;
 use crate::table::Column::{Left, Right};
 use crate::table::table;
 use crate::{json, words};
-
-/// Quality above β, the paper's filter.
-pub(crate) fn beta(beta: f64) -> Selection {
-    Selection { rule: Some(Rule::Beta(beta)) }
-}
-
-/// So large a part of all segments, the best ones.
-pub(crate) fn top(fraction: f64) -> Selection {
-    Selection { rule: Some(Rule::TopFraction(fraction)) }
-}
-
-/// A selection in words.
-pub(crate) fn selected(selection: Option<&Selection>) -> String {
-    match selection.and_then(|selection| selection.rule) {
-        Some(Rule::Beta(beta)) => format!("q > {beta}"),
-        Some(Rule::TopFraction(fraction)) => format!("top {} %", fraction * 100.0),
-        None => "-".into(),
-    }
-}
 
 #[derive(Args, Debug)]
 pub(crate) struct WhatIfArgs {
@@ -42,23 +25,24 @@ pub(crate) struct WhatIfArgs {
     /// Also print the counts of each episode.
     #[arg(long)]
     episodes: bool,
+    #[command(flatten)]
+    shape: SelectionShape,
 }
 
 impl WhatIfArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let selections = self.betas.iter().copied().map(beta).chain(self.tops.iter().copied().map(top));
+        let (betas, tops) = (self.betas.iter().copied(), self.tops.iter().copied());
+        let rules = betas.map(Rule::Beta).chain(tops.map(Rule::TopFraction));
+        let selections: Vec<Selection> = rules.map(|rule| Selection { rule, shape: self.shape }).collect();
         let request = CountKeptRequest {
             score_run_id: self.run.clone(),
-            selections: selections.collect(),
+            selections: selections.iter().copied().map(selection_to_proto).collect(),
             per_episode: self.episodes,
         };
         let reply = context.client().await?.scores().count_kept(request).await?.into_inner();
         context.output.result(|| json::value(&reply), || text(&reply))?;
-        let choice = match (self.betas.first(), self.tops.first()) {
-            (None, Some(fraction)) => format!("--top {fraction}"),
-            (first, _) => format!("--beta {}", first.unwrap_or(&0.9)),
-        };
-        context.output.next(format_args!("gleaner dataset create --run {} {choice}", self.run));
+        let first = selections.first().copied().unwrap_or(Selection::beta(0.9));
+        context.output.next(format_args!("gleaner dataset create --run {} {}", self.run, options(first)));
         Ok(())
     }
 }
@@ -105,7 +89,7 @@ mod tests {
         let kept = |segments| Some(Kept { segments, of_segments: 8, episodes: 1, of_episodes: 2 });
         let reply = CountKeptResponse {
             counts: vec![KeptBySelection {
-                selection: Some(top(0.25)),
+                selection: Some(selection_to_proto(Selection::top_fraction(0.25))),
                 threshold: -0.5,
                 total: kept(2),
                 cohorts: vec![KeptOfCohort { cohort: "freeze".into(), kept: kept(1) }],

@@ -3,6 +3,7 @@
 //! Settings of jobs are data, as on the wire: what is left out takes its default. Must not depend on a server.
 
 use gleaner_core::schema::Problem;
+use gleaner_core::selection::{Rule, Selection, SelectionShape};
 use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec, Values, schema_of};
 use serde::{Deserialize, Serialize};
 
@@ -28,6 +29,8 @@ pub(crate) struct CellSettings {
     pub(crate) beta: f64,
     /// Instead of β: keep this part of the segments, the best.
     pub(crate) top: Option<f64>,
+    /// The shape of what is kept; settings that are left out have no effect.
+    pub(crate) shape: Values,
     /// Each runs the whole cell, and evaluates on attempts of its own.
     pub(crate) seeds: Vec<u64>,
     /// Whether to train and evaluate; otherwise the cell stops at its scores.
@@ -50,6 +53,7 @@ impl Default for CellSettings {
             train: Values::new(),
             beta: 0.9,
             top: None,
+            shape: Values::new(),
             seeds: vec![0, 1, 2],
             evaluate: true,
             episodes: 200,
@@ -89,6 +93,7 @@ impl CellSettings {
         if let Some(top) = self.top.filter(|top| !(*top > 0.0 && *top <= 1.0)) {
             return Err(format!("top: {top} is outside (0, 1]"));
         }
+        self.selection().map_err(|problem| format!("shape.{problem}"))?;
         self.check_settings()?;
         match self.rule.cohorts.iter().find(|named| !cohorts.contains(&named.as_str())) {
             Some(unknown) => {
@@ -112,6 +117,12 @@ impl CellSettings {
         self.score_spec(0).map_err(|problem| problem.to_string())?;
         self.train_spec(0).map_err(|problem| within("train", &self.train, &problem))?;
         Ok(())
+    }
+
+    /// The segments that are kept.
+    pub(super) fn selection(&self) -> Result<Selection, Problem> {
+        let rule = self.top.map_or(Rule::Beta(self.beta), Rule::TopFraction);
+        Ok(Selection { rule, shape: SelectionShape::from_values(&self.shape)? })
     }
 
     /// The settings of the pretraining.
@@ -198,6 +209,13 @@ mod tests {
         assert!(text(&|cell| cell.episodes = 0).starts_with("episodes: "));
         assert!(text(&|cell| cell.top = Some(0.0)).starts_with("top: "));
         assert!(text(&|cell| cell.beta = f64::NAN).starts_with("beta: "));
+        let shaped = |name: &'static str, value: serde_json::Value| {
+            move |cell: &mut CellSettings| {
+                cell.shape.insert(name.into(), value.clone());
+            }
+        };
+        assert!(text(&shaped("phases", json!(0))).starts_with("shape.phases: is 0"));
+        assert!(text(&shaped("min_runs", json!(5))).starts_with("shape.min_runs: unknown setting"));
         let unknown = text(&|cell| cell.rule.cohorts = vec!["freese".into()]);
         assert!(unknown.contains("\"freese\"") && unknown.contains("freeze, noise"), "{unknown}");
         let idle = text(&|cell| (cell.method, cell.evaluate) = (Method { policy: "bc", gleans: false }, false));

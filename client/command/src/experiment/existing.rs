@@ -3,11 +3,12 @@
 use std::collections::HashMap;
 
 use gleaner_client::Client;
+use gleaner_core::proto::score::selection_to_proto;
+use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{Dataset, Job, ListDatasetsRequest, ListJobsRequest};
 use tonic::Code;
 
-use super::order;
-use super::stage::{Graph, Selection, Stage, Work};
+use super::stage::{Graph, Stage, Work};
 use super::standing::{Gap, StageResult, Submitted};
 use super::state::State;
 use super::submit::{job_key, known_snapshot};
@@ -79,7 +80,7 @@ impl<'a> Existing<'a> {
     }
 
     fn dataset(&self, run: &str, selection: Selection) -> Option<StageResult> {
-        let selection = Some(order::selection(selection));
+        let selection = Some(selection_to_proto(selection));
         let same = |dataset: &&Dataset| dataset.score_run_id == run && dataset.selection == selection;
         self.datasets.iter().find(same).map(|dataset| StageResult { id: dataset.id.clone(), job: None })
     }

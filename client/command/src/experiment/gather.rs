@@ -4,25 +4,26 @@ use std::collections::{HashMap, HashSet};
 
 use futures::{StreamExt as _, TryStreamExt as _};
 use gleaner_client::Client;
+use gleaner_core::id::EpisodeId;
 use gleaner_core::job;
 use gleaner_core::looks::{Look, looks};
+use gleaner_core::selection::{Candidate, places};
 use gleaner_proto::v1::{
-    CountKeptRequest, GetEpisodeScoresRequest, GetEvaluationRequest, GetHistogramRequest, GetScoreRunRequest,
-    GetSnapshotRequest, JobState, ListMetricsRequest, Metric, Role,
+    GetEpisodeScoresRequest, GetEvaluationRequest, GetHistogramRequest, GetScoreRunRequest, GetSnapshotRequest,
+    JobState, ListMetricsRequest, Metric, Role,
 };
 
 use super::difference::differences;
 use super::file::{Experiment, Study};
 use super::follow::seconds;
-use super::order;
 use super::pool::pool;
 use super::recordings::{Recordings, of_episode};
 use super::report::{CellReport, Rate, SeedReport, StageReport, StudyReport};
-use super::stage::{Chain, Graph, Selection};
+use super::stage::{Chain, Graph};
 use super::standing::{Gap, Standing, Submitted, stage_result, standing};
 use super::study::Cell;
-use crate::failure::{Result, present};
-use crate::quality::{BINS, MarkedEpisode, Selected, Separation, above, best, histogram, select, separations};
+use crate::failure::{Failure, Result, present};
+use crate::quality::{BINS, MarkedEpisode, Separation, histogram, select, separations};
 
 // Requests under way at the same time.
 const PARALLEL: usize = 8;
@@ -123,7 +124,8 @@ impl<'a> Gatherer<'a> {
             report.separation.clone_from(&run.separation);
             report.histogram.clone_from(&run.histogram);
             report.experts.clone_from(&run.experts);
-            report.selected = Some(self.selected(run, &result.id, cell).await?);
+            let selection = cell.settings.selection().map_err(|problem| Failure::message(problem.to_string()))?;
+            report.selected = Some(select(&run.episodes, selection));
         }
         Ok(report)
     }
@@ -152,7 +154,7 @@ impl<'a> Gatherer<'a> {
 
     async fn run(&self, run_id: &str) -> Result<Run> {
         let mut episodes = self.episodes(run_id).await?;
-        episodes.sort_by(|one, two| one.cohort.cmp(&two.cohort));
+        episodes.sort_by(|one, two| one.scores.cohort.cmp(&two.scores.cohort));
         let request = GetHistogramRequest {
             score_run_id: run_id.to_owned(),
             bins: u32::try_from(BINS).unwrap_or(0),
@@ -168,40 +170,31 @@ impl<'a> Gatherer<'a> {
         let run = self.client.scores().get_score_run(request).await?.into_inner().score_run;
         let request = GetSnapshotRequest { snapshot_id: present(run, "a score run")?.snapshot_id };
         let snapshot = self.client.snapshots().get_snapshot(request).await?.into_inner();
+        let steps: HashMap<String, u64> =
+            snapshot.episodes.iter().map(|episode| (episode.episode_id.clone(), episode.steps)).collect();
         let imperfect = snapshot.episodes.into_iter().filter(|episode| episode.role() == Role::Imperfect);
-        let fetch = imperfect.map(|episode| self.episode(run_id, episode.episode_id));
+        let fetch = imperfect.map(|episode| self.episode(run_id, episode.episode_id, &steps));
         let mut episodes: Vec<MarkedEpisode> = futures::stream::iter(fetch).buffered(PARALLEL).try_collect().await?;
-        episodes.sort_by_key(|episode| self.recordings.by_episode.get(&episode.id).map(|recording| recording.place));
+        let place = |id: &EpisodeId| self.recordings.by_episode.get(id.as_str()).map(|recording| recording.place);
+        episodes.sort_by_key(|episode| place(&episode.scores.episode_id));
         Ok(episodes)
     }
 
-    async fn episode(&self, run_id: &str, episode_id: String) -> Result<MarkedEpisode> {
-        let recording = of_episode(self.recordings, &episode_id)?;
-        let request = GetEpisodeScoresRequest { score_run_id: run_id.to_owned(), episode_id: episode_id.clone() };
-        let scores = self.client.scores().get_episode_scores(request).await?.into_inner().scores;
-        let scores = present(scores, "scores")?;
-        Ok(MarkedEpisode {
-            id: episode_id,
+    /// `steps` has the length of every episode of the snapshot.
+    async fn episode(&self, run_id: &str, id: String, steps: &HashMap<String, u64>) -> Result<MarkedEpisode> {
+        let recording = of_episode(self.recordings, &id)?;
+        let request = GetEpisodeScoresRequest { score_run_id: run_id.to_owned(), episode_id: id.clone() };
+        let scores = present(self.client.scores().get_episode_scores(request).await?.into_inner().scores, "scores")?;
+        let lengths: Option<Vec<u64>> = scores.expert_ids.iter().map(|expert| steps.get(expert).copied()).collect();
+        let places = lengths.and_then(|lengths| places(&scores.match_episode, &scores.match_step, &lengths));
+        let scores = Candidate {
+            episode_id: EpisodeId::parse("episode_id", &id).map_err(|error| Failure::message(error.message()))?,
             cohort: recording.cohort.clone(),
-            success: recording.success,
-            mark: recording.mark,
-            q: scores.q,
             w: scores.w,
-        })
-    }
-
-    async fn selected(&self, run: &Run, run_id: &str, cell: &Cell) -> Result<Selected> {
-        let Some(top) = cell.settings.top else {
-            return Ok(select(&run.episodes, above(cell.settings.beta)));
+            q: scores.q,
+            places: present(places, "the experts of all matches in the snapshot")?,
         };
-        let request = CountKeptRequest {
-            score_run_id: run_id.to_owned(),
-            selections: vec![order::selection(Selection::Top(top))],
-            per_episode: false,
-        };
-        let counts = self.client.scores().count_kept(request).await?.into_inner().counts;
-        let kept = present(counts.first().and_then(|count| count.total.as_ref()), "a count")?.segments;
-        Ok(select(&run.episodes, best(&run.episodes, usize::try_from(kept).unwrap_or(usize::MAX))))
+        Ok(MarkedEpisode { scores, success: recording.success, mark: recording.mark })
     }
 
     /// Every stage as it is now.

@@ -9,8 +9,7 @@ use gleaner_proto::v1::{EvaluateSpec, PretrainSpec, RoleRule, ScoreSpec, TrainSp
 use gleaner_sim::AgentKind;
 
 use super::cell::RuleSettings;
-use super::stage::{Selection, Work};
-use crate::cmd::what_if;
+use super::stage::Work;
 
 /// The input of a stage: the kind of the result and its id.
 #[derive(Clone, Copy, Debug)]
@@ -66,14 +65,6 @@ pub(crate) fn rule(settings: &RuleSettings, imperfect: &[&str]) -> RoleRule {
         imperfect_per_expert: settings.imperfect_per_expert,
         max_experts: settings.experts,
         seed: settings.seed,
-    }
-}
-
-/// A selection as a message.
-pub(crate) fn selection(selection: Selection) -> gleaner_proto::v1::Selection {
-    match selection {
-        Selection::Beta(beta) => what_if::beta(beta),
-        Selection::Top(fraction) => what_if::top(fraction),
     }
 }
 

@@ -6,6 +6,7 @@
 use std::collections::HashMap;
 
 use gleaner_core::schema::Problem;
+use gleaner_core::selection::Selection;
 use gleaner_core::{Device, EvaluateSpec, Values};
 use serde::Serialize;
 
@@ -40,14 +41,6 @@ impl Work {
             Self::Evaluate { .. } => "evaluate",
         }
     }
-}
-
-/// Which segments are kept.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Selection {
-    Beta(f64),
-    Top(f64),
 }
 
 /// One stage: its work, and the stage whose result it works on.
@@ -155,8 +148,7 @@ fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work
         return works;
     }
     if cell.method.gleans {
-        let selection = cell.top.map_or(Selection::Beta(cell.beta), Selection::Top);
-        works.push(Work::Dataset { selection });
+        works.push(Work::Dataset { selection: cell.selection().unwrap_or(Selection::beta(cell.beta)) });
     }
     let mut settings = complete(cell.train_spec(seed).map(|spec| spec.values()));
     if !cell.method.gleans {

@@ -2,6 +2,7 @@
 //! and not submitted twice.
 
 use gleaner_client::Client;
+use gleaner_core::proto::score::selection_to_proto;
 use gleaner_proto::v1::{
     CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, JobSpec, RoleRule, SubmitJobRequest,
 };
@@ -50,7 +51,7 @@ impl<'a> Submitter<'a> {
                 let imperfect: Vec<&str> = self.experiment.imperfect_cohorts().collect();
                 self.snapshot(&stage.key, order::rule(rule, &imperfect)).await
             }
-            Work::Dataset { selection } => self.dataset(input.id, order::selection(*selection)).await,
+            Work::Dataset { selection } => self.dataset(input.id, selection_to_proto(*selection)).await,
             Work::Pretrain { .. } | Work::Score { .. } | Work::Train { .. } | Work::Evaluate { .. } => {
                 self.job(stage, input).await
             }

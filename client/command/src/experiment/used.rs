@@ -71,7 +71,7 @@ impl CellSettings {
         });
         used.hide_history &= sees_history;
         if !self.method.gleans {
-            (used.beta, used.top) = (default.beta, default.top);
+            (used.beta, used.top, used.shape) = (default.beta, default.top, default.shape);
         }
         if !pretrains {
             used.pretrain = default.pretrain;

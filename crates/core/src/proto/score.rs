@@ -7,7 +7,7 @@ use crate::{
     error::{Error, Result},
     id::{EpisodeId, ScoreRunId},
     score::{EpisodeScores, Histogram, KeptCount, RunCounts, ScoreRun},
-    selection::{Kept, Selection, WhatIf},
+    selection::{Kept, Rule, Selection, SelectionShape, WhatIf},
 };
 
 const MAX_BINS: u32 = 1000;
@@ -118,24 +118,76 @@ pub fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
 /// A selection at the path `at` of the request.
 ///
 /// # Errors
-/// Invalid when it is missing or out of range.
+/// Invalid when its rule is missing, or the rule or the shape is out of range.
 pub fn selection_from_proto(at: &str, selection: Option<v1::Selection>) -> Result<Selection> {
-    match selection.and_then(|v1::Selection { rule }| rule) {
-        Some(v1::selection::Rule::Beta(value)) => beta(&format!("{at}.beta"), value).map(Selection::Beta),
+    let v1::Selection { rule, shape } = selection.unwrap_or_default();
+    let rule = match rule {
+        Some(v1::selection::Rule::Beta(value)) => beta(&format!("{at}.beta"), value).map(Rule::Beta),
         Some(v1::selection::Rule::TopFraction(part)) => {
-            top_fraction(&format!("{at}.top_fraction"), part).map(Selection::TopFraction)
+            top_fraction(&format!("{at}.top_fraction"), part).map(Rule::TopFraction)
         }
         None => Err(Error::invalid(at, "must be set: a beta, or a top_fraction")),
-    }
+    }?;
+    Ok(Selection { rule, shape: shape_from_proto(&format!("{at}.shape"), shape)? })
 }
 
 /// A selection.
 pub fn selection_to_proto(selection: Selection) -> v1::Selection {
-    let rule = match selection {
-        Selection::Beta(beta) => v1::selection::Rule::Beta(beta),
-        Selection::TopFraction(part) => v1::selection::Rule::TopFraction(part),
+    let Selection { rule, shape } = selection;
+    let rule = match rule {
+        Rule::Beta(beta) => v1::selection::Rule::Beta(beta),
+        Rule::TopFraction(part) => v1::selection::Rule::TopFraction(part),
     };
-    v1::Selection { rule: Some(rule) }
+    v1::Selection { rule: Some(rule), shape: shape_to_proto(shape) }
+}
+
+/// The shape of a selection at the path `at` of the request; off when it is left out.
+///
+/// # Errors
+/// Invalid names the field that is out of range.
+pub fn shape_from_proto(at: &str, shape: Option<v1::SelectionShape>) -> Result<SelectionShape> {
+    let v1::SelectionShape {
+        close_gaps,
+        min_run,
+        context_before,
+        context_after,
+        max_share_of_episode,
+        phases,
+        max_per_phase,
+    } = shape.unwrap_or_default();
+    let default = SelectionShape::default();
+    let shape = SelectionShape {
+        close_gaps,
+        min_run,
+        context_before,
+        context_after,
+        max_share_of_episode: max_share_of_episode.unwrap_or(default.max_share_of_episode),
+        phases: phases.unwrap_or(default.phases),
+        max_per_phase,
+    };
+    shape.checked().map_err(|problem| Error::invalid(&format!("{at}.{}", problem.field), problem.message))
+}
+
+/// The shape of a selection; left out when it is off.
+pub fn shape_to_proto(shape: SelectionShape) -> Option<v1::SelectionShape> {
+    let SelectionShape {
+        close_gaps,
+        min_run,
+        context_before,
+        context_after,
+        max_share_of_episode,
+        phases,
+        max_per_phase,
+    } = shape;
+    (!shape.is_off()).then_some(v1::SelectionShape {
+        close_gaps,
+        min_run,
+        context_before,
+        context_after,
+        max_share_of_episode: Some(max_share_of_episode),
+        phases: Some(phases),
+        max_per_phase,
+    })
 }
 
 /// The run, the selections to count, and whether each episode is listed.
@@ -203,14 +255,14 @@ mod tests {
     #[test]
     fn a_bad_selection_is_named() {
         let parse = |rules: Vec<Option<v1::selection::Rule>>| {
-            let selections = rules.into_iter().map(|rule| v1::Selection { rule }).collect();
+            let selections = rules.into_iter().map(|rule| v1::Selection { rule, shape: None }).collect();
             let request =
                 v1::CountKeptRequest { score_run_id: ScoreRunId::new().into(), selections, per_episode: false };
             count_request(request).map(|(_, selections, _)| selections)
         };
         let beta = |value| Some(v1::selection::Rule::Beta(value));
         let top = |value| Some(v1::selection::Rule::TopFraction(value));
-        assert_eq!(parse(vec![beta(0.5), top(1.0)]).unwrap(), [Selection::Beta(0.5), Selection::TopFraction(1.0)]);
+        assert_eq!(parse(vec![beta(0.5), top(1.0)]).unwrap(), [Selection::beta(0.5), Selection::top_fraction(1.0)]);
         for (rules, field) in [
             (vec![], "selections: "),
             (vec![beta(0.5); 101], "selections: "),
@@ -222,6 +274,35 @@ mod tests {
             let error = parse(rules).unwrap_err();
             assert!(error.message().starts_with(field), "{field} expected: {error}");
         }
+    }
+
+    #[test]
+    fn a_bad_shape_is_named_and_a_good_one_survives_the_wire() {
+        let beta = Some(v1::selection::Rule::Beta(0.5));
+        let parse = |shape: v1::SelectionShape| {
+            selection_from_proto("selection", Some(v1::Selection { rule: beta, shape: Some(shape) }))
+        };
+        let off = v1::SelectionShape::default();
+        assert_eq!(parse(off).unwrap(), Selection::beta(0.5), "fields that are left out are off");
+        assert_eq!(selection_to_proto(Selection::beta(0.5)).shape, None);
+        let most = u32::MAX;
+        for (shape, field) in [
+            (v1::SelectionShape { close_gaps: most, ..off }, "close_gaps"),
+            (v1::SelectionShape { min_run: most, ..off }, "min_run"),
+            (v1::SelectionShape { context_before: most, ..off }, "context_before"),
+            (v1::SelectionShape { context_after: most, ..off }, "context_after"),
+            (v1::SelectionShape { max_share_of_episode: Some(0.0), ..off }, "max_share_of_episode"),
+            (v1::SelectionShape { max_share_of_episode: Some(f64::NAN), ..off }, "max_share_of_episode"),
+            (v1::SelectionShape { phases: Some(0), ..off }, "phases"),
+            (v1::SelectionShape { phases: Some(1001), ..off }, "phases"),
+            (v1::SelectionShape { max_per_phase: most, ..off }, "max_per_phase"),
+        ] {
+            let error = parse(shape).unwrap_err();
+            assert!(error.message().starts_with(&format!("selection.shape.{field}: ")), "{field} expected: {error}");
+        }
+        let shape = SelectionShape { min_run: 5, max_share_of_episode: 0.5, phases: 4, ..SelectionShape::default() };
+        let selection = Selection { rule: Rule::TopFraction(0.5), shape };
+        assert_eq!(selection_from_proto("selection", Some(selection_to_proto(selection))).unwrap(), selection);
     }
 
     #[test]

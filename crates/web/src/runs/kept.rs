@@ -9,7 +9,7 @@ use gleaner_core::{
 use maud::{Markup, html};
 use serde_json::{Value, json};
 
-use super::query::{Key, Order, parameter};
+use super::query::{Key, Order, parameters};
 use crate::{backend::RunSummary, link, sheet::Sheet, text};
 
 /// Episodes shown on the page; the table for programs has all.
@@ -115,7 +115,7 @@ pub(crate) fn cohort_sheet(name: String, what: &WhatIf) -> Sheet {
 
 /// The counts of the first episodes, with links to sort them.
 pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, rows: &[Row]) -> Markup {
-    let here = format!("/runs/{run}?{}", parameter(selection));
+    let here = format!("/runs/{run}?{}", parameters(selection));
     let head = |key: Key, name: &str| {
         let chosen = order.key == key;
         let next = Order { key, descending: !(chosen && order.descending) };
@@ -202,7 +202,7 @@ mod tests {
     fn the_table_links_to_its_reverse_order_and_is_limited() {
         let (run, rows) = (ScoreRunId::new(), vec![row(1, 2, Some(0.25)); 250]);
         let order = Order { key: Key::Share, descending: true };
-        let shown = episodes(&run, Selection::Beta(0.5), order, &rows).into_string();
+        let shown = episodes(&run, Selection::beta(0.5), order, &rows).into_string();
         assert!(shown.contains("beta=0.5&amp;sort=share\"") && shown.contains("beta=0.5&amp;sort=-kept\""), "{shown}");
         assert!(shown.contains("The first 200 of 250 episodes") && shown.contains("format=csv"));
         assert_eq!(shown.matches("<tr>").count(), 201);

@@ -21,6 +21,8 @@ use crate::{
 struct Named<T> {
     beta: Option<T>,
     top_fraction: Option<T>,
+    #[serde(flatten)]
+    others: query::Others,
 }
 
 /// Makes the dataset of a selection, or returns the existing one. A form is redirected to its page, JSON is answered
@@ -40,17 +42,19 @@ async fn create(page_request: &PageRequest, id: &str, request: Request) -> Answe
 
 async fn named(request: Request) -> Result<Selection> {
     let unreadable = |problem: String| Error::invalid("body", problem);
-    let Named { beta, top_fraction } = if is_json(request.headers()) {
-        let Json(Named { beta, top_fraction }) = Json::<Named<f64>>::from_request(request, &())
+    let Named { beta, top_fraction, others } = if is_json(request.headers()) {
+        let Json(Named { beta, top_fraction, others }) = Json::<Named<f64>>::from_request(request, &())
             .await
             .map_err(|rejection| unreadable(rejection.body_text()))?;
-        Named { beta: beta.map(|beta| beta.to_string()), top_fraction: top_fraction.map(|part| part.to_string()) }
+        let text = |number: Option<f64>| number.map(|number| number.to_string());
+        Named { beta: text(beta), top_fraction: text(top_fraction), others }
     } else {
         let read = Form::<Named<String>>::from_request(request, &()).await;
         read.map_err(|rejection| unreadable(rejection.body_text()))?.0
     };
-    query::selection(beta.as_deref(), top_fraction.as_deref())?
-        .ok_or_else(|| Error::invalid("beta", "must be set, or top_fraction"))
+    let rule = query::rule(beta.as_deref(), top_fraction.as_deref())?
+        .ok_or_else(|| Error::invalid("beta", "must be set, or top_fraction"))?;
+    Ok(Selection { rule, shape: query::shape(&others)? })
 }
 
 #[cfg(test)]
@@ -67,10 +71,15 @@ mod tests {
     #[tokio::test]
     async fn forms_and_json_select_alike() {
         let form = "application/x-www-form-urlencoded";
-        assert_eq!(read(form, "proof=x&beta=0.8").await.unwrap(), Selection::Beta(0.8));
-        assert_eq!(read("application/json", "{\"beta\":0.8}").await.unwrap(), Selection::Beta(0.8));
-        assert_eq!(read("application/json", "{\"top_fraction\":1}").await.unwrap(), Selection::TopFraction(1.0));
+        assert_eq!(read(form, "proof=x&beta=0.8").await.unwrap(), Selection::beta(0.8));
+        assert_eq!(read("application/json", "{\"beta\":0.8}").await.unwrap(), Selection::beta(0.8));
+        assert_eq!(read("application/json", "{\"top_fraction\":1}").await.unwrap(), Selection::top_fraction(1.0));
+        let shaped = read(form, "proof=x&beta=0.8&min_run=5&phases=").await.unwrap();
+        assert_eq!((shaped.shape.min_run, shaped.shape.phases), (5, 10));
+        assert_eq!(read("application/json", "{\"beta\":0.8,\"min_run\":5}").await.unwrap(), shaped);
         for (kind, body, field) in [
+            (form, "beta=0.8&min_run=few", "min_run: "),
+            ("application/json", "{\"beta\":0.8,\"phases\":0}", "phases: "),
             (form, "proof=x", "beta: "),
             (form, "beta=x", "beta: "),
             ("application/json", "{\"beta\":\"0.8\"}", "body: "),

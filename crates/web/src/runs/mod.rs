@@ -12,5 +12,6 @@ pub(super) use self::{
     kept::{cohort_sheet, cohorts, figures},
     list::show as list,
     make::make,
+    query::parameters,
     run::{show, what_if},
 };

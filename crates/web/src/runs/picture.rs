@@ -1,6 +1,6 @@
 //! The histogram of q with the threshold, and the experts beside it.
 
-use gleaner_core::{score::Histogram, selection::Selection};
+use gleaner_core::{score::Histogram, selection::Rule};
 use maud::{Markup, html};
 
 use crate::plot::Frame;
@@ -11,9 +11,9 @@ pub(super) const BINS: usize = 100;
 /// Bins that one step of the experts' line covers: there are fewer experts.
 const MERGED: usize = 5;
 
-/// Imperfect segments by q as bars, of which those that are kept whole are highlighted, and the experts' segments as a
+/// Imperfect segments by q as bars, of which those that the rule keeps whole are highlighted, and the experts' segments as a
 /// line, scaled to the same number of segments.
-pub(super) fn histogram(histogram: &Histogram, selection: Selection) -> Markup {
+pub(super) fn histogram(histogram: &Histogram, rule: Rule) -> Markup {
     #[expect(clippy::cast_precision_loss, reason = "for a picture")]
     let heights = |counts: &[u64]| counts.iter().map(|&count| count as f64).collect::<Vec<f64>>();
     let (heights, experts) = (heights(histogram.counts()), heights(histogram.expert_counts()));
@@ -23,9 +23,9 @@ pub(super) fn histogram(histogram: &Histogram, selection: Selection) -> Markup {
     let bins = f64::from(u32::try_from(heights.len()).unwrap_or(u32::MAX));
     let highest = 1.05 * heights.iter().chain(&experts).copied().fold(1.0, f64::max);
     let frame = Frame::new((920.0, 260.0), (0.0, 1.0), (0.0, highest));
-    let beta = match selection {
-        Selection::Beta(beta) => Some(beta),
-        Selection::TopFraction(_) => None,
+    let beta = match rule {
+        Rule::Beta(beta) => Some(beta),
+        Rule::TopFraction(_) => None,
     };
     let class = |from: f64| if beta.is_some_and(|beta| from >= beta - 1e-9) { "q kept" } else { "q" };
     let inside = html! {
@@ -75,12 +75,12 @@ mod tests {
     fn bins_above_the_threshold_are_kept() {
         let mut even = Histogram::new(10, &[]);
         even.add((0..30_u8).map(|segment| f32::from(segment % 10) / 10.0 + 0.05));
-        let drawn = histogram(&even, Selection::Beta(0.7)).into_string();
+        let drawn = histogram(&even, Rule::Beta(0.7)).into_string();
         assert_eq!(drawn.matches("class=\"q kept\"").count(), 3);
         assert_eq!(drawn.matches("class=\"q\"").count(), 7);
         assert_eq!(drawn.matches("class=\"beta\"").count(), 1);
         assert!(!drawn.contains("line experts") && separation(None).into_string().is_empty());
-        let drawn = histogram(&Histogram::new(10, &[]), Selection::TopFraction(0.5)).into_string();
+        let drawn = histogram(&Histogram::new(10, &[]), Rule::TopFraction(0.5)).into_string();
         assert!(!drawn.contains("kept") && !drawn.contains("class=\"beta\"") && !drawn.contains("NaN"));
     }
 
@@ -89,7 +89,7 @@ mod tests {
         let mut run = Histogram::new(10, &[]);
         run.add([0.2, 0.5].into_iter());
         run.add_expert([0.9].into_iter());
-        let drawn = histogram(&run, Selection::Beta(0.5)).into_string();
+        let drawn = histogram(&run, Rule::Beta(0.5)).into_string();
         assert_eq!(drawn.matches("line experts").count(), 1);
         let shown = separation(Some(0.63)).into_string();
         assert!(shown.contains("63\u{a0}%") && !shown.contains("favour"), "{shown}");

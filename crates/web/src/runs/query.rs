@@ -1,7 +1,13 @@
 //! The query of a run's pages: a selection, and the order of its episodes.
 
-use gleaner_core::{Error, Result, selection::Selection};
+use std::collections::BTreeMap;
+
+use gleaner_core::{
+    Error, Group as _, Result, Values,
+    selection::{Rule, Selection, SelectionShape},
+};
 use serde::Deserialize;
+use serde_json::Value;
 
 use crate::{page_request::escaped, sheet::Format};
 
@@ -15,7 +21,12 @@ pub(super) struct RunParameters {
     top_fraction: Option<String>,
     sort: Option<String>,
     format: Option<Format>,
+    #[serde(flatten)]
+    others: Others,
 }
+
+/// Parameters by name, among them those of a shape: texts of addresses and forms, and numbers of JSON.
+pub(super) type Others = BTreeMap<String, Value>;
 
 /// The columns to sort by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,9 +80,10 @@ impl RunParameters {
     /// The selection; the default threshold if none is named.
     ///
     /// # Errors
-    /// Invalid, naming `beta` or `top_fraction`.
+    /// Invalid, naming the parameter.
     pub(super) fn selection(&self) -> Result<Selection> {
-        Ok(selection(self.beta.as_deref(), self.top_fraction.as_deref())?.unwrap_or(Selection::Beta(BETA)))
+        let rule = rule(self.beta.as_deref(), self.top_fraction.as_deref())?.unwrap_or(Rule::Beta(BETA));
+        Ok(Selection { rule, shape: shape(&self.others)? })
     }
 
     /// # Errors
@@ -86,11 +98,11 @@ impl RunParameters {
     }
 }
 
-/// Parses a selection from two parameters, of which at most one is set.
+/// Parses a rule from two parameters, of which at most one is set.
 ///
 /// # Errors
 /// Invalid, naming `beta` or `top_fraction`.
-pub(super) fn selection(beta: Option<&str>, top_fraction: Option<&str>) -> Result<Option<Selection>> {
+pub(super) fn rule(beta: Option<&str>, top_fraction: Option<&str>) -> Result<Option<Rule>> {
     match (beta, top_fraction) {
         (None, None) => Ok(None),
         (Some(_), Some(_)) => Err(Error::invalid("top_fraction", "is set together with beta; set one of them")),
@@ -99,16 +111,34 @@ pub(super) fn selection(beta: Option<&str>, top_fraction: Option<&str>) -> Resul
             if !(0.0..=1.0).contains(&beta) {
                 return Err(Error::invalid("beta", format!("is {beta}, must be between 0 and 1")));
             }
-            Ok(Some(Selection::Beta(beta)))
+            Ok(Some(Rule::Beta(beta)))
         }
         (None, Some(part)) => {
             let part = number("top_fraction", part)?;
             if !(part > 0.0 && part <= 1.0) {
                 return Err(Error::invalid("top_fraction", format!("is {part}, must be above 0 and at most 1")));
             }
-            Ok(Some(Selection::TopFraction(part)))
+            Ok(Some(Rule::TopFraction(part)))
         }
     }
+}
+
+/// Parses the parameters of a shape; those that are missing or empty take their defaults.
+///
+/// # Errors
+/// Invalid, naming the parameter.
+pub(super) fn shape(parameters: &Others) -> Result<SelectionShape> {
+    let mut values = Values::new();
+    for setting in SelectionShape::schema() {
+        let value = match parameters.get(&setting.name) {
+            None => continue,
+            Some(Value::String(text)) if text.trim().is_empty() => continue,
+            Some(Value::String(text)) => number(&setting.name, text)?.into(),
+            Some(given) => given.clone(),
+        };
+        values.insert(setting.name, value);
+    }
+    SelectionShape::from_values(&values).map_err(|problem| Error::invalid(&problem.field, problem.message))
 }
 
 fn number(field: &str, text: &str) -> Result<f64> {
@@ -117,12 +147,19 @@ fn number(field: &str, text: &str) -> Result<f64> {
     read.ok_or_else(|| Error::invalid(field, format!("{shown:?} is not a number; use one such as 0.8")))
 }
 
-/// A selection as a parameter of an address.
-pub(super) fn parameter(selection: Selection) -> String {
-    match selection {
-        Selection::Beta(beta) => format!("beta={}", escaped(&beta.to_string())),
-        Selection::TopFraction(part) => format!("top_fraction={}", escaped(&part.to_string())),
-    }
+/// A selection as parameters of an address.
+pub(crate) fn parameters(selection: Selection) -> String {
+    let given = fields(selection).into_iter().map(|(name, value)| format!("{name}={}", escaped(&value)));
+    given.collect::<Vec<_>>().join("&")
+}
+
+/// A selection as names and values: its rule, and the changed settings of its shape.
+pub(super) fn fields(Selection { rule, shape }: Selection) -> Vec<(String, String)> {
+    let rule = match rule {
+        Rule::Beta(beta) => ("beta".to_owned(), beta.to_string()),
+        Rule::TopFraction(part) => ("top_fraction".to_owned(), part.to_string()),
+    };
+    std::iter::once(rule).chain(shape.changed().into_iter().map(|(name, value)| (name, value.to_string()))).collect()
 }
 
 #[cfg(test)]
@@ -131,17 +168,41 @@ mod tests {
 
     #[test]
     fn invalid_thresholds_are_refused_by_name() {
-        assert_eq!(selection(Some(" 0.75 "), None).unwrap(), Some(Selection::Beta(0.75)));
-        assert_eq!(selection(None, Some("1")).unwrap(), Some(Selection::TopFraction(1.0)));
-        assert_eq!(selection(None, None).unwrap(), None);
+        assert_eq!(rule(Some(" 0.75 "), None).unwrap(), Some(Rule::Beta(0.75)));
+        assert_eq!(rule(None, Some("1")).unwrap(), Some(Rule::TopFraction(1.0)));
+        assert_eq!(rule(None, None).unwrap(), None);
         for beta in ["", "a lot", "NaN", "inf", "-0.1", "1.01", "0,8", "0.8<script>"] {
-            let error = selection(Some(beta), None).unwrap_err();
+            let error = rule(Some(beta), None).unwrap_err();
             assert!(error.message().starts_with("beta: "), "{beta}: {error}");
         }
         for part in ["0", "-1", "1.5", "ten"] {
-            assert!(selection(None, Some(part)).unwrap_err().message().starts_with("top_fraction: "), "{part}");
+            assert!(rule(None, Some(part)).unwrap_err().message().starts_with("top_fraction: "), "{part}");
         }
-        assert!(selection(Some("0.5"), Some("0.5")).is_err());
+        assert!(rule(Some("0.5"), Some("0.5")).is_err());
+    }
+
+    #[test]
+    fn a_shape_is_parsed_back_and_a_wrong_one_refused_by_name() {
+        let given = |pairs: &[(&str, Value)]| -> Others {
+            pairs.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect()
+        };
+        let read =
+            shape(&given(&[("min_run", " 5 ".into()), ("phases", 4.into()), ("context_after", "".into())])).unwrap();
+        assert_eq!(read, SelectionShape { min_run: 5, phases: 4, ..SelectionShape::default() });
+        let selection = Selection { shape: read, ..Selection::beta(0.5) };
+        assert_eq!(parameters(selection), "beta=0.5&min_run=5&phases=4");
+        for (name, value) in [
+            ("min_run", "five"),
+            ("min_run", "-1"),
+            ("phases", "0"),
+            ("max_share_of_episode", "1.5"),
+            ("close_gaps", "0.5"),
+        ] {
+            let error = shape(&given(&[(name, value.into())])).unwrap_err();
+            assert!(error.message().starts_with(&format!("{name}: ")), "{name}: {error}");
+        }
+        assert!(shape(&given(&[("close_gaps", Value::Bool(true))])).is_err());
+        assert_eq!(shape(&given(&[("proof", "x".into())])).unwrap(), SelectionShape::default());
     }
 
     #[test]

@@ -5,7 +5,7 @@ use gleaner_core::{
     Result, Words as _,
     id::ScoreRunId,
     score::ScoreRun,
-    selection::{Selection, WhatIf},
+    selection::{Rule, WhatIf},
     snapshot::Snapshot,
     task::Task,
 };
@@ -13,7 +13,7 @@ use maud::{Markup, html};
 
 use super::{
     contact, kept, picture,
-    query::{Order, RunParameters, parameter},
+    query::{Order, RunParameters, fields, parameters},
 };
 use crate::{
     artifacts,
@@ -72,13 +72,13 @@ pub(crate) async fn what_if(request: PageRequest, Path(id): Path<String>) -> Ans
 async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatIf) -> Result<Markup> {
     let histogram = summary.histogram(picture::BINS).await?;
     let run = &summary.run().id;
-    let beta = match what.selection {
-        Selection::Beta(beta) => Some(beta),
-        Selection::TopFraction(_) => None,
+    let beta = match what.selection.rule {
+        Rule::Beta(beta) => Some(beta),
+        Rule::TopFraction(_) => None,
     };
     Ok(html! {
         section.panel.threshold aria-label="Threshold" {
-            (picture::histogram(&histogram, what.selection))
+            (picture::histogram(&histogram, what.selection.rule))
             (picture::separation(summary.expert_auroc().await?))
             div.row {
                 form #threshold.row method="get" action=(format!("/runs/{run}")) data-run=(run.as_str()) {
@@ -91,9 +91,8 @@ async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatI
                 @if request.may(Page::MakeDataset) {
                     form #make method="post" action=(format!("/runs/{run}/datasets")) {
                         input type="hidden" name="proof" value=(request.proof);
-                        @match what.selection {
-                            Selection::Beta(beta) => input type="hidden" name="beta" value=(beta);,
-                            Selection::TopFraction(part) => input type="hidden" name="top_fraction" value=(part);,
+                        @for (name, value) in fields(what.selection) {
+                            input type="hidden" name=(name) value=(value);
                         }
                         button.primary type="submit" { "Create dataset" }
                     }
@@ -110,7 +109,7 @@ async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatI
 /// The parts that follow the threshold.
 fn following(summary: &dyn RunSummary, what: &WhatIf, order: Order) -> Markup {
     let run = &summary.run().id;
-    let counts = format!("/runs/{run}/what-if?{}", parameter(what.selection));
+    let counts = format!("/runs/{run}/what-if?{}", parameters(what.selection));
     html! {
         section #counts aria-live="polite" aria-label="Kept segments" { (kept::figures(what)) }
         h2 { "By cohort" }

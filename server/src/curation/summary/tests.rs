@@ -6,7 +6,7 @@ use super::*;
 
 fn candidate(q: &[f32]) -> Candidate {
     let w = q.iter().map(|&q| f64::from(q) - 1.0).collect();
-    Candidate { episode_id: EpisodeId::new(), cohort: String::new(), w, q: q.to_vec() }
+    Candidate { episode_id: EpisodeId::new(), cohort: String::new(), w, q: q.to_vec(), places: Vec::new() }
 }
 
 fn better(a: &(f32, f64), b: &(f32, f64)) -> Ordering {

@@ -25,6 +25,7 @@ fn pipeline() -> PipelineSpec {
         scoring: None,
         beta: Some(0.75),
         top_fraction: None,
+        shape: crate::domain::selection::SelectionShape::default(),
         train: Some(TrainSpec::default()),
         evaluate: None,
     }
@@ -73,7 +74,7 @@ async fn dependents_of_a_failed_job_follow_its_retry() {
     let JobSpec::Train { encoder_id, dataset_id: Some(new), .. } = &train.spec else { panic!("no training") };
     assert_eq!(encoder_id.as_ref().unwrap().as_str(), pretrain.result_id);
     let new = bench.store.dataset(new).await.unwrap();
-    assert_eq!((new.score_run_id.as_str(), new.selection), (score.result_id.as_str(), Selection::Beta(0.75)));
+    assert_eq!((new.score_run_id.as_str(), new.selection), (score.result_id.as_str(), Selection::beta(0.75)));
     assert_ne!(Some(new.id), dataset);
 }
 

@@ -23,6 +23,7 @@ fn schedule(bench: &Bench, trigger: Trigger, next_run_at: Option<Millis>) -> Sch
             scoring: None,
             beta: Some(0.5),
             top_fraction: None,
+            shape: crate::domain::selection::SelectionShape::default(),
             train: Some(TrainSpec::default()),
             evaluate: None,
         },

@@ -104,7 +104,7 @@ async fn a_snapshot_and_an_encoder_link_to_their_results() {
     let store = &pages.services.store;
     let run = results::run(store, &task, &encoder, &[]).await;
     results::set_state(store, &run.job_id, JobState::Succeeded, "").await;
-    let dataset = store.insert_dataset(&run.id, Selection::Beta(0.5)).await.unwrap();
+    let dataset = store.insert_dataset(&run.id, Selection::beta(0.5)).await.unwrap();
     let policy = results::policy(store, &task, &encoder, blake3::hash(b"policy").into()).await;
     results::set_state(store, &policy.job_id, JobState::Succeeded, "").await;
     let link = |to: &str, id: &str| format!("href=\"/{to}/{id}\"");
@@ -163,7 +163,7 @@ async fn a_dataset_shows_its_inputs_and_later_results() {
     let encoder = results::encoder(store, &task).await;
     let scores = results::scores(&failure.id, Role::Imperfect, &[0.5; 20]);
     let run = results::run(store, &task, &encoder, &[scores]).await;
-    let dataset = store.insert_dataset(&run.id, Selection::Beta(0.25)).await.unwrap();
+    let dataset = store.insert_dataset(&run.id, Selection::beta(0.25)).await.unwrap();
     let export = ExportId::new();
     results::job(store, &task, JobSpec::Export { dataset_id: dataset.id.clone() }, export.as_str()).await;
 

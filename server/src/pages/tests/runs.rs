@@ -56,6 +56,12 @@ async fn counts_follow_the_threshold_on_the_page_and_for_programs() {
     assert_eq!((&content["total"]["kept_segments"], &content["selection"]["top_fraction"]), (&21.into(), &0.51.into()));
     let part = pages.get(&visitor, &format!("/runs/{}/what-if?beta=0.95&format=html", run.id)).await.text();
     assert!(part.contains("id=\"by-episode\"") && part.contains("<dd>0<small> of 40</small></dd>"), "{part}");
+    // The last segment of the bad episode is a run of one; the nine before it are its context.
+    let content = json(&pages, &format!("/runs/{}/what-if?beta=0.4&context_before=9", run.id)).await;
+    assert_eq!(
+        (&content["total"]["kept_segments"], &content["selection"]["shape"]["context_before"]),
+        (&30.into(), &9.into())
+    );
     let table = pages.get(&visitor, &format!("/runs/{}?beta=0.4&sort=share&format=csv", run.id)).await.text();
     let kept: Vec<&str> = table.lines().skip(1).map(|line| line.split(',').nth(1).unwrap()).collect();
     assert_eq!(kept, ["1", "20"]);
@@ -71,6 +77,8 @@ async fn an_invalid_threshold_or_run_is_refused_by_name() {
         (format!("/runs/{}?beta=high", run.id), StatusCode::BAD_REQUEST, "beta: "),
         (format!("/runs/{}?beta=1.5", run.id), StatusCode::BAD_REQUEST, "beta: is 1.5"),
         (format!("/runs/{}/what-if?beta=", run.id), StatusCode::BAD_REQUEST, "beta: "),
+        (format!("/runs/{}?beta=0.5&min_run=few", run.id), StatusCode::BAD_REQUEST, "min_run: "),
+        (format!("/runs/{}/what-if?phases=0", run.id), StatusCode::BAD_REQUEST, "phases: is 0"),
         (format!("/runs/{}?sort=name", run.id), StatusCode::BAD_REQUEST, "sort: "),
         ("/runs/7".to_owned(), StatusCode::BAD_REQUEST, "id: "),
         (format!("/runs/{}", ScoreRunId::new()), StatusCode::NOT_FOUND, "score run"),
@@ -105,6 +113,10 @@ async fn a_dataset_is_made_once_and_its_page_shows_its_counts() {
         assert!(refused.status == StatusCode::BAD_REQUEST && refused.text().contains(message), "{}", refused.text());
     }
     assert_eq!(pages.services.store.datasets(&task.id).await.unwrap().len(), 1);
+    let shaped = pages.post(&visitor, &path, (JSON, "{\"beta\":0.4,\"min_run\":2}")).await;
+    let content: Value = serde_json::from_slice(&shaped.body).unwrap();
+    let shown = pages.get(&visitor, content["page"].as_str().unwrap()).await.text();
+    assert!(shown.contains("<dd>20<small> of 40</small></dd>") && shown.contains("q &gt; 0.4, min_run 2"), "{shown}");
 
     let list = pages.get(&visitor, &format!("/tasks/{}/runs", task.spec.name)).await.text();
     assert!(list.contains(&page) && list.contains(run.id.as_str()), "{list}");
@@ -119,7 +131,7 @@ async fn a_dataset_of_a_pending_run_reports_it() {
     let store = &pages.services.store;
     let encoder = store.encoder(&run.encoder_id).await.unwrap();
     let (job, coming) = results::scoring(store, &task, &encoder).await;
-    let dataset = store.insert_dataset(&coming, Selection::Beta(0.5)).await.unwrap();
+    let dataset = store.insert_dataset(&coming, Selection::beta(0.5)).await.unwrap();
     let shown = pages.get(&Client::default(), &format!("/datasets/{}", dataset.id)).await;
     assert_eq!(shown.status, StatusCode::OK);
     assert!(shown.text().contains("is not finished") && shown.text().contains(job.as_str()));

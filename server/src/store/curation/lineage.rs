@@ -74,7 +74,7 @@ mod tests {
         }
         let encoder = results::encoder(&store, &task).await;
         let run = results::run(&store, &task, &encoder, &[]).await;
-        let dataset = store.insert_dataset(&run.id, Selection::Beta(0.5)).await.unwrap();
+        let dataset = store.insert_dataset(&run.id, Selection::beta(0.5)).await.unwrap();
         let spec = JobSpec::Train {
             encoder_id: Some(encoder.id.clone()),
             snapshot_id: encoder.snapshot_id.clone(),

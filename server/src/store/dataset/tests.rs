@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    domain::{episode::Outcome, job::JobState, snapshot::Role},
+    domain::{episode::Outcome, job::JobState, selection::SelectionShape, snapshot::Role},
     error::Kind,
     store::testing::{self, results},
 };
@@ -20,7 +20,7 @@ async fn contents_are_the_experts_and_segments_above_beta() {
         results::scores(&bad.id, Role::Imperfect, &[0.9, 0.0]),
     ];
     let run = results::run(&store, &task, &encoder, &scores).await;
-    let dataset = store.insert_dataset(&run.id, Selection::Beta(0.9)).await.unwrap();
+    let dataset = store.insert_dataset(&run.id, Selection::beta(0.9)).await.unwrap();
 
     let contents = store.dataset_contents(&dataset.id).await.unwrap();
     assert_eq!(contents.experts, std::slice::from_ref(&expert.id));
@@ -41,11 +41,11 @@ async fn counts_agree_with_contents_and_wait_for_the_run() {
     let failure = testing::episode(&store, &task, Outcome::Failure, "").await;
     let encoder = results::encoder(&store, &task).await;
     let (job, unfinished) = results::scoring(&store, &task, &encoder).await;
-    let early = store.insert_dataset(&unfinished, Selection::Beta(0.5)).await.unwrap();
+    let early = store.insert_dataset(&unfinished, Selection::beta(0.5)).await.unwrap();
     let scores = [results::scores(&failure.id, Role::Imperfect, &[0.6, 0.3])];
     let run = results::run(&store, &task, &encoder, &scores).await;
-    store.insert_dataset(&run.id, Selection::Beta(0.5)).await.unwrap();
-    store.insert_dataset(&run.id, Selection::Beta(0.0)).await.unwrap();
+    store.insert_dataset(&run.id, Selection::beta(0.5)).await.unwrap();
+    store.insert_dataset(&run.id, Selection::beta(0.0)).await.unwrap();
 
     let datasets = store.datasets(&task.id).await.unwrap();
     let counts = store.dataset_counts(&datasets).await.unwrap();
@@ -55,9 +55,9 @@ async fn counts_agree_with_contents_and_wait_for_the_run() {
     let error = store.dataset_contents(&early.id).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition);
     results::set_state(&store, &job, JobState::Cancelled, "").await;
-    assert_eq!(store.insert_dataset(&unfinished, Selection::Beta(0.5)).await.unwrap_err().kind(), Kind::Precondition);
+    assert_eq!(store.insert_dataset(&unfinished, Selection::beta(0.5)).await.unwrap_err().kind(), Kind::Precondition);
     assert_eq!(
-        store.insert_dataset(&ScoreRunId::new(), Selection::Beta(0.5)).await.unwrap_err().kind(),
+        store.insert_dataset(&ScoreRunId::new(), Selection::beta(0.5)).await.unwrap_err().kind(),
         Kind::NotFound
     );
 }
@@ -75,18 +75,67 @@ async fn a_top_fraction_keeps_the_best_and_the_same_one_twice_is_one() {
     let scores = [results::scores(&good.id, Role::Imperfect, &[0.95, 0.6, 0.2, 1.0]), unmatched];
     let run = results::run(&store, &task, &encoder, &scores).await;
 
-    let dataset = store.insert_dataset(&run.id, Selection::TopFraction(0.5)).await.unwrap();
+    let dataset = store.insert_dataset(&run.id, Selection::top_fraction(0.5)).await.unwrap();
     let contents = store.dataset_contents(&dataset.id).await.unwrap();
     let ends = |kept: &KeptEpisode| kept.segments.iter().map(|segment| segment.end_step).collect::<Vec<_>>();
     let kept: Vec<_> = contents.kept.iter().map(|kept| (&kept.episode_id, ends(kept))).collect();
     assert_eq!(kept, [(&good.id, vec![0, 1, 3]), (&bad.id, vec![0])], "the third highest w occurs twice");
     assert_eq!(contents.kept[1].segments[0].nearest, None);
 
-    let again = store.insert_dataset(&run.id, Selection::TopFraction(0.5)).await.unwrap();
-    let other = store.insert_dataset(&run.id, Selection::Beta(0.5)).await.unwrap();
+    let again = store.insert_dataset(&run.id, Selection::top_fraction(0.5)).await.unwrap();
+    let other = store.insert_dataset(&run.id, Selection::beta(0.5)).await.unwrap();
     assert_eq!((again.id, again.selection), (dataset.id.clone(), dataset.selection));
     assert_ne!(other.id, dataset.id);
     let counts = store.dataset_counts(&[other, dataset]).await.unwrap();
     let some = |kept_segments| Some(DatasetCounts { kept_segments, kept_episodes: 2, expert_segments: 20 });
     assert_eq!(counts, [some(4), some(4)]);
+}
+
+#[tokio::test]
+async fn a_shape_is_stored_and_contents_counts_and_equality_follow_it() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    // 20 steps, so that step 10 is the first of its second half.
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    let one = testing::episode(&store, &task, Outcome::Failure, "").await;
+    let other = testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let mut late = results::scores(&one.id, Role::Imperfect, &[0.9, 0.2, 0.8, 0.1, 0.7]);
+    late.match_step = vec![9, 10, 10, 11, 11];
+    let mut unmatched = results::scores(&other.id, Role::Imperfect, &[0.6, 0.95, 0.0, 0.85]);
+    (unmatched.match_episode, unmatched.match_step, unmatched.distances) = Default::default();
+    let run = results::run(&store, &task, &encoder, &[late, unmatched]).await;
+
+    let plain = Selection::beta(0.5);
+    let shaped = |shape| Selection { shape, ..plain };
+    let off = SelectionShape::default();
+    let gaps = shaped(SelectionShape { close_gaps: 1, min_run: 4, ..off });
+    let halves = shaped(SelectionShape { phases: 2, max_per_phase: 2, ..off });
+    let best = Selection { rule: Rule::TopFraction(0.3), shape: SelectionShape { context_before: 1, ..off } };
+    let mut datasets = Vec::new();
+    for (selection, kept) in [
+        (plain, vec![vec![0, 2, 4], vec![0, 1, 3]]),
+        (gaps, vec![vec![0, 1, 2, 3, 4], vec![0, 1, 2, 3]]),
+        (halves, vec![vec![0, 2], vec![1, 3]]),
+        (best, vec![vec![0], vec![0, 1, 2, 3]]),
+    ] {
+        let dataset = store.insert_dataset(&run.id, selection).await.unwrap();
+        assert_eq!(store.dataset(&dataset.id).await.unwrap().selection, selection);
+        assert_eq!(store.insert_dataset(&run.id, selection).await.unwrap().id, dataset.id, "the same twice is one");
+        let contents = store.dataset_contents(&dataset.id).await.unwrap();
+        let ends = |kept: &KeptEpisode| kept.segments.iter().map(|segment| segment.end_step).collect::<Vec<_>>();
+        assert_eq!(contents.kept.iter().map(ends).collect::<Vec<_>>(), kept, "{selection:?}");
+        datasets.push((dataset, kept.concat().len() as u64));
+    }
+    let (datasets, expected): (Vec<_>, Vec<_>) = datasets.into_iter().unzip();
+    let ids: std::collections::BTreeSet<_> = datasets.iter().map(|dataset| dataset.id.clone()).collect();
+    assert_eq!(ids.len(), 4, "each shape is another dataset");
+    let counts = store.dataset_counts(&datasets).await.unwrap();
+    assert_eq!(counts.iter().map(|counts| counts.unwrap().kept_segments).collect::<Vec<_>>(), expected);
+    let weights = &store.dataset_contents(&datasets[1].id).await.unwrap().kept[0].segments;
+    assert_eq!(
+        weights.iter().map(|segment| segment.weight).collect::<Vec<_>>(),
+        [0.9, 0.2, 0.8, 0.1, 0.7],
+        "their own q"
+    );
 }

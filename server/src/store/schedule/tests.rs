@@ -30,6 +30,7 @@ async fn schedule(store: &Store, task: &Task, name: &str) -> Result<Schedule> {
                 scoring: None,
                 beta: Some(0.9),
                 top_fraction: None,
+                shape: crate::domain::selection::SelectionShape::default(),
                 train: None,
                 evaluate: None,
             },

@@ -74,7 +74,7 @@ async fn what_if_counts_by_cohort_of_the_snapshot() {
         results::scores(&middling.id, Role::Imperfect, &[0.95, 0.9]),
     ];
     let run = results::run(&store, &task, &encoder, &scores).await;
-    let counts = store.count_kept(&run.id, vec![Selection::Beta(0.5), Selection::TopFraction(0.2)]).await.unwrap();
+    let counts = store.count_kept(&run.id, vec![Selection::beta(0.5), Selection::top_fraction(0.2)]).await.unwrap();
     let kept = |segments, of_segments, episodes, of_episodes| Kept { segments, of_segments, episodes, of_episodes };
     assert_eq!((counts[0].total, counts[0].cohorts["weak"]), (kept(3, 5, 2, 2), kept(1, 3, 1, 1)));
     assert_eq!((counts[1].total, counts[1].cohorts["weak"]), (kept(1, 5, 1, 2), kept(0, 3, 0, 1)));

@@ -128,6 +128,21 @@ async fn trainings_of_schema_25_are_read_with_the_weighting_that_they_had() {
     }
 }
 
+#[tokio::test]
+async fn datasets_of_schema_25_have_no_shape() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("gleaner.db");
+    let (.., dump, _) = SAMPLES[5];
+    load(&path, dump).await;
+    let store = Store::open(&path).await.unwrap();
+    let mut datasets = Vec::new();
+    for (task, _) in store.tasks().await.unwrap() {
+        datasets.extend(store.datasets(&task.id).await.unwrap());
+    }
+    assert_eq!(datasets.len(), 1);
+    assert!(datasets[0].selection.shape.is_off(), "{datasets:?}");
+}
+
 async fn known_version(store: &Store) -> i64 {
     sqlx::query_scalar("select max(version) from _sqlx_migrations").fetch_one(store.read()).await.unwrap()
 }

@@ -13,7 +13,7 @@ const EDGE: f64 = 30.0;
 pub(crate) fn curves(episodes: &[MarkedEpisode]) -> String {
     let mut shown: Vec<&MarkedEpisode> = Vec::new();
     for episode in episodes {
-        if shown.iter().all(|other| other.cohort != episode.cohort) {
+        if shown.iter().all(|other| other.scores.cohort != episode.scores.cohort) {
             shown.push(episode);
         }
     }
@@ -29,10 +29,10 @@ pub(crate) fn curves(episodes: &[MarkedEpisode]) -> String {
 
 fn curve(body: &mut String, episode: &MarkedEpisode, top: f64, height: f64) {
     let (floor, room) = (top + height - 8.0, height - 30.0);
-    let last = u32::try_from(episode.q.len().saturating_sub(1)).unwrap_or(u32::MAX).max(1);
+    let last = u32::try_from(episode.scores.q.len().saturating_sub(1)).unwrap_or(u32::MAX).max(1);
     let x = |step: u32| EDGE + f64::from(step) / f64::from(last) * (WIDTH - 2.0 * EDGE);
     let point = |(step, q): (u32, &f32)| format!("{:.1},{:.1}", x(step), floor - f64::from(*q) * room);
-    let points: Vec<String> = (0..).zip(&episode.q).map(point).collect();
+    let points: Vec<String> = (0..).zip(&episode.scores.q).map(point).collect();
     let _ = writeln!(body, r#"<polyline fill="none" stroke="{GOOD}" stroke-width="2" points="{}"/>"#, points.join(" "));
     let _ = writeln!(body, r##"<path d="M{EDGE} {floor}H{:.1}" stroke="#999"/>"##, WIDTH - EDGE);
     if let Some(wrong) = episode.mark.went_wrong {
@@ -43,7 +43,7 @@ fn curve(body: &mut String, episode: &MarkedEpisode, top: f64, height: f64) {
             floor - room
         );
     }
-    label(body, [EDGE, top + 16.0], &format!("{} ({})", episode.cohort, episode.id));
+    label(body, [EDGE, top + 16.0], &format!("{} ({})", episode.scores.cohort, episode.scores.episode_id));
 }
 
 fn label(body: &mut String, [x, y]: [f64; 2], text: &str) {
@@ -59,18 +59,23 @@ fn frame(height: f64, body: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use gleaner_core::{id::EpisodeId, selection::Candidate};
+
     use super::*;
     use crate::quality::Mark;
 
     #[test]
     fn each_cohort_has_one_curve_and_its_mark() {
         let episode = |cohort: &str, went_wrong: Option<u32>| MarkedEpisode {
-            id: "ep".into(),
-            cohort: cohort.into(),
+            scores: Candidate {
+                episode_id: EpisodeId::new(),
+                cohort: cohort.into(),
+                w: vec![0.0; 3],
+                q: vec![1.0, 0.5, 0.0],
+                places: Vec::new(),
+            },
             success: went_wrong.is_none(),
             mark: Mark { went_wrong },
-            q: vec![1.0, 0.5, 0.0],
-            w: vec![0.0; 3],
         };
         let drawn = curves(&[episode("freeze", Some(1)), episode("freeze", Some(2)), episode("noise", None)]);
         assert_eq!((drawn.matches("<polyline").count(), drawn.matches("dasharray").count()), (2, 1));

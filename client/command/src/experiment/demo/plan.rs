@@ -78,6 +78,7 @@ fn take<'de, T: Deserialize<'de>>(table: &mut Table, key: &str) -> Result<T, Str
 #[cfg(test)]
 mod tests {
     use gleaner_core::proto::to_struct;
+    use gleaner_core::selection::Selection;
     use gleaner_core::{Device, PretrainSpec, ScoreSpec, TrainSpec};
     use gleaner_proto::v1::job_spec::Spec;
     use gleaner_proto::v1::train_spec::Data;
@@ -85,7 +86,7 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::super::super::order::{self, Input};
-    use super::super::super::stage::{Graph, Selection, Work};
+    use super::super::super::stage::{Graph, Work};
     use super::*;
 
     #[test]
@@ -129,7 +130,7 @@ mod tests {
         assert_eq!(training.remove("lambda"), Some(TrainSpec::default().weighting.settings["lambda"].clone()));
         assert_eq!(training.remove("weighting"), Some("quality".into()));
         assert_eq!(sent(2), (to_struct(&training), Some(Data::ExpertsOf("input".into()))));
-        assert_eq!(graph.stages[4].work, Work::Dataset { selection: Selection::Beta(0.9) });
+        assert_eq!(graph.stages[4].work, Work::Dataset { selection: Selection::beta(0.9) });
         let inputs: Vec<Option<usize>> = graph.stages.iter().map(|stage| stage.input).collect();
         assert_eq!(inputs, [None, Some(0), Some(1), Some(1), Some(3), Some(4)]);
     }

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use gleaner_client::{Client, DrivePlan};
 use gleaner_core::Device;
+use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{DeployRequest, GetDatasetRequest, GetHistogramRequest, GetHistogramResponse, Job};
 
 use super::super::follow::{seconds, to_the_end};
@@ -20,7 +21,7 @@ use crate::cmd::{drive, scores};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
 use crate::output::terminal_width;
-use crate::quality::{MarkedEpisode, above, select, separations};
+use crate::quality::{MarkedEpisode, select, separations};
 use crate::words;
 
 /// The results of the demo.
@@ -64,7 +65,7 @@ impl<'a> Run<'a> {
             let policy_id = self.result_of(&submitted, chain, "train")?.id.clone();
             evaluations.push(self.evaluate(name, trained_on, policy_id).await?);
         }
-        let threshold = |&beta: &f64| Threshold { beta, selected: select(&episodes, above(beta)) };
+        let threshold = |&beta: &f64| Threshold { beta, selected: select(&episodes, Selection::beta(beta)) };
         let report = Report {
             plan: self.plan.settings.clone(),
             cell: present(self.plan.cells().last(), "a cell")?.clone(),

@@ -7,7 +7,7 @@ use crate::{
     error::{Error, Result},
     proto::{
         field,
-        score::{beta, top_fraction},
+        score::{beta, shape_from_proto, shape_to_proto, top_fraction},
     },
     schedule::PipelineSpec,
 };
@@ -22,6 +22,7 @@ pub fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpec> {
         score: scores,
         beta: threshold,
         top_fraction: part,
+        shape,
         train: policy,
         scoring,
         evaluate: trials,
@@ -39,6 +40,7 @@ pub fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpec> {
         ("scoring", scoring.is_some(), scores, "scores; set pipeline.score"),
         ("beta", beta.is_some(), scores, "scores; set pipeline.score"),
         ("top_fraction", top_fraction.is_some(), scores, "scores; set pipeline.score"),
+        ("shape", shape.is_some(), dataset, "a dataset; set pipeline.beta or pipeline.top_fraction"),
         ("train", policy.is_some(), dataset, "a dataset; set pipeline.beta or pipeline.top_fraction"),
         ("evaluate", trials.is_some(), policy.is_some(), "a policy; set pipeline.train"),
     ] {
@@ -54,6 +56,7 @@ pub fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpec> {
         scoring: scoring.map(|spec| score::of_pipeline("pipeline.scoring", spec)).transpose()?,
         beta,
         top_fraction,
+        shape: shape_from_proto("pipeline.shape", shape)?,
         train: policy.map(|spec| filled("train.data", train::from_proto("pipeline.train", spec)?)).transpose()?,
         evaluate: trials
             .map(|spec| filled("evaluate.subject", evaluate::from_proto("pipeline.evaluate", spec)?))
@@ -79,6 +82,7 @@ pub fn pipeline_to_proto(pipeline: PipelineSpec) -> v1::PipelineSpec {
         scoring,
         beta,
         top_fraction,
+        shape,
         train: policy,
         evaluate: trials,
     } = pipeline;
@@ -88,6 +92,7 @@ pub fn pipeline_to_proto(pipeline: PipelineSpec) -> v1::PipelineSpec {
         score: scores,
         beta,
         top_fraction,
+        shape: shape_to_proto(shape),
         train: policy.map(|spec| train::to_proto(&spec, None)),
         scoring: scoring.as_ref().map(score::to_proto),
         evaluate: trials.map(|spec| evaluate::to_proto(&spec, None)),

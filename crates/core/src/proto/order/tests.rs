@@ -13,6 +13,17 @@ use crate::{
 
 mod refused;
 
+/// A shape without phases, which is out of range.
+const SHORT: v1::SelectionShape = v1::SelectionShape {
+    close_gaps: 0,
+    min_run: 0,
+    context_before: 0,
+    context_after: 0,
+    max_share_of_episode: None,
+    phases: Some(0),
+    max_per_phase: 0,
+};
+
 fn sent(spec: v1::job_spec::Spec) -> Option<v1::JobSpec> {
     Some(v1::JobSpec { spec: Some(spec) })
 }
@@ -137,6 +148,7 @@ fn a_pipeline_with_a_missing_stage_is_rejected() {
             ..Default::default()
         }),
         evaluate: Some(v1::EvaluateSpec { settings: on_the_wire(json!({"episodes": 5})), ..Default::default() }),
+        shape: None,
     };
     let read = pipeline(Some(full.clone())).unwrap();
     assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
@@ -177,8 +189,17 @@ fn a_pipeline_with_a_missing_stage_is_rejected() {
     assert!(broken(|spec| (spec.beta, spec.top_fraction) = (None, Some(0.0))).starts_with("pipeline.top_fraction: "));
     let best = v1::PipelineSpec { beta: None, top_fraction: Some(0.1), ..full.clone() };
     let read = pipeline(Some(best)).unwrap();
-    assert_eq!(read.selection(), Some(Selection::TopFraction(0.1)));
+    assert_eq!(read.selection(), Some(Selection::top_fraction(0.1)));
     assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
+    let shaped = v1::PipelineSpec { shape: Some(v1::SelectionShape { phases: Some(4), ..SHORT }), ..full.clone() };
+    let read = pipeline(Some(shaped)).unwrap();
+    assert_eq!(read.selection().map(|selection| selection.shape.phases), Some(4));
+    assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
+    assert!(broken(|spec| spec.shape = Some(SHORT)).starts_with("pipeline.shape.phases: "));
+    assert!(
+        broken(|spec| (spec.beta, spec.train, spec.evaluate, spec.shape) = (None, None, None, Some(SHORT)))
+            .starts_with("pipeline.shape: needs a dataset")
+    );
     assert!(
         broken(|spec| {
             let data = Some(v1::train_spec::Data::DatasetId(String::new()));

@@ -1,0 +1,88 @@
+//! Selections: from arguments, and as text. Must not depend on a server.
+
+use clap::Args;
+use gleaner_core::proto::score::shape_from_proto;
+use gleaner_core::selection::{Rule, Selection, SelectionShape};
+use gleaner_proto::v1;
+
+/// The selection of one dataset.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct SelectionArgs {
+    /// Keep segments with a quality above this threshold, 0 to 1.
+    #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
+    beta: f64,
+    /// Instead of --beta, keep this fraction of the segments, the best ones.
+    #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
+    top: Option<f64>,
+    #[command(flatten)]
+    shape: SelectionShape,
+}
+
+impl SelectionArgs {
+    pub(crate) fn selection(&self) -> Selection {
+        Selection { rule: self.top.map_or(Rule::Beta(self.beta), Rule::TopFraction), shape: self.shape }
+    }
+}
+
+/// A selection as options of a command.
+pub(crate) fn options(Selection { rule, shape }: Selection) -> String {
+    let rule = match rule {
+        Rule::Beta(beta) => format!("--beta {beta}"),
+        Rule::TopFraction(fraction) => format!("--top {fraction}"),
+    };
+    let shape = shape.changed().into_iter().map(|(name, value)| format!(" --{} {value}", name.replace('_', "-")));
+    std::iter::once(rule).chain(shape).collect()
+}
+
+/// A selection in words.
+pub(crate) fn selected(selection: Option<&v1::Selection>) -> String {
+    let Some(v1::Selection { rule: Some(rule), shape }) = selection else { return "-".into() };
+    let rule = match rule {
+        v1::selection::Rule::Beta(beta) => format!("q > {beta}"),
+        v1::selection::Rule::TopFraction(fraction) => format!("top {} %", fraction * 100.0),
+    };
+    match shape_from_proto("shape", *shape) {
+        Ok(shape) if shape.is_off() => rule,
+        Ok(shape) => format!("{rule}, {shape}"),
+        // From a server with another range.
+        Err(_) => format!("{rule}, with a shape"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use gleaner_core::proto::score::selection_to_proto;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: SelectionArgs,
+    }
+
+    fn parse(options: &str) -> Result<Selection, String> {
+        let words = std::iter::once("x").chain(options.split_whitespace());
+        Line::try_parse_from(words).map(|line| line.args.selection()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn options_are_a_selection_and_back() {
+        assert_eq!(parse("").unwrap(), Selection::beta(0.9));
+        let given = "--top 0.1 --close-gaps 2 --max-per-phase 200 --max-share-of-episode 0.5 --phases 4";
+        let selection = parse(given).unwrap();
+        assert_eq!(options(selection), given);
+        let text = "top 10 %, close_gaps 2, max_share_of_episode 0.5, phases 4, max_per_phase 200";
+        assert_eq!(selected(Some(&selection_to_proto(selection))), text);
+        assert_eq!(selected(Some(&selection_to_proto(Selection::beta(0.5)))), "q > 0.5");
+        assert_eq!(selected(None), "-");
+    }
+
+    #[test]
+    fn a_wrong_option_is_rejected_by_name() {
+        assert!(parse("--phases 0").unwrap_err().contains("--phases: is 0, must be between 1 and 1000"));
+        assert!(parse("--max-share-of-episode 1.5").unwrap_err().contains("--max-share-of-episode: is 1.5"));
+        assert!(parse("--beta 0.5 --top 0.1").is_err());
+    }
+}
