@@ -124,6 +124,26 @@ async fn counts_follow_beta_and_steps_link_to_their_match() {
         browser.until(&format!("{kept} segments are kept above {beta}"), &shown).await;
         browser.until("the address follows", &format!("return location.search.includes('beta={beta}')")).await;
     }
+    // A shape changes the counts, the address and the dataset that the button makes.
+    let shape = SelectionShape { context_before: 2, max_per_phase: 7, ..SelectionShape::default() };
+    let selection = Selection { shape: Some(shape), ..lab::above(0.75) };
+    let request = CountKeptRequest { score_run_id: run.clone(), selections: vec![selection], per_episode: false };
+    let counted = api.scores.count_kept(request).await.unwrap().into_inner().counts.remove(0).total.unwrap();
+    browser
+        .run(
+            "document.getElementById('shape').open = true; \
+             for (const [name, value] of [['context_before', 2], ['max_per_phase', 7]]) { \
+               const field = document.querySelector(`#shape [name=${name}]`); field.value = value; \
+               field.dispatchEvent(new Event('input', { bubbles: true })); }",
+        )
+        .await;
+    let kept = counted.segments;
+    let shown = format!("return document.querySelector('#counts dd').textContent.trim().startsWith('{kept} ')");
+    browser.until(&format!("{kept} segments are kept in the shape"), &shown).await;
+    browser.until("the address follows", "return location.search.includes('context_before=2&max_per_phase=7')").await;
+    browser
+        .until("the dataset follows", "return document.querySelector('#make [name=max_per_phase]').value === '7'")
+        .await;
     browser.keep("run").await;
 
     let failed = &episodes.last().unwrap().id;

@@ -137,6 +137,22 @@ impl Shape {
         }
     }
 
+    /// The smallest and largest number that is allowed, and whether it is whole; `None` for other shapes.
+    #[must_use]
+    pub fn range(&self) -> Option<(f64, f64, bool)> {
+        match self {
+            #[expect(clippy::cast_precision_loss, reason = "an integer of the wire has an exact double")]
+            Self::Integer { least, most } => Some((*least as f64, (*most).min(LARGEST) as f64, true)),
+            Self::Number { least, most } => Some((*least, *most, false)),
+            Self::Flag
+            | Self::Word { .. }
+            | Self::Words { .. }
+            | Self::Numbers { .. }
+            | Self::Integers { .. }
+            | Self::Text => None,
+        }
+    }
+
     /// The words that may be chosen; empty for other shapes.
     #[must_use]
     pub fn words(&self) -> &[WordAbout] {

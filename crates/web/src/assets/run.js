@@ -1,5 +1,5 @@
-// Moves the threshold: the histogram at once, the counts as fast as the server answers. One request is in flight at a
-// time; the next one takes the newest position of the slider.
+// Moves the threshold and changes the shape: the histogram at once, the counts as fast as the server answers. One request
+// is in flight at a time; the next one takes the newest position of the slider.
 'use strict';
 (() => {
   const form = document.getElementById('threshold');
@@ -7,7 +7,9 @@
   const slider = document.getElementById('slider');
   const number = document.getElementById('beta');
   const trouble = document.getElementById('trouble');
+  const make = document.getElementById('make');
   const chosen = document.querySelector('#make [name=beta], #make [name=top_fraction]');
+  const shape = Array.from(document.querySelectorAll('#shape input'));
   const picture = document.querySelector('.threshold svg.plot');
   const bars = Array.from(picture.querySelectorAll('rect.q'));
   const follows = ['counts', 'by-cohort', 'by-episode'];
@@ -37,6 +39,9 @@
     trouble.hidden = !text;
   };
 
+  // The fields of the shape that differ from their defaults.
+  const changed = () => shape.filter(({ value, dataset }) => value !== '' && Number(value) !== Number(dataset.default));
+
   let asking = false;
   let wanted = null;
   const ask = async () => {
@@ -46,8 +51,12 @@
     wanted = null;
     try {
       const query = new URLSearchParams(location.search);
-      query.delete('top_fraction');
-      query.set('beta', beta);
+      if (beta !== '') {
+        query.delete('top_fraction');
+        query.set('beta', beta);
+      }
+      for (const { name } of shape) query.delete(name);
+      for (const { name, value } of changed()) query.set(name, value);
       query.set('format', 'html');
       const answer = await fetch(`/runs/${form.dataset.run}/what-if?${query}`, { headers: { accept: 'application/json' } });
       if (!answer.ok) throw new Error((await answer.json()).error);
@@ -78,6 +87,26 @@
     wanted = String(beta);
     ask();
   };
+
+  // The dataset has the shape of the counts.
+  const reshape = () => {
+    const wrong = shape.find((field) => !field.checkValidity());
+    if (wrong) {
+      showError(`${wrong.name}: ${wrong.validationMessage}`);
+      return;
+    }
+    if (make) {
+      for (const { name } of shape) make.querySelector(`[name=${name}]`)?.remove();
+      for (const { name, value } of changed()) {
+        const hidden = document.createElement('input');
+        [hidden.type, hidden.name, hidden.value] = ['hidden', name, value];
+        make.append(hidden);
+      }
+    }
+    wanted = number.value;
+    ask();
+  };
+  for (const field of shape) field.addEventListener('input', reshape);
   slider.addEventListener('input', () => move(slider.value, number));
   number.addEventListener('input', () => move(number.value, slider));
   form.addEventListener('submit', (event) => {

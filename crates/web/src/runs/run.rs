@@ -2,10 +2,10 @@
 
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::{
-    Result, Words as _,
+    Group as _, Result, Values, Words as _,
     id::ScoreRunId,
     score::ScoreRun,
-    selection::{Rule, WhatIf},
+    selection::{Rule, SelectionShape, WhatIf},
     snapshot::Snapshot,
     task::Task,
 };
@@ -98,12 +98,36 @@ async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatI
                     }
                 }
             }
+            (shape(what.selection.shape))
             @if beta.is_none() {
                 p.note { "Showing a top fraction: " (link::selection(what.selection)) ". Move the slider to select by β." }
             }
             p #trouble.note.bad role="alert" hidden {}
         }
     })
+}
+
+/// The shape of the selection, as fields of the form with the threshold.
+fn shape(shape: SelectionShape) -> Markup {
+    let mut values = Values::new();
+    shape.write(&mut values);
+    html! {
+        details #shape open[!shape.is_off()] {
+            summary { "Shape: runs, context and limits" }
+            div.row {
+                @for setting in SelectionShape::schema() {
+                    @let range = setting.shape.range();
+                    label title=(setting.about) {
+                        (setting.name.replace('_', " ")) " "
+                        input form="threshold" type="number" name=(setting.name) data-default=(setting.default)
+                            min=[range.map(|(least, ..)| least)] max=[range.map(|(_, most, _)| most)]
+                            step=(if range.is_some_and(|(.., whole)| whole) { "1" } else { "any" })
+                            value=[values.get(&setting.name)];
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// The parts that follow the threshold.

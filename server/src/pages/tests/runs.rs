@@ -62,6 +62,15 @@ async fn counts_follow_the_threshold_on_the_page_and_for_programs() {
         (&content["total"]["kept_segments"], &content["selection"]["shape"]["context_before"]),
         (&30.into(), &9.into())
     );
+    let shown = pages.get(&visitor, &format!("/runs/{}?beta=0.4&min_run=2", run.id)).await.text();
+    assert!(
+        shown.contains("<dd>20<small> of 40</small></dd>") && shown.contains("<details id=\"shape\" open>"),
+        "{shown}"
+    );
+    assert!(
+        shown.contains("<input type=\"hidden\" name=\"min_run\" value=\"2\">"),
+        "the dataset has the shape: {shown}"
+    );
     let table = pages.get(&visitor, &format!("/runs/{}?beta=0.4&sort=share&format=csv", run.id)).await.text();
     let kept: Vec<&str> = table.lines().skip(1).map(|line| line.split(',').nth(1).unwrap()).collect();
     assert_eq!(kept, ["1", "20"]);
