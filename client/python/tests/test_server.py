@@ -248,6 +248,19 @@ def test_damaged_download_is_removed(tmp_path: Path) -> None:
     assert inside(tmp_path, "../../etc/passwd", "y") == tmp_path / "passwd"
 
 
+def test_a_shaped_dataset_keeps_what_was_counted(client: gleaner.Client, lab: Lab) -> None:
+    shape = {"context_before": 1, "phases": 1, "max_per_phase": 3}
+    (count,) = client.scores.what_if(lab.run, [{"top_fraction": 0.5, "shape": shape}])
+    dataset = client.datasets.create(lab.run, top_fraction=0.5, shape=shape)
+    assert dataset.kept_segments == count.total.segments == 3
+    assert (dataset.selection.shape.context_before, dataset.selection.shape.phases) == (1, 1)
+    assert client.datasets.create(lab.run, top_fraction=0.5, shape=shape).id == dataset.id != lab.dataset
+    with pytest.raises(gleaner.InvalidArgument, match=r"shape\.min_runs: is unknown"):
+        client.datasets.create(lab.run, beta=0.5, shape={"min_runs": 3})
+    with pytest.raises(gleaner.InvalidArgument, match=r"selection\.shape\.phases: is 0"):
+        client.datasets.create(lab.run, beta=0.5, shape={"phases": 0})
+
+
 def test_dataset_requires_one_rule(client: gleaner.Client, lab: Lab) -> None:
     with pytest.raises(gleaner.InvalidArgument, match="selection"):
         client.datasets.create(lab.run)

@@ -1,21 +1,22 @@
-"""Datasets: a score run and a threshold, as a stream of weighted segments."""
+"""Datasets: a score run and a selection, as a stream of weighted segments."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gleaner._download import inside, save
 from gleaner._endpoint import Endpoint
-from gleaner._messages import word
+from gleaner._messages import build, word
 from gleaner._proto.v1 import dataset_pb2 as pb
-from gleaner._proto.v1 import score_pb2, task_pb2
+from gleaner._proto.v1 import task_pb2
+from gleaner._proto.v1.selection_pb2 import Selection
 from gleaner._rpc import Rpc
 from gleaner.types import Dataset, ExportFile, TaskSpec
 
@@ -45,18 +46,22 @@ class Datasets:
         self._rpc = rpc
         self._endpoint = endpoint
 
-    def create(self, run: str, *, beta: float | None = None, top_fraction: float | None = None) -> Dataset:
+    def create(
+        self,
+        run: str,
+        *,
+        beta: float | None = None,
+        top_fraction: float | None = None,
+        shape: Mapping[str, Any] | None = None,
+    ) -> Dataset:
         """Creates a dataset: a run's experts, and the imperfect segments with q > β or the best part of them.
 
-        Give exactly one of `beta` and `top_fraction`. The same arguments return the same dataset.
+        Give exactly one of `beta` and `top_fraction`. `shape` is like `{"min_run": 5, "max_per_phase": 200}`; its
+        names are those of the message `SelectionShape`. The same arguments return the same dataset.
         """
-        selection = score_pb2.Selection()
-        if beta is not None:
-            selection.beta = beta
-        if top_fraction is not None:
-            if beta is not None:
-                raise ValueError("beta, top_fraction: give one of the two")
-            selection.top_fraction = top_fraction
+        if beta is not None and top_fraction is not None:
+            raise ValueError("beta, top_fraction: give one of the two")
+        selection = build(Selection, {"beta": beta, "top_fraction": top_fraction, "shape": shape})
         request = pb.CreateDatasetRequest(score_run_id=run, selection=selection)
         return self._rpc.safe("DatasetService/CreateDataset", request, pb.CreateDatasetResponse).dataset
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gleaner._messages import build, word
 from gleaner._proto.v1 import score_pb2 as pb
+from gleaner._proto.v1.selection_pb2 import Selection
 from gleaner._rpc import Rpc
 from gleaner.snapshots import Snapshots
 from gleaner.types import KeptBySelection, ScoreRun
@@ -70,8 +71,11 @@ class Scores:
     def what_if(
         self, run: str, selections: Sequence[Mapping[str, Any]], *, per_episode: bool = False
     ) -> list[KeptBySelection]:
-        """The counts of datasets, per cohort, without creating them; selections are like `{"beta": 0.5}`."""
-        wanted = [build(pb.Selection, selection) for selection in selections]
+        """The counts of datasets, per cohort, without creating them.
+
+        Selections are like `{"beta": 0.5}` or `{"top_fraction": 0.1, "shape": {"min_run": 5}}`.
+        """
+        wanted = [build(Selection, selection) for selection in selections]
         request = pb.CountKeptRequest(score_run_id=run, selections=wanted, per_episode=per_episode)
         return [*self._rpc.safe("ScoreService/CountKept", request, pb.CountKeptResponse).counts]
 
