@@ -11,7 +11,7 @@ mod shape;
 
 pub use count::{Kept, WhatIf, count, what_if};
 pub use phase::places;
-pub use rule::{Filter, Rule, ranked};
+pub use rule::{Filter, Rule, best_first, ranked};
 pub use shape::SelectionShape;
 
 use std::cmp::Ordering;

@@ -1,9 +1,15 @@
-//! Statistics of evaluations: AUROC of scores, precision and recall, intervals of success rates.
+//! Statistics of evaluations: AUROC of scores, precision and recall, intervals of success rates, agreement of rankings.
 //!
 //! Plain functions over numbers, which depend on neither the simulator nor tensors.
 
+mod rank;
+mod strata;
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+pub use rank::{jaccard, mid_ranks, spearman};
+pub use strata::{Stratified, auroc_within, quantile_bins};
 
 /// The number of resamples of [`auroc_interval`].
 const RESAMPLES: usize = 2_000;
@@ -58,6 +64,13 @@ fn ranked<'a>(episodes: impl Iterator<Item = &'a [(f64, bool)]>) -> Option<Vec<S
 
 /// The area under the ROC curve with a multiplicity for each episode.
 fn area(ranked: &[Step], times: &[f64]) -> Option<f64> {
+    let (won, all) = pairs(ranked, times);
+    (all > 0.0).then(|| won / all)
+}
+
+/// The pairs of a positive and a negative that the positive wins, ties counted as half, and all pairs, with a multiplicity
+/// for each episode.
+fn pairs(ranked: &[Step], times: &[f64]) -> (f64, f64) {
     let (mut pairs_won, mut negatives, mut positives) = (0.0_f64, 0.0_f64, 0.0_f64);
     for tied in ranked.chunk_by(|a, b| a.score == b.score) {
         let (mut tied_positives, mut tied_negatives) = (0.0, 0.0);
@@ -68,7 +81,7 @@ fn area(ranked: &[Step], times: &[f64]) -> Option<f64> {
         negatives += tied_negatives;
         positives += tied_positives;
     }
-    (negatives > 0.0 && positives > 0.0).then(|| pairs_won / (negatives * positives))
+    (pairs_won, negatives * positives)
 }
 
 /// Precision and recall of the kept items with respect to the good ones; `None` without kept or without good items. Items

@@ -61,8 +61,11 @@ pub(super) fn rank(fraction: f64, segments: usize) -> usize {
 
 /// (q, w) of every segment from best to worst, as an argument of [`Filter::new`].
 pub fn ranked(candidates: &[Candidate]) -> Vec<(f32, f64)> {
-    let pairs = candidates.iter().flat_map(|one| one.q.iter().copied().zip(one.w.iter().copied()));
-    let mut ranked: Vec<(f32, f64)> = pairs.collect();
-    ranked.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1)));
-    ranked
+    best_first(candidates.iter().flat_map(|one| one.q.iter().copied().zip(one.w.iter().copied())).collect())
+}
+
+/// Sorts (q, w) of segments from best to worst.
+pub fn best_first(mut segments: Vec<(f32, f64)>) -> Vec<(f32, f64)> {
+    segments.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1)));
+    segments
 }
