@@ -19,6 +19,7 @@ mod access;
 mod bad_input;
 mod bad_settings;
 mod command;
+mod compare_scorers;
 mod connections;
 mod crash;
 mod deadlines;

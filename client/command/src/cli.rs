@@ -9,7 +9,7 @@ use crate::cmd::{
 use crate::connection::{ConnectionArgs, GLOBAL};
 use crate::context::Context;
 use crate::experiment;
-use crate::experiment::demo;
+use crate::experiment::{compare, demo};
 use crate::failure::Result;
 
 /// Finds the good steps in failed robot demonstrations: a client of gleaner-server.
@@ -83,6 +83,8 @@ pub(crate) enum Command {
     Scores(scores::ScoresArgs),
     /// Score a recording without storing it.
     ScoreRecording(score_recording::ScoreRecordingArgs),
+    /// Compare scorers on one snapshot: agreement, AUROC, length, stability, and policies trained on their best parts.
+    CompareScorers(compare::CompareArgs),
     /// Show the distribution of quality and the number of segments above each threshold.
     Histogram(scores::HistogramArgs),
     /// Count the segments of possible datasets, per cohort and episode, without creating any.
@@ -142,6 +144,7 @@ impl Command {
             Self::Runs(args) => args.run(context).await,
             Self::Scores(args) => args.run(context).await,
             Self::ScoreRecording(args) => args.run(context).await,
+            Self::CompareScorers(args) => args.run(context).await,
             Self::Histogram(args) => args.run(context).await,
             Self::WhatIf(args) => args.run(context).await,
             Self::Dataset(command) => command.run(context).await,
@@ -197,6 +200,8 @@ mod tests {
             "gleaner delete ep_1 ep_2 --force",
             "gleaner restore ep_1",
             "gleaner episodes --deleted",
+            "gleaner compare-scorers snap_1 --seeds 2",
+            "gleaner compare-scorers enc_1 enc_2 --scorer ssdf --scorer deminf --train bc --evaluations 5",
         ] {
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");
         }
@@ -238,6 +243,10 @@ mod tests {
             "gleaner drive a@b --hold-ms 40",
             "gleaner drive a@b --real-time --deadline-ms 0",
             "gleaner drive a@b --real-time --rate 20",
+            "gleaner compare-scorers",
+            "gleaner compare-scorers enc_1 --evaluations 5",
+            "gleaner compare-scorers enc_1 --seeds 0",
+            "gleaner compare-scorers enc_1 --train bc --evaluations 0",
         ] {
             let refused = Cli::try_parse_from(line.split(' ')).unwrap_err();
             assert_eq!(refused.exit_code(), 2, "{line}");

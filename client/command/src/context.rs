@@ -3,7 +3,7 @@
 //! Must not depend on the commands.
 
 use gleaner_client::Client;
-use gleaner_proto::v1::{ListJobsRequest, ListTasksRequest};
+use gleaner_proto::v1::{Job, ListJobsRequest, ListTasksRequest};
 
 use crate::connection::ConnectionArgs;
 use crate::failure::{Failure, Result};
@@ -48,11 +48,16 @@ impl Context {
         if let Some(task) = named {
             return Ok(task.to_owned());
         }
+        Ok(self.job_of_result(client, result).await?.task_id)
+    }
+
+    /// The job that makes this result.
+    pub(crate) async fn job_of_result(&self, client: &Client, result: &str) -> Result<Job> {
         let mut request = ListJobsRequest { page_size: 1000, ..ListJobsRequest::default() };
         loop {
             let page = client.jobs().list_jobs(request.clone()).await?.into_inner();
             if let Some(job) = page.jobs.into_iter().find(|job| job.result_id == result) {
-                return Ok(job.task_id);
+                return Ok(job);
             }
             if page.next_page_token.is_empty() {
                 return Err(Failure::message(format!(

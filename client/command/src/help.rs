@@ -13,7 +13,10 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Tasks and snapshots", &["task", "snapshot"]),
     ("Learning", &["pretrain", "score", "train", "pipeline", "schedule", "kinds"]),
     ("Jobs", &["jobs", "job", "watch", "cancel"]),
-    ("Scores and datasets", &["runs", "scores", "histogram", "what-if", "score-recording", "dataset", "export"]),
+    (
+        "Scores and datasets",
+        &["runs", "scores", "histogram", "what-if", "compare-scorers", "score-recording", "dataset", "export"],
+    ),
     ("Policies", &["policies", "deploy", "rollback", "deployments"]),
     ("Evaluation", &["evaluate", "evaluations", "evaluation", "report-evaluation", "drive"]),
     ("Simulator", &["record", "demo", "experiment"]),

@@ -128,13 +128,18 @@ pub(crate) fn mean(values: &[f64]) -> Option<f64> {
 /// The steps that a selection keeps, and how good they are.
 #[expect(clippy::cast_precision_loss, reason = "counts of steps are far below 2^52")]
 pub(crate) fn select(episodes: &[MarkedEpisode], selection: Selection) -> Selected {
+    select_among(episodes, episodes.len(), selection)
+}
+
+/// As [`select`], of the first `marked` episodes alone; all of them compete.
+pub(crate) fn select_among(episodes: &[MarkedEpisode], marked: usize, selection: Selection) -> Selected {
     let candidates: Vec<Candidate> = episodes.iter().map(|episode| episode.scores.clone()).collect();
     let ranked = ranked(&candidates);
-    let (resolved, mut marked) = (Resolved::new(selection, &ranked, &candidates), Vec::new());
+    let (resolved, mut of_episode) = (Resolved::new(selection, &ranked, &candidates), Vec::new());
     let (mut kept, mut good) = (Vec::new(), Vec::new());
-    for episode in episodes {
-        resolved.mark(&episode.scores, &mut marked);
-        kept.extend_from_slice(&marked);
+    for episode in episodes.iter().take(marked) {
+        resolved.mark(&episode.scores, &mut of_episode);
+        kept.extend_from_slice(&of_episode);
         good.extend(episode.steps().map(|step| step.1));
     }
     let (precision, recall) = precision_recall(&kept, &good);

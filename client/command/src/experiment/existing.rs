@@ -70,6 +70,7 @@ impl<'a> Existing<'a> {
 
     async fn stage(&self, stage: &Stage, input: &str) -> Result<Option<StageResult>> {
         match &stage.work {
+            Work::Given { origin } => Ok(Some(StageResult { id: origin.id().to_owned(), job: None })),
             Work::Snapshot { .. } => known_snapshot(self.client, self.state, &stage.key).await,
             Work::Dataset { selection } => Ok(self.dataset(input, *selection)),
             Work::Pretrain { .. } | Work::Score { .. } | Work::Train { .. } | Work::Evaluate { .. } => {

@@ -9,24 +9,21 @@ use gleaner_core::job;
 use gleaner_core::looks::{Look, looks};
 use gleaner_core::selection::{Candidate, places};
 use gleaner_proto::v1::{
-    GetEpisodeScoresRequest, GetEvaluationRequest, GetHistogramRequest, GetScoreRunRequest, GetSnapshotRequest,
-    JobState, ListMetricsRequest, Metric, Role,
+    GetHistogramRequest, GetScoreRunRequest, GetSnapshotRequest, JobState, ListMetricsRequest, Metric, Role,
 };
 
 use super::difference::differences;
+use super::fetch::{PARALLEL, scores, success};
 use super::file::{Experiment, Study};
 use super::follow::seconds;
 use super::pool::pool;
 use super::recordings::{Recordings, of_episode};
-use super::report::{CellReport, Rate, SeedReport, StageReport, StudyReport};
+use super::report::{CellReport, SeedReport, StageReport, StudyReport};
 use super::stage::{Chain, Graph};
 use super::standing::{Gap, Standing, Submitted, stage_result, standing};
 use super::study::Cell;
 use crate::failure::{Failure, Result, present};
 use crate::quality::{BINS, MarkedEpisode, Separation, histogram, select, separations};
-
-// Requests under way at the same time.
-const PARALLEL: usize = 8;
 
 /// A score run's scores beside the marks.
 struct Run {
@@ -108,7 +105,7 @@ impl<'a> Gatherer<'a> {
             looks: Vec::new(),
         };
         if let Some(Ok(result)) = self.graph.find(chain, "evaluate").map(|index| stage_result(submitted, index)) {
-            report.success = Some(self.success(&result.id).await?);
+            report.success = Some(success(self.client, &result.id).await?);
         }
         if let Some(Ok(result)) = self.graph.find(chain, "train").map(|index| stage_result(submitted, index))
             && let Some(job) = result.job.as_ref().filter(|job| job.state() == JobState::Succeeded)
@@ -128,13 +125,6 @@ impl<'a> Gatherer<'a> {
             report.selected = Some(select(&run.episodes, selection));
         }
         Ok(report)
-    }
-
-    async fn success(&self, evaluation_id: &str) -> Result<Rate> {
-        let request = GetEvaluationRequest { evaluation_id: evaluation_id.to_owned() };
-        let reply = self.client.policies().get_evaluation(request).await?.into_inner();
-        let evaluation = present(reply.evaluation, "an evaluation")?;
-        Ok(Rate::new(evaluation.successes, evaluation.episodes))
     }
 
     /// What the policy of a training looks at; cells may share it.
@@ -183,8 +173,7 @@ impl<'a> Gatherer<'a> {
     /// `steps` has the length of every episode of the snapshot.
     async fn episode(&self, run_id: &str, id: String, steps: &HashMap<String, u64>) -> Result<MarkedEpisode> {
         let recording = of_episode(self.recordings, &id)?;
-        let request = GetEpisodeScoresRequest { score_run_id: run_id.to_owned(), episode_id: id.clone() };
-        let scores = present(self.client.scores().get_episode_scores(request).await?.into_inner().scores, "scores")?;
+        let scores = scores(self.client, run_id, &id).await?;
         let lengths: Option<Vec<u64>> = scores.expert_ids.iter().map(|expert| steps.get(expert).copied()).collect();
         let places = lengths.and_then(|lengths| places(&scores.match_episode, &scores.match_step, &lengths));
         let scores = Candidate {

@@ -2,15 +2,17 @@
 //!
 //! `file`, `study`, `grid`, `method`, `cell` and `used` are the settings; `stage` makes a graph of them in which no stage
 //! is done twice. `course` runs it: `recordings`, `submit` and `follow` do the work, `order` has the messages, `existing`
-//! and `state` find the work of earlier runs, and `standing` is the progress. `gather` fetches the results; `pool`,
-//! `interval` and `difference` sum them up; `report`, `markdown`, `tables`, `plots` and `reporter` show them. `demo` is a
-//! preset with a report of its own.
+//! and `state` find the work of earlier runs, and `standing` is the progress. `gather` and `fetch` return the results;
+//! `pool`, `interval` and `difference` sum them up; `report`, `markdown`, `tables`, `plots` and `reporter` show them.
+//! `demo` is a preset with a report of its own, and `compare` runs stages on a snapshot or encoders that exist.
 
 mod cell;
+pub(crate) mod compare;
 mod course;
 pub(crate) mod demo;
 mod difference;
 mod existing;
+mod fetch;
 mod file;
 mod follow;
 mod gather;

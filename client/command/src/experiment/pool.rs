@@ -23,20 +23,20 @@ pub(crate) fn pool(seeds: &[SeedReport]) -> Pooled {
         kept: over(kept),
         precision: over(|selected| selected.precision),
         recall: over(|selected| selected.recall),
-        auroc: pool_auroc(seeds),
+        auroc: pool_auroc(seeds.iter().map(|seed| &seed.separation[..])),
     }
 }
 
-fn pool_auroc(seeds: &[SeedReport]) -> Vec<PooledAuroc> {
+/// Separations of the same groups under several seeds as one, in the order of the first.
+pub(super) fn pool_auroc<'a>(seeds: impl Iterator<Item = &'a [Separation]> + Clone) -> Vec<PooledAuroc> {
     let mut cohorts: Vec<&str> = Vec::new();
-    for row in seeds.iter().flat_map(|seed| &seed.separation) {
+    for row in seeds.clone().flatten() {
         if !cohorts.contains(&row.cohort.as_str()) {
             cohorts.push(&row.cohort);
         }
     }
     let of = |cohort: &str| {
-        let rows: Vec<&Separation> =
-            seeds.iter().flat_map(|seed| &seed.separation).filter(|row| row.cohort == cohort).collect();
+        let rows: Vec<&Separation> = seeds.clone().flatten().filter(|row| row.cohort == cohort).collect();
         let values: Vec<f64> = rows.iter().filter_map(|row| row.auroc).collect();
         let bounds = rows.iter().filter_map(|row| row.interval);
         let widest = bounds.reduce(|(low, high), (lower, higher)| (low.min(lower), high.max(higher)));

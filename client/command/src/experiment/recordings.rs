@@ -1,12 +1,13 @@
 //! An experiment's recordings: made once, kept in its folder, on the server under a separate task.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 use gleaner_client::{Client, ClientError, PushItem, Pushed, UploadLabel, read_labels};
 use gleaner_proto::v1::{CreateTaskRequest, GetTaskRequest};
 use gleaner_sim::{LABELS, MARKS};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::file::Experiment;
@@ -137,11 +138,15 @@ async fn pushed(context: &Context, client: &Client, folder: &Path, plan: &Experi
 }
 
 fn marks(folder: &Path) -> Result<HashMap<String, Row>> {
-    let path: PathBuf = folder.join(MARKS);
+    let rows: Vec<Row> = rows(&folder.join(MARKS))?;
+    Ok(rows.into_iter().map(|row| (row.file.clone(), row)).collect())
+}
+
+/// The rows of a CSV file with a header.
+pub(super) fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>> {
     let wrong = |error: csv::Error| Failure::message(format!("{}: {error}", path.display()));
-    let mut reader = csv::Reader::from_path(&path).map_err(wrong)?;
-    let rows = reader.deserialize().map(|row| row.map(|row: Row| (row.file.clone(), row)));
-    rows.collect::<std::result::Result<_, _>>().map_err(wrong)
+    let mut reader = csv::Reader::from_path(path).map_err(wrong)?;
+    reader.deserialize().collect::<std::result::Result<_, _>>().map_err(wrong)
 }
 
 /// The recording of an episode that a job used.

@@ -50,7 +50,7 @@ pub(crate) struct CellReport {
 }
 
 /// One seed's way through a cell.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SeedReport {
     pub(crate) seed: u64,
     /// Why it will not be complete.

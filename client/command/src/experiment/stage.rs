@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use super::cell::{CellSettings, RuleSettings};
 use super::file::Experiment;
+use super::study::Cell;
 use super::used::of_weighting;
 
 // Changes when a stage's meaning does.
@@ -21,24 +22,66 @@ const FORMAT: &str = "gleaner-experiment/3";
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "stage", rename_all = "snake_case")]
 pub(crate) enum Work {
-    Snapshot { task: String, rule: RuleSettings },
-    Pretrain { settings: Values },
-    Score { settings: Values },
-    Dataset { selection: Selection },
-    Train { settings: Values },
-    Evaluate { settings: Values },
+    /// Makes nothing: the result exists already.
+    Given {
+        origin: Origin,
+    },
+    Snapshot {
+        task: String,
+        rule: RuleSettings,
+    },
+    Pretrain {
+        settings: Values,
+    },
+    Score {
+        settings: Values,
+    },
+    Dataset {
+        selection: Selection,
+    },
+    Train {
+        settings: Values,
+    },
+    Evaluate {
+        settings: Values,
+    },
 }
 
 impl Work {
     /// The stage's kind.
     pub(crate) fn kind(&self) -> &'static str {
         match self {
-            Self::Snapshot { .. } => "snapshot",
-            Self::Pretrain { .. } => "pretrain",
+            Self::Given { origin: Origin::Snapshot(_) } | Self::Snapshot { .. } => "snapshot",
+            Self::Given { origin: Origin::Encoder(_) } | Self::Pretrain { .. } => "pretrain",
             Self::Score { .. } => "score",
             Self::Dataset { .. } => "dataset",
             Self::Train { .. } => "train",
             Self::Evaluate { .. } => "evaluate",
+        }
+    }
+}
+
+/// A result that exists before the first stage, by its id.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Origin {
+    Snapshot(String),
+    Encoder(String),
+}
+
+impl Origin {
+    /// The result's id.
+    pub(super) fn id(&self) -> &str {
+        match self {
+            Self::Snapshot(id) | Self::Encoder(id) => id,
+        }
+    }
+
+    /// Whether the result takes the place of this work.
+    fn replaces(&self, work: &Work) -> bool {
+        match self {
+            Self::Snapshot(_) => work.kind() == "snapshot",
+            Self::Encoder(_) => ["snapshot", "pretrain"].contains(&work.kind()),
         }
     }
 }
@@ -82,6 +125,23 @@ impl Graph {
         Self { device, ..Self::default() }.filled(experiment)
     }
 
+    /// The stages of cells on results that exist, one for each seed: the seeds are 0 and up. `max_steps` limits the
+    /// attempts of evaluations; without it policies are trained and not evaluated.
+    pub(super) fn on_results(cells: &[Cell], origins: &[Origin], max_steps: Option<u32>, device: Device) -> Self {
+        let mut graph = Self { device, evaluates: max_steps.is_some(), ..Self::default() };
+        let mut chains = vec![Vec::new(); cells.len()];
+        for (seed, origin) in (0..).zip(origins) {
+            for (cell, of_cell) in cells.iter().zip(&mut chains) {
+                let rest = works("", max_steps.unwrap_or_default(), &cell.settings, seed);
+                let rest = rest.into_iter().filter(|work| !origin.replaces(work));
+                let works = std::iter::once(Work::Given { origin: origin.clone() }).chain(rest);
+                of_cell.push(graph.chain(works, seed, &format!("{}, seed {seed}", cell.label)));
+            }
+        }
+        graph.chains = vec![chains];
+        graph
+    }
+
     fn filled(mut self, experiment: &Experiment) -> Self {
         let graph = &mut self;
         let task = &experiment.task;
@@ -95,7 +155,8 @@ impl Graph {
                 for (cell, of_cell) in study.cells.iter().zip(of_study) {
                     let Some(&seed) = cell.settings.seeds.get(nth) else { continue };
                     let label = format!("{}, {}, seed {seed}", study.name, cell.label);
-                    of_cell.push(graph.chain(task, max_steps, &cell.settings, seed, &label));
+                    let works = works(task, max_steps, &cell.settings, seed);
+                    of_cell.push(graph.chain(works, seed, &label));
                 }
             }
         }
@@ -108,9 +169,9 @@ impl Graph {
         chain.stages.iter().copied().find(|&index| self.stages[index].work.kind() == kind)
     }
 
-    fn chain(&mut self, task: &str, max_steps: u32, cell: &CellSettings, seed: u64, label: &str) -> Chain {
+    fn chain(&mut self, works: impl IntoIterator<Item = Work>, seed: u64, label: &str) -> Chain {
         let mut stages = Vec::new();
-        for work in works(task, max_steps, cell, seed) {
+        for work in works {
             if self.evaluates || !matches!(work, Work::Evaluate { .. }) {
                 let index = self.stage(work, stages.last().copied(), label);
                 stages.push(index);

@@ -3,11 +3,10 @@
 
 use gleaner_client::Client;
 use gleaner_core::proto::score::selection_to_proto;
-use gleaner_proto::v1::{
-    CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, JobSpec, RoleRule, SubmitJobRequest,
-};
+use gleaner_proto::v1::{CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, JobSpec, SubmitJobRequest};
 use tonic::Code;
 
+use super::cell::RuleSettings;
 use super::file::Experiment;
 use super::order::{self, Input};
 use super::stage::{Graph, Stage, Work};
@@ -16,17 +15,34 @@ use super::state::State;
 use crate::failure::{Failure, Result, present};
 use gleaner_core::Device;
 
-/// Submits the stages of an experiment.
+/// What stages that make snapshots need besides their rule.
+struct Snapshots<'a> {
+    state: &'a mut State,
+    /// The imperfect cohorts that are recorded.
+    imperfect: Vec<&'a str>,
+}
+
+/// Submits the stages of a graph.
 pub(crate) struct Submitter<'a> {
     client: &'a Client,
-    state: &'a mut State,
-    experiment: &'a Experiment,
+    task: &'a str,
+    /// The simulator's task.
+    simulation: &'a str,
     device: Device,
+    snapshots: Option<Snapshots<'a>>,
 }
 
 impl<'a> Submitter<'a> {
+    /// For the stages of an experiment.
     pub(crate) fn new(client: &'a Client, state: &'a mut State, experiment: &'a Experiment, device: Device) -> Self {
-        Self { client, state, experiment, device }
+        let snapshots = Snapshots { state, imperfect: experiment.imperfect_cohorts().collect() };
+        let simulation = experiment.recordings.task.name();
+        Self { client, task: &experiment.task, simulation, device, snapshots: Some(snapshots) }
+    }
+
+    /// For stages on results that exist.
+    pub(super) fn on_results(client: &'a Client, task: &'a str, simulation: &'a str, device: Device) -> Self {
+        Self { client, task, simulation, device, snapshots: None }
     }
 
     /// All stages, in their order. A stage whose input failed is left out.
@@ -47,10 +63,8 @@ impl<'a> Submitter<'a> {
 
     async fn stage(&mut self, stage: &Stage, input: Input<'_>) -> Result<std::result::Result<StageResult, Gap>> {
         let result = match &stage.work {
-            Work::Snapshot { rule, .. } => {
-                let imperfect: Vec<&str> = self.experiment.imperfect_cohorts().collect();
-                self.snapshot(&stage.key, order::rule(rule, &imperfect)).await
-            }
+            Work::Given { origin } => Ok(StageResult { id: origin.id().to_owned(), job: None }),
+            Work::Snapshot { rule, .. } => self.snapshot(&stage.key, rule).await,
             Work::Dataset { selection } => self.dataset(input.id, selection_to_proto(*selection)).await,
             Work::Pretrain { .. } | Work::Score { .. } | Work::Train { .. } | Work::Evaluate { .. } => {
                 self.job(stage, input).await
@@ -66,14 +80,15 @@ impl<'a> Submitter<'a> {
         }
     }
 
-    async fn snapshot(&mut self, key: &str, rule: RoleRule) -> Result<StageResult> {
-        if let Some(known) = known_snapshot(self.client, self.state, key).await? {
+    async fn snapshot(&mut self, key: &str, rule: &RuleSettings) -> Result<StageResult> {
+        let Snapshots { state, imperfect } = present(self.snapshots.as_mut(), "a snapshot for these stages")?;
+        if let Some(known) = known_snapshot(self.client, state, key).await? {
             return Ok(known);
         }
-        let request = CreateSnapshotRequest { task: self.experiment.task.clone(), rule: Some(rule) };
+        let request = CreateSnapshotRequest { task: self.task.to_owned(), rule: Some(order::rule(rule, imperfect)) };
         let reply = self.client.snapshots().create_snapshot(request).await?.into_inner();
         let id = present(reply.snapshot, "a snapshot")?.id;
-        self.state.remember(key, &id)?;
+        state.remember(key, &id)?;
         Ok(StageResult { id, job: None })
     }
 
@@ -84,10 +99,9 @@ impl<'a> Submitter<'a> {
     }
 
     async fn job(&self, stage: &Stage, input: Input<'_>) -> Result<StageResult> {
-        let simulation = self.experiment.recordings.task.to_string();
-        let spec = present(order::job(&stage.work, input, &simulation, self.device), "a job for this stage")?;
+        let spec = present(order::job(&stage.work, input, self.simulation, self.device), "a job for this stage")?;
         let request = SubmitJobRequest {
-            task: self.experiment.task.clone(),
+            task: self.task.to_owned(),
             spec: Some(JobSpec { spec: Some(spec) }),
             key: job_key(stage, input.id),
             ..SubmitJobRequest::default()

@@ -92,3 +92,31 @@ fn keys_are_stable_between_versions() {
     let all = blake3::hash(keys.concat().as_bytes()).to_hex();
     assert_eq!((keys.len(), &all[..16]), (25, "e5845907041204d6"));
 }
+
+#[test]
+fn stages_on_results_begin_with_them() {
+    let scored_by = |label: &str, evaluate| {
+        let settings = gleaner_core::Values::from_iter([("scorer".to_owned(), label.into())]);
+        let settings = CellSettings { settings, evaluate, top: Some(0.2), ..CellSettings::default() };
+        Cell { label: label.into(), varied: Vec::new(), settings }
+    };
+    let kinds = |graph: &Graph| graph.stages.iter().map(|stage| stage.work.kind()).collect::<Vec<_>>();
+    let cells = |evaluate| [scored_by("ssdf", evaluate), scored_by("deminf", evaluate)];
+
+    // One encoder: SSDF has one score run for all seeds, a scorer with random numbers one for each.
+    let encoder = [Origin::Encoder("enc_1".into()), Origin::Encoder("enc_1".into())];
+    let graph = Graph::on_results(&cells(false), &encoder, None, Device::Cpu);
+    assert_eq!(kinds(&graph), ["pretrain", "score", "score", "score"]);
+    assert_eq!(graph.chains[0][0][0].stages, graph.chains[0][0][1].stages);
+    assert_eq!(graph.stages[0].work, Work::Given { origin: encoder[0].clone() });
+    let other = Graph::on_results(&cells(false), &[Origin::Encoder("enc_2".into())], None, Device::Cpu);
+    assert!(other.stages.iter().all(|stage| graph.stages.iter().all(|known| known.key != stage.key)));
+
+    // A snapshot: an encoder for each seed; without a simulator no evaluation.
+    let snapshot = [Origin::Snapshot("snap_1".into()), Origin::Snapshot("snap_1".into())];
+    let graph = Graph::on_results(&cells(true)[..1], &snapshot, None, Device::Cpu);
+    let seed = ["pretrain", "score", "dataset", "train"];
+    assert_eq!(kinds(&graph), [&["snapshot"], &seed[..], &seed].concat());
+    let graph = Graph::on_results(&cells(true)[..1], &snapshot[..1], Some(60), Device::Cpu);
+    assert_eq!(kinds(&graph).last(), Some(&"evaluate"));
+}
