@@ -120,7 +120,6 @@ fn separation(cohort: &str, episodes: &[&MarkedEpisode]) -> Separation {
 }
 
 /// The mean of values; `None` of none.
-#[expect(clippy::cast_precision_loss, reason = "counts of steps are far below 2^52")]
 pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
@@ -132,6 +131,7 @@ pub(crate) fn select(episodes: &[MarkedEpisode], selection: Selection) -> Select
 }
 
 /// As [`select`], of the first `marked` episodes alone; all of them compete.
+#[expect(clippy::cast_precision_loss, reason = "counts of steps are far below 2^52")]
 pub(crate) fn select_among(episodes: &[MarkedEpisode], marked: usize, selection: Selection) -> Selected {
     let candidates: Vec<Candidate> = episodes.iter().map(|episode| episode.scores.clone()).collect();
     let ranked = ranked(&candidates);

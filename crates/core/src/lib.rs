@@ -80,7 +80,7 @@ pub use schema::{Problem, Setting, Shape, Values};
 pub use secret::Secret;
 pub use settings::{Group, Word, Words};
 pub use spec::{
-    ActionToken, Augmentation, Chosen, Device, EvaluateSpec, FinishedWeights, InitialWeights, ModelSpec,
+    ActionToken, Augmentation, Chosen, Device, EvaluateSpec, FinishedWeights, ImageEncoder, InitialWeights, ModelSpec,
     NormaliserKind, ObserverSpec, OptimSpec, Preset, PretrainSpec, RateSchedule, RunSpec, ScoreSpec, TrainSpec,
     job_kinds, jobs, schema_of,
 };

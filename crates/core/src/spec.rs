@@ -11,8 +11,8 @@ mod train;
 pub use chosen::Chosen;
 pub use evaluate::EvaluateSpec;
 pub use groups::{
-    ActionToken, Augmentation, Device, FinishedWeights, InitialWeights, ModelSpec, ObserverSpec, OptimSpec, Preset,
-    RateSchedule, RunSpec,
+    ActionToken, Augmentation, Device, FinishedWeights, ImageEncoder, InitialWeights, ModelSpec, ObserverSpec,
+    OptimSpec, Preset, RateSchedule, RunSpec,
 };
 pub use pretrain::PretrainSpec;
 pub use score::{NormaliserKind, ScoreSpec};

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use gleaner_core::{ActionToken, Group, ModelSpec, PretrainSpec, TrainSpec, Values, Words as _};
+use gleaner_core::{ActionToken, Group, ImageEncoder, ModelSpec, PretrainSpec, TrainSpec, Values, Words as _};
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
@@ -104,6 +104,7 @@ pub fn inspect(bytes: &[u8]) -> Result<CheckpointInfo, LearnError> {
     if let Some(model) = header.get_mut("model").and_then(serde_json::Value::as_object_mut) {
         // Earlier versions had no other way.
         model.entry("action_token").or_insert_with(|| ActionToken::Proprioception.as_str().into());
+        model.entry("image_encoder").or_insert_with(|| ImageEncoder::Keypoints.as_str().into());
         model.entry("keypoint_gain").or_insert_with(|| 1.0.into());
     }
     let mut info: CheckpointInfo = serde_json::from_value(header).map_err(unreadable)?;

@@ -12,6 +12,19 @@ crate::words! {
         Small = "small",
         /// 256 wide, 4 layers: for a GPU.
         Base = "base",
+        /// 384 wide, 6 layers: for a large GPU and thousands of episodes.
+        Large = "large",
+    }
+}
+
+crate::words! {
+    /// The network that reads images.
+    pub enum ImageEncoder {
+        /// Two or three convolutions: fast, and enough where objects differ in colour.
+        Keypoints = "keypoints",
+        /// A residual network whose every output sees a whole picture of 128×128 pixels: 0.3 million parameters with the
+        /// preset tiny, 2.8 with small, 11 with base (ResNet-18), 21 with large (ResNet-34). Slower by far.
+        Residual = "residual",
     }
 }
 
@@ -47,6 +60,8 @@ crate::settings! {
         /// Steps of a segment before its newest one (the paper's l; 0: the newest step alone). Longer segments see more
         /// history and need more time and memory.
         pub segment_length: u32 = 6, integer_in(0, 63);
+        /// Network that reads images. Its last layer finds keypoints either way.
+        pub image_encoder: ImageEncoder = ImageEncoder::Keypoints, ImageEncoder::shape();
         /// Token that the action is read from.
         pub action_token: ActionToken = ActionToken::Proprioception, ActionToken::shape();
         /// Factor on the initial weights of the layer that finds keypoints in images (the softmax over places). At 1

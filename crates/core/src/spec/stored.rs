@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::kinds::Family;
 use crate::schema::Values;
 use crate::settings::Words as _;
-use crate::spec::ActionToken;
+use crate::spec::{ActionToken, ImageEncoder};
 
 /// A pretraining's settings in today's form.
 pub(super) fn pretrain(values: Values) -> Values {
@@ -25,6 +25,7 @@ pub(super) fn train(values: Values) -> Values {
 /// here.
 fn complete(mut values: Values) -> Values {
     values.entry("action_token").or_insert_with(|| ActionToken::Proprioception.as_str().into());
+    values.entry("image_encoder").or_insert_with(|| ImageEncoder::Keypoints.as_str().into());
     values.entry("keypoint_gain").or_insert_with(|| 1.0.into());
     values
 }

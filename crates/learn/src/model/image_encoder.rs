@@ -1,10 +1,15 @@
-//! All cameras of a step to one embedding: a small convolutional encoder per camera, then one
+//! All cameras of a step to one embedding: an encoder per camera, a few convolutions or a residual network, then one
 //! projection of all of them.
 
+mod residual;
+
 use tch::nn::{self, ModuleT};
-use tch::{Kind, Tensor, nn::Module};
+use tch::{Tensor, nn::Module};
+
+use gleaner_core::{ImageEncoder as Kind, ModelSpec};
 
 use super::Size;
+use crate::batch::int;
 use crate::shape::{CameraShape, TaskShape};
 
 /// Stages halve an image until at most this many places are left.
@@ -24,9 +29,10 @@ pub(crate) struct ImageEncoder {
 }
 
 impl ImageEncoder {
-    pub(crate) fn new(path: &nn::Path<'_>, shape: &TaskShape, size: &Size) -> Self {
+    pub(crate) fn new(path: &nn::Path<'_>, shape: &TaskShape, spec: &ModelSpec) -> Self {
+        let size = &Size::of(spec.preset);
         let cameras: Vec<_> = (shape.cameras.iter().enumerate())
-            .map(|(i, camera)| CameraEncoder::new(&(path / "camera" / i), camera, size))
+            .map(|(i, camera)| CameraEncoder::new(&(path / "camera" / i), camera, spec))
             .collect();
         let inputs = cameras.iter().map(CameraEncoder::outputs).sum();
         let project = nn::linear(path / "project", inputs, size.width, Default::default());
@@ -52,25 +58,12 @@ struct CameraEncoder {
 }
 
 impl CameraEncoder {
-    fn new(path: &nn::Path<'_>, camera: &CameraShape, size: &Size) -> Self {
-        let mut stages = nn::seq_t();
-        let (mut height, mut width) = (i64::from(camera.height), i64::from(camera.width));
-        let mut channels = if camera.depth { 4 } else { 3 };
-        let mut stage = 0;
-        while stage < MIN_STAGES || height * width > PLACES {
-            let stride = if stage == 0 && camera.height.max(camera.width) > LARGE {
-                4
-            } else if height * width > PLACES {
-                2
-            } else {
-                1
-            };
-            let out = size.channels[stage.min(size.channels.len() - 1)];
-            stages = add_stage(stages, &(path / stage), [channels, out, stride]);
-            (height, width) = ((height + stride - 1) / stride, (width + stride - 1) / stride);
-            channels = out;
-            stage += 1;
-        }
+    fn new(path: &nn::Path<'_>, camera: &CameraShape, spec: &ModelSpec) -> Self {
+        let size = [int(camera.channels()), camera.height.into(), camera.width.into()];
+        let (stages, [channels, height, width]) = match spec.image_encoder {
+            Kind::Keypoints => convolutions(path, Size::of(spec.preset).channels, size),
+            Kind::Residual => residual::network(&(path / "residual"), spec.preset, size),
+        };
         let last = nn::conv2d(path / "keypoint", channels, channels, 1, Default::default());
         Self { stages: stages.add(last), grid: grid(height, width, path.device()), channels }
     }
@@ -88,6 +81,33 @@ impl CameraEncoder {
     }
 }
 
+/// Stages of convolutions for images of `channels` and of this height and width; and the channels, height and width of
+/// their output. The last number `of_stages` repeats.
+fn convolutions(
+    path: &nn::Path<'_>,
+    of_stages: &[i64],
+    [mut channels, mut height, mut width]: [i64; 3],
+) -> (nn::SequentialT, [i64; 3]) {
+    let mut stages = nn::seq_t();
+    let large = height.max(width) > i64::from(LARGE);
+    let mut stage = 0;
+    while stage < MIN_STAGES || height * width > PLACES {
+        let stride = if stage == 0 && large {
+            4
+        } else if height * width > PLACES {
+            2
+        } else {
+            1
+        };
+        let out = of_stages[stage.min(of_stages.len() - 1)];
+        stages = add_stage(stages, &(path / stage), [channels, out, stride]);
+        (height, width) = ((height + stride - 1) / stride, (width + stride - 1) / stride);
+        channels = out;
+        stage += 1;
+    }
+    (stages, [channels, height, width])
+}
+
 /// Convolution, group norm and ReLU. A side of any length shrinks to ceil(side / stride).
 fn add_stage(stages: nn::SequentialT, path: &nn::Path<'_>, [inputs, outputs, stride]: [i64; 3]) -> nn::SequentialT {
     let kernel = if stride == 4 { 5 } else { 3 };
@@ -99,7 +119,7 @@ fn add_stage(stages: nn::SequentialT, path: &nn::Path<'_>, [inputs, outputs, str
 }
 
 fn grid(height: i64, width: i64, device: tch::Device) -> Tensor {
-    let line = |count| Tensor::linspace(-1.0, 1.0, count, (Kind::Float, device));
+    let line = |count| Tensor::linspace(-1.0, 1.0, count, (tch::Kind::Float, device));
     let x = line(width).unsqueeze(0).expand([height, width], false);
     let y = line(height).unsqueeze(1).expand([height, width], false);
     Tensor::stack(&[x, y], -1).view([height * width, 2])
@@ -110,11 +130,13 @@ mod tests {
     use tch::Device;
 
     use super::*;
-    use gleaner_core::Preset;
 
     #[test]
     fn any_image_size_is_taken() {
-        for (height, width, depth) in [(8, 8, false), (16, 17, true), (128, 128, true), (270, 480, false)] {
+        let sizes = [(8, 8, false), (16, 17, true), (128, 128, true), (270, 480, false)];
+        let kinds = [Kind::Keypoints, Kind::Residual];
+        for ((height, width, depth), image_encoder) in sizes.into_iter().flat_map(|size| kinds.map(|kind| (size, kind)))
+        {
             let shape = TaskShape {
                 cameras: vec![CameraShape { name: "c".into(), height, width, depth }],
                 proprioception: 1,
@@ -122,10 +144,11 @@ mod tests {
                 ranges: gleaner_core::action::ActionRanges::default(),
             };
             let store = nn::VarStore::new(Device::Cpu);
-            let encoder = ImageEncoder::new(&store.root(), &shape, &Size::of(Preset::Tiny));
+            let encoder =
+                ImageEncoder::new(&store.root(), &shape, &ModelSpec { image_encoder, ..ModelSpec::default() });
             let channels = if depth { 4 } else { 3 };
             let size = [2, channels, i64::from(height), i64::from(width)];
-            let out = encoder.forward(&[Tensor::zeros(size, (Kind::Float, Device::Cpu))]);
+            let out = encoder.forward(&[Tensor::zeros(size, (tch::Kind::Float, Device::Cpu))]);
             assert_eq!(out.size(), [2, 64]);
         }
     }

@@ -71,7 +71,7 @@ impl Network {
         let size = Size::of(spec.preset);
         Self {
             heads: Heads::new(&(&root / "head"), shape, &size),
-            images: ImageEncoder::new(&(&root / IMAGES), shape, &size),
+            images: ImageEncoder::new(&(&root / IMAGES), shape, &spec),
             tokens: Tokens::new(&(&root / "token"), shape, size.width, &spec),
             transformer: Transformer::new(&(&root / "transformer"), &size),
             causal: whole_mask(spec.window(), Attention::Causal, device),

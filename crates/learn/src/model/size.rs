@@ -24,6 +24,7 @@ impl Size {
             Preset::Tiny => Self { width: 64, layers: 2, heads: 4, channels: &[16, 32], target: 8 },
             Preset::Small => Self { width: 128, layers: 4, heads: 4, channels: &[32, 64], target: 16 },
             Preset::Base => Self { width: 256, layers: 4, heads: 8, channels: &[64, 128], target: 16 },
+            Preset::Large => Self { width: 384, layers: 6, heads: 8, channels: &[64, 128], target: 16 },
         }
     }
 }

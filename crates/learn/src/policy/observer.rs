@@ -90,7 +90,7 @@ impl Observer {
     fn build(info: &CheckpointInfo, statistics: Statistics, device: Device) -> Result<Self, LearnError> {
         let (store, size) = (VarStore::new(device), Size::of(info.model.preset));
         let eyes = if info.model.segment_length == 0 {
-            let images = ImageEncoder::new(&(store.root() / "policy" / IMAGES), &info.shape, &size);
+            let images = ImageEncoder::new(&(store.root() / "policy" / IMAGES), &info.shape, &info.model);
             Eyes::Newest { images, statistics }
         } else {
             Eyes::Window(Box::new(Network::build(&info.shape, info.model, statistics, device)))

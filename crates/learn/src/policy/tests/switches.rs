@@ -62,6 +62,21 @@ fn with_any_switch_a_run_resumes_exactly_and_its_checkpoint_round_trips() {
 }
 
 #[test]
+fn with_a_residual_encoder_the_loss_falls_and_a_run_resumes_exactly() {
+    for kind in ["bc", "tf_bc"] {
+        let mut spec = spec(kind, 30);
+        spec.policy = spec.policy.with(Family::Policy, "image_encoder", "residual").unwrap();
+        spec.run.checkpoint_every = 20;
+        let (result, straight) = train(&spec, None);
+        assert_eq!(train(&spec, Some(&straight.checkpoints[0].1)).0, result, "{kind}");
+        let losses = straight.metric("loss");
+        let mean = |part: &[f64]| part.iter().sum::<f64>() / 5.0;
+        assert!(mean(&losses[25..]) < 0.7 * mean(&losses[..5]), "{kind}: {losses:?}");
+        assert!(tensors(&result).keys().any(|name| name.contains(".residual.stage.3.0.conv_0")), "{kind}");
+    }
+}
+
+#[test]
 fn a_policy_begins_with_the_encoder_s_weights_and_statistics() {
     let encoder = encoder(2);
     let (_, given) = checkpoint::read(&encoder, CheckpointKind::Encoder).unwrap();

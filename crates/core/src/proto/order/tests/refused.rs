@@ -85,7 +85,6 @@ fn a_setting_that_has_no_effect_is_rejected() {
             train_with(json!({"policy": "bc", "chunk_length": 3}), |_| {}),
             "spec.train.settings.chunk_length: has no effect",
         ),
-        (act_of(json!({"history_dropout": 0.1})), "spec.train.settings.history_dropout: has no effect"),
         (act_of(json!({"segment_length": 3})), "spec.train.settings.segment_length: has no effect"),
         (train_with(json!({"preset": "base"}), |_| {}), "spec.train.settings.preset: has no effect"),
     ]);
