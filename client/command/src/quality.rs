@@ -120,12 +120,12 @@ fn separation(cohort: &str, episodes: &[&MarkedEpisode]) -> Separation {
 }
 
 /// The mean of values; `None` of none.
+#[expect(clippy::cast_precision_loss, reason = "counts of steps are far below 2^52")]
 pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
 /// The steps that a selection keeps, and how good they are.
-#[expect(clippy::cast_precision_loss, reason = "counts of steps are far below 2^52")]
 pub(crate) fn select(episodes: &[MarkedEpisode], selection: Selection) -> Selected {
     select_among(episodes, episodes.len(), selection)
 }
