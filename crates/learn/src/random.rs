@@ -35,6 +35,8 @@ pub(crate) enum Purpose {
     Action = 12,
     /// The corruption of an expert's actions; the counter is the expert's number.
     Corruption = 13,
+    /// The scores of the control; the counter is made of the episode's id.
+    RandomScore = 14,
 }
 
 /// The generator of `purpose` at `counter`.

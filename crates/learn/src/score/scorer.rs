@@ -5,6 +5,7 @@ mod deminf;
 mod kind;
 mod list;
 mod progress;
+mod random;
 mod raw;
 mod recordings;
 mod ssdf;
