@@ -4,7 +4,8 @@
 //! - [`Client::upload`], [`Client::push`] and the downloads transfer recordings; [`find_recordings`] and [`read_labels`]
 //!   find them.
 //! - [`Client::watch`] and [`Client::wait`] follow a job.
-//! - [`Client::score_recording`] and [`StepScorer`] score what is not stored.
+//! - [`Client::score_recording`] and [`StepScorer`] score what is not stored; [`Client::import_scores`] stores scores made
+//!   elsewhere, which [`read_scores`] reads.
 //! - [`Session`] acts in lock step, for simulators; [`Client::control`] runs a robot ([`robot`]) at a fixed rate;
 //!   [`Client::drive`] evaluates a deployment in the embedded simulator.
 //!
@@ -31,12 +32,14 @@ mod drive;
 mod error;
 mod file;
 mod find;
+mod import;
 mod labels;
 mod lowest;
 mod push;
 mod reason;
 mod retry;
 pub mod robot;
+mod score_table;
 mod scoring;
 mod session;
 mod token;
@@ -51,6 +54,7 @@ pub use find::{Found, Skipped, find_recordings};
 pub use labels::{LabelledFile, outcome_from_word, read_labels};
 pub use lowest::LowestScore;
 pub use push::{PushEvent, PushItem, PushResult, Pushed};
+pub use score_table::{ScoredEpisode, read_scores};
 pub use scoring::StepScorer;
 pub use session::{Session, observation};
 pub use token::Token;

@@ -9,13 +9,14 @@ use crate::{config::ConnectionsConfig, domain::client::Client, error::Error, wir
 pub(crate) type Connections = gleaner_edge::Connections<Client>;
 
 /// Calls that take as long as their caller, a recording or a model does. All others count as unary.
-const NOT_UNARY: [&str; 9] = [
+const NOT_UNARY: [&str; 10] = [
     "/gleaner.v1.EpisodeService/WriteUpload",
     "/gleaner.v1.EpisodeService/FinishUpload",
     "/gleaner.v1.PolicyService/Act",
     "/gleaner.v1.PolicyService/Deploy",
     "/gleaner.v1.PolicyService/RollBack",
     "/gleaner.v1.PolicyService/Session",
+    "/gleaner.v1.ScoreService/ImportScores",
     "/gleaner.v1.ScoreService/ScoreRecording",
     "/gleaner.v1.ScoreService/ScoreSteps",
     "/inference.GRPCInferenceService/ModelInfer",

@@ -1,6 +1,6 @@
 //! The gleaner server. `run` builds the services, passes each its dependencies, and serves until it is stopped.
 //!
-//! Floors: `service` and `wire` over `ingest`, `jobs`, `policies` and `scorers` over `store` and `blobs` over `domain`
+//! Floors: `service` and `wire` over `ingest`, `imports`, `jobs`, `policies` and `scorers` over `store` and `blobs` over `domain`
 //! and `error`. Calls go down, never up. Workers are processes of another program, `crates/worker`, and clients of this
 //! server.
 
@@ -8,6 +8,7 @@ pub mod access;
 pub mod config;
 mod connections;
 mod curation;
+mod imports;
 pub mod ingest;
 pub mod jobs;
 pub mod maintenance;

@@ -4,6 +4,7 @@
 //! Short here; `make crash-test` is the long form.
 
 mod checkpoint;
+mod import;
 mod resend;
 mod sweep;
 mod sync_order;

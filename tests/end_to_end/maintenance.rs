@@ -23,6 +23,19 @@ async fn push_some(api: &mut Api) -> Vec<Episode> {
     episodes
 }
 
+/// Imports scores of a new snapshot.
+async fn import_scores(api: &mut Api) {
+    let request = CreateSnapshotRequest { task: lab::TASK.into(), rule: None };
+    let snapshot = api.snapshots.create_snapshot(request).await.unwrap().into_inner().snapshot.unwrap().id;
+    let messages = lab::import(api, &snapshot, "an oracle").await;
+    api.scores.import_scores(tokio_stream::iter(messages)).await.unwrap();
+}
+
+async fn score_runs(api: &mut Api) -> Vec<ScoreRun> {
+    let request = ListScoreRunsRequest { task: lab::TASK.into() };
+    api.scores.list_score_runs(request).await.unwrap().into_inner().score_runs
+}
+
 async fn listed(api: &mut Api, deleted: bool) -> Vec<Episode> {
     let request = ListEpisodesRequest { task: lab::TASK.into(), deleted, ..Default::default() };
     api.episodes.list_episodes(request).await.unwrap().into_inner().episodes
@@ -33,6 +46,7 @@ async fn backup_of_a_running_server_can_be_restored() {
     let server = TestServer::start_with(&["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
     let episodes = push_some(&mut api).await;
+    import_scores(&mut api).await;
     let places = tempfile::tempdir().unwrap();
     let (backup, new) = (places.path().join("backup"), places.path().join("new"));
     let target = backup.to_str().unwrap();
@@ -51,6 +65,10 @@ async fn backup_of_a_running_server_can_be_restored() {
     let mut other = Api::connect(&restored).await;
     assert_eq!(listed(&mut other, false).await, listed(&mut api, false).await);
     assert!(other.download(&episodes[0].id).await == RECORDINGS[0].bytes);
+    let runs = score_runs(&mut other).await;
+    assert_eq!((runs.len(), &runs), (1, &score_runs(&mut api).await));
+    let scores = other.episode_scores(&runs[0].id, &episodes[2].id).await;
+    assert_eq!(scores.w, vec![0.5; usize::try_from(episodes[2].steps).unwrap()]);
 
     // A changed bit is found and named with its episode.
     let rotten = files::blob(&new, &episodes[0].blake3);

@@ -225,7 +225,7 @@ fn modules_have_no_circle() {
 const FLOORS: [&[&str]; 5] = [
     &["config", "model_cache", "program", "shutdown", "telemetry"],
     &["store"],
-    &["curation", "ingest", "jobs", "maintenance", "policies", "rollouts", "scorers"],
+    &["curation", "imports", "ingest", "jobs", "maintenance", "policies", "rollouts", "scorers"],
     &["access", "connections", "wire"],
     &["pages", "service"],
 ];

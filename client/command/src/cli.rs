@@ -3,8 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use crate::cmd::{
-    dataset, drive, episodes, evaluate, evaluations, export, jobs, kinds, label, pipeline, policies, push, record,
-    schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
+    dataset, drive, episodes, evaluate, evaluations, export, import_scores, jobs, kinds, label, pipeline, policies,
+    push, record, schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
 };
 use crate::connection::{ConnectionArgs, GLOBAL};
 use crate::context::Context;
@@ -85,6 +85,8 @@ pub(crate) enum Command {
     ScoreRecording(score_recording::ScoreRecordingArgs),
     /// Compare scorers on one snapshot: agreement, AUROC, length, stability, and policies trained on their best parts.
     CompareScorers(compare::CompareArgs),
+    /// Store scores made elsewhere as a score run.
+    ImportScores(import_scores::ImportScoresArgs),
     /// Show the distribution of quality and the number of segments above each threshold.
     Histogram(scores::HistogramArgs),
     /// Count the segments of possible datasets, per cohort and episode, without creating any.
@@ -145,6 +147,7 @@ impl Command {
             Self::Scores(args) => args.run(context).await,
             Self::ScoreRecording(args) => args.run(context).await,
             Self::CompareScorers(args) => args.run(context).await,
+            Self::ImportScores(args) => args.run(context).await,
             Self::Histogram(args) => args.run(context).await,
             Self::WhatIf(args) => args.run(context).await,
             Self::Dataset(command) => command.run(context).await,
@@ -194,6 +197,7 @@ mod tests {
             "gleaner rollback pick_cube@prod",
             "gleaner deploy a@b --policy pol_1 --score-run run_1",
             "gleaner score-recording run_1 a.mcap --matches --beta 0.5",
+            "gleaner import-scores snap_1 scores.csv --source oracle --encoder enc_1",
             "gleaner drive a@b --real-time --deadline-ms 40 --hold-ms 0",
             "gleaner pretrain --max-experts 20 --imperfect-per-expert 3 --rule-seed 1",
             "gleaner task create --sim pick_cube --image 64",
@@ -236,6 +240,7 @@ mod tests {
             "gleaner delete",
             "gleaner restore",
             "gleaner score-recording run_1",
+            "gleaner import-scores snap_1",
             "gleaner task create",
             "gleaner task create a.toml --sim pick_cube",
             "gleaner task create a.toml --image 64",

@@ -39,7 +39,7 @@ described! {
     Job, GetJobResponse, ListJobsResponse, CancelJobResponse, SubmitPipelineResponse, WatchJobResponse,
     ListKindsResponse, CreateScheduleResponse, ListSchedulesResponse, PauseScheduleResponse,
     ListScoreRunsResponse, GetEpisodeScoresResponse, GetHistogramResponse, CountKeptResponse,
-    ScoreRecordingResponse,
+    ScoreRecordingResponse, ScoreRun,
     CreateDatasetResponse, GetDatasetResponse, ListDatasetsResponse, Segment, ListExportFilesResponse,
     ListPoliciesResponse, DeployResponse, RollBackResponse, ListDeploymentsResponse,
     ListEvaluationsResponse, GetEvaluationResponse, ReportEvaluationResponse,

@@ -1,7 +1,7 @@
 //! Datasets, each a selection from a score run, and exports, the files made from a dataset.
 
 use super::{
-    id::{BlobId, DatasetId, EncoderId, EpisodeId, ScoreRunId, SnapshotId, TaskId},
+    id::{BlobId, DatasetId, EpisodeId, ScoreRunId, SnapshotId, TaskId},
     score::ScoreRun,
     selection::Selection,
     time::Millis,
@@ -53,8 +53,6 @@ pub struct DatasetContents {
     pub run: ScoreRun,
     /// The run's snapshot.
     pub snapshot_id: SnapshotId,
-    /// The run's encoder.
-    pub encoder_id: EncoderId,
     /// Every expert, whole, each segment with weight 1.
     pub experts: Vec<EpisodeId>,
     /// Imperfect episodes with at least one kept segment, in the snapshot's order.

@@ -1,10 +1,10 @@
-//! Score runs: w and q of every segment under one encoder, one snapshot, one normaliser.
+//! Score runs: w and q of every segment of a snapshot, from a score job or from a scorer elsewhere.
 
 mod histogram;
+mod origin;
 
 pub use histogram::{Histogram, KeptCount, expert_auroc};
-
-use crate::ScoreSpec;
+pub use origin::{IMPORTED, Origin};
 
 use super::{
     id::{EncoderId, EpisodeId, JobId, ScoreRunId, SnapshotId, TaskId},
@@ -29,21 +29,17 @@ pub struct Encoder {
     pub created_at: Millis,
 }
 
-/// A score run: its inputs, its settings, and the frozen values of its normaliser.
+/// A score run: its inputs, its origin, and the frozen values of its normaliser.
 #[derive(Debug, Clone)]
 pub struct ScoreRun {
     /// Its id.
     pub id: ScoreRunId,
     /// Its task.
     pub task_id: TaskId,
-    /// The job that made it.
-    pub job_id: JobId,
-    /// The encoder whose features were compared.
-    pub encoder_id: EncoderId,
+    /// What made it.
+    pub origin: Origin,
     /// The experts and imperfect episodes.
     pub snapshot_id: SnapshotId,
-    /// Scorer, normaliser, and their settings.
-    pub spec: ScoreSpec,
     /// w, on the local scale if the scorer has one, that maps to q = 0, frozen.
     pub lo: f64,
     /// The w that maps to q = 1, likewise.
@@ -67,7 +63,7 @@ pub struct EpisodeScores<Id = EpisodeId> {
     /// Its role in the run's snapshot.
     pub role: Role,
     /// The highest similarity to an expert segment, at most 0; the classifier's log p; the information of `deminf`;
-    /// the gain of `progress`; the share of `vote`.
+    /// the gain of `progress`; the share of `vote`; the imported q before it was rounded.
     pub w: Vec<f64>,
     /// w normalised to [0, 1].
     pub q: Vec<f32>,

@@ -3,7 +3,7 @@
 //! Only the feature `fail-points`, which the tests alone enable, compiles them in. Must not depend on other modules.
 
 /// Every fail point. Each is at one place of the sources.
-pub const NAMES: [&str; 61] = [
+pub const NAMES: [&str; 63] = [
     "attempt.committed",
     "attempt.row_written",
     "blob.folder_synced",
@@ -27,6 +27,8 @@ pub const NAMES: [&str; 61] = [
     "episode.row_written",
     "frames.renamed",
     "frames.synced",
+    "import.committed",
+    "import.rows_written",
     "jobs.committed",
     "jobs.rows_written",
     "label.committed",

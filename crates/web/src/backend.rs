@@ -122,8 +122,8 @@ pub trait Scores: Send + Sync {
     async fn runs_that_scored(&self, task: &TaskId, episode: &EpisodeId) -> Result<Vec<ScoreRunId>>;
     /// The scores of an episode in a run.
     async fn episode_scores(&self, run: &ScoreRunId, episode: &EpisodeId) -> Result<EpisodeScores>;
-    /// l of an encoder: a segment is a window of l + 1 steps.
-    async fn segment_length(&self, encoder: &EncoderId) -> Result<u32>;
+    /// l of an encoder: a segment is a window of l + 1 steps. Without an encoder, 0.
+    async fn segment_length(&self, encoder: Option<&EncoderId>) -> Result<u32>;
     /// The number of expert segments of a run.
     async fn expert_segments(&self, run: &ScoreRun) -> Result<u64>;
     /// The scores of a finished run's imperfect episodes.

@@ -125,6 +125,7 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::ScheduleServiceCreateSchedule
         | Rpc::ScheduleServicePauseSchedule
         | Rpc::ScheduleServiceDeleteSchedule
+        | Rpc::ScoreServiceImportScores
         | Rpc::DatasetServiceCreateDataset
         | Rpc::PolicyServiceDeploy
         | Rpc::PolicyServiceRollBack

@@ -53,19 +53,24 @@ impl Jobs {
         }
     }
 
-    /// The job that makes a dataset's scores, and the encoder and snapshot of those scores.
+    /// The job that makes a dataset's scores, and the encoder and snapshot of those scores. Imported scores have no job, and
+    /// may have no encoder.
     pub(super) async fn dataset(
         &self,
         task: &TaskId,
         field: &str,
         id: &DatasetId,
-    ) -> Result<(JobId, EncoderId, SnapshotId)> {
+    ) -> Result<(Option<JobId>, Option<EncoderId>, SnapshotId)> {
         let dataset = self.0.store.dataset(id).await?;
         same_task(field, id.as_str(), &dataset.task_id, task)?;
+        if let Some(run) = self.0.store.imported(&dataset.score_run_id).await? {
+            self.0.store.expect_recordings(&run.snapshot_id).await?;
+            return Ok((None, run.origin.encoder_id().cloned(), run.snapshot_id));
+        }
         match self.0.store.job_of_result(dataset.score_run_id.as_str()).await? {
             Some(Job { id: maker, spec: JobSpec::Score { encoder_id, snapshot_id, .. }, .. }) => {
                 self.0.store.expect_recordings(&snapshot_id).await?;
-                Ok((maker, encoder_id, snapshot_id))
+                Ok((Some(maker), Some(encoder_id), snapshot_id))
             }
             Some(_) | None => Err(Error::not_found("score run", &dataset.score_run_id)),
         }

@@ -131,7 +131,7 @@ impl Scores for PageBackend {
         self.services.store.episode_scores(run, episode).await
     }
 
-    async fn segment_length(&self, encoder: &EncoderId) -> Result<u32> {
+    async fn segment_length(&self, encoder: Option<&EncoderId>) -> Result<u32> {
         self.services.store.segment_length(encoder).await
     }
 

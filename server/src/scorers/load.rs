@@ -8,7 +8,14 @@ use gleaner_learn::{LiveScorer, Normaliser, TaskShape, Trajectory, features_kind
 use super::{Ready, engine::Engine, loaded_runs::LoadedRuns, trajectory};
 use crate::{
     blobs::Blobs,
-    domain::{episode::Episode, id::ScoreRunId, job::JobSpec, score::ScoreRun, snapshot::Role, task::Task},
+    domain::{
+        episode::Episode,
+        id::{JobId, ScoreRunId},
+        job::JobSpec,
+        score::ScoreRun,
+        snapshot::Role,
+        task::Task,
+    },
     error::{Error, Kind as Fault, Result},
     ingest::Ingest,
     store::Store,
@@ -26,10 +33,11 @@ pub(super) async fn ready(
     loaded: Weak<LoadedRuns<LiveScorer>>,
 ) -> Result<Ready> {
     let run = store.score_run(id).await?;
-    let spec = settings(store, &run).await?;
+    let (job, encoder, _) = run.origin.job(id, "cannot score live")?;
+    let spec = settings(store, &run, job).await?;
     let task = store.task_by_id(&run.task_id).await?;
     let experts = experts(store, ingest, &task, &run).await?;
-    let checkpoint = store.encoder(&run.encoder_id).await?.checkpoint;
+    let checkpoint = store.encoder(encoder).await?.checkpoint;
     let (lo, hi) = (run.lo, run.hi);
     let normaliser = Normaliser { kind: spec.normaliser, lo, hi, quantiles: run.quantiles };
     let blobs = blobs.clone();
@@ -48,8 +56,8 @@ pub(super) async fn ready(
 }
 
 /// The settings of a run that supports live scoring, changed to the CPU and one thread.
-async fn settings(store: &Store, run: &ScoreRun) -> Result<ScoreSpec> {
-    let JobSpec::Score { spec, .. } = store.job(&run.job_id).await?.spec else {
+async fn settings(store: &Store, run: &ScoreRun, job: &JobId) -> Result<ScoreSpec> {
+    let JobSpec::Score { spec, .. } = store.job(job).await?.spec else {
         return Err(Error::internal("reading a score run's settings", "its job is not a score job"));
     };
     let features = features_kind(&spec).map_err(|error| error.during("reading a score run's settings"))?;

@@ -57,8 +57,8 @@ impl Scorers {
     /// Returns a run; loads it if needed. It stays loaded while a caller holds it.
     ///
     /// # Errors
-    /// NotFound; Precondition when its job has not succeeded, when its scorer cannot score live, or when its encoder
-    /// cannot be read by this version; Unavailable when the server is stopping.
+    /// NotFound; Precondition when its job has not succeeded, when it was imported or its scorer cannot score live, or
+    /// when its encoder cannot be read by this version; Unavailable when the server is stopping.
     pub(crate) async fn load(&self, run: &ScoreRunId) -> Result<Arc<Ready>> {
         let (inner, of) = (Arc::clone(&self.0), run.clone());
         let load = move || async move {

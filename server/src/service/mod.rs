@@ -4,6 +4,7 @@ mod answer;
 mod dataset;
 mod episode;
 mod health;
+mod import;
 mod inference;
 mod job;
 mod policy;

@@ -1,11 +1,11 @@
-//! ScoreService: views of finished score runs, and scores of recordings and steps that are not stored.
+//! ScoreService: views of finished score runs, imports, and scores of recordings and steps that are not stored.
 
 use gleaner_proto::v1::{self, score_service_server::ScoreService};
 use tonic::{Request, Response, Streaming};
 
 use super::{
     Services,
-    answer::{Reply, Responses, answer},
+    answer::{Reply, Responses, answer, change_by},
 };
 use crate::{access::Caller, wire};
 
@@ -81,5 +81,13 @@ impl ScoreService for ScoreApi {
 
     async fn score_steps(&self, request: Request<Streaming<v1::ScoreStepsRequest>>) -> Reply<Self::ScoreStepsStream> {
         Ok(Response::new(self.0.score_steps(request.into_inner())))
+    }
+
+    #[tracing::instrument(name = "import_scores", skip_all)]
+    async fn import_scores(
+        &self,
+        request: Request<Streaming<v1::ImportScoresRequest>>,
+    ) -> Reply<v1::ImportScoresResponse> {
+        change_by(request, async |audit, requests| self.0.import_scores(audit, requests).await).await
     }
 }

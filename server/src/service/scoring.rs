@@ -49,7 +49,7 @@ impl Services {
         responses(ReceiverStream::new(score_steps(start, terms)).map(|scored| scored.map(scoring::steps_response)))
     }
 
-    fn scoring_terms(&self) -> Terms {
+    pub(super) fn scoring_terms(&self) -> Terms {
         Terms {
             idle: self.config.policies.session_idle(),
             drain: Duration::from_secs(self.config.drain_seconds),
@@ -59,7 +59,7 @@ impl Services {
 }
 
 /// The messages of a client; an error if it sends none for too long.
-fn patient<T: Send + 'static>(requests: Streaming<T>, terms: Terms) -> BoxStream<'static, Result<T>> {
+pub(super) fn patient<T: Send + 'static>(requests: Streaming<T>, terms: Terms) -> BoxStream<'static, Result<T>> {
     let next = |(mut requests, terms): (Streaming<T>, Terms)| async move {
         let next = match tokio::time::timeout(terms.idle, requests.next()).await {
             Ok(next) => next?.map_err(from_peer),

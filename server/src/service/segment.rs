@@ -59,7 +59,7 @@ pub(super) async fn segments(
     let walk = Walk {
         services: services.clone(),
         spec: services.store.task_by_id(&contents.dataset.task_id).await?.spec,
-        length: services.store.segment_length(&contents.encoder_id).await?,
+        length: services.store.segment_length(contents.run.origin.encoder_id()).await?,
         include_frames: request.include_frames,
         recordings: recordings.into_iter().map(|(episode, _)| (episode.id, episode.recording)).collect(),
         parts: parts(contents, request.kept_only).into_iter(),

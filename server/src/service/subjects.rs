@@ -3,7 +3,9 @@
 //! Lists fields only: `access::Subjects` limits and formats them. An audited rpc whose messages have no row here does not
 //! build, and a test compares the rows with the field names of the protos.
 
-use gleaner_proto::v1::{self, evaluate_spec, job_spec, session_request, session_response, train_spec};
+use gleaner_proto::v1::{
+    self, evaluate_spec, import_scores_request, job_spec, session_request, session_response, train_spec,
+};
 
 use crate::access::{Named, Subjects};
 
@@ -57,6 +59,10 @@ messages! {
     CreateSnapshotRequest { task }
     CreateSnapshotResponse { snapshot }
     Snapshot { id, task_id }
+    ImportScoresRequest { ; message }
+    ImportScoresOpen { snapshot_id, encoder_id }
+    ImportScoresResponse { score_run }
+    ScoreRun { id, task_id, encoder_id, snapshot_id }
     CreateDatasetRequest { score_run_id }
     CreateDatasetResponse { dataset }
     Dataset { id, task_id, score_run_id }
@@ -106,6 +112,7 @@ oneofs! {
     job_spec::Spec { Pretrain pretrain, Score score, Train train, Export export, Evaluate evaluate; }
     train_spec::Data { DatasetId dataset_id; ExpertsOf, ExpertsIn }
     evaluate_spec::Subject { PolicyId policy_id, Deployment deployment; }
+    import_scores_request::Message { Open open; Batch }
     session_request::Message { Open open; Observation, Close }
     session_response::Message { Opened opened, Action action, Closed closed; Missed, Draining }
 }

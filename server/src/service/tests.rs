@@ -194,6 +194,9 @@ async fn every_rpc_that_changes_something_is_in_the_audit_log_with_its_subjects(
     let pipeline = || Some(v1::PipelineSpec { pretrain: Some(pretrain()), ..Default::default() });
     let open = v1::SessionOpen { deployment: "arm".into(), ..Default::default() };
     let score = v1::ScoreSpec { encoder_id: format!("enc_{ID}"), ..Default::default() };
+    let (snapshot_id, encoder_id) = (format!("snap_{ID}"), format!("enc_{ID}"));
+    let import = v1::ImportScoresOpen { snapshot_id, source: "an oracle".into(), encoder_id };
+    let import = v1::import_scores_request::Message::Open(import);
     let (session, submitted) = (v1::session_request::Message::Open(open), v1::job_spec::Spec::Score(score));
     let at = v1::create_schedule_request::Trigger::LabelledEpisodes(5);
     entries! { server, pool, seen, wrong:
@@ -226,6 +229,8 @@ async fn every_rpc_that_changes_something_is_in_the_audit_log_with_its_subjects(
             -> PauseScheduleResponse, "NotFound", [format!("schedule_id=sch_{ID}")];
         ScheduleServiceDeleteSchedule(v1::DeleteScheduleRequest { schedule_id: format!("sch_{ID}") })
             -> DeleteScheduleResponse, "NotFound", [format!("schedule_id=sch_{ID}")];
+        ScoreServiceImportScores(v1::ImportScoresRequest { message: Some(import) }) -> ImportScoresResponse,
+            "NotFound", [format!("open.snapshot_id=snap_{ID}"), format!("open.encoder_id=enc_{ID}")];
         DatasetServiceCreateDataset(v1::CreateDatasetRequest { score_run_id: format!("run_{ID}"), selection: None })
             -> CreateDatasetResponse, "InvalidArgument", [format!("score_run_id=run_{ID}")];
         PolicyServiceDeploy(v1::DeployRequest { name: "arm".into(), policy_id: format!("pol_{ID}"), score_run_id: String::new(), ..Default::default() })

@@ -25,13 +25,13 @@ const DOCUMENTS: [Document; 9] = [
     ("its spec", "select id, spec from jobs", unreadable::<JobSpec>),
     ("its order", "select id, ordered from jobs where ordered <> ''", unreadable::<JobOrder>),
     ("its experts", "select id, expert_ids from score_runs", unreadable::<Vec<EpisodeId>>),
-    ("its settings", "select id, settings from score_runs", unreadable::<ScoreSpec>),
+    ("its settings", "select id, settings from score_runs where job_id is not null", unreadable::<ScoreSpec>),
     ("its pipeline", "select id, pipeline from schedules", unreadable::<PipelineSpec>),
     ("its trials", "select id, seeds from evaluations", unreadable::<Vec<SeedResult>>),
 ];
 
 /// Rules beyond foreign keys. Each returns the row and the problem, read at one moment.
-const RULES: [&str; 11] = [
+const RULES: [&str; 12] = [
     // The visible label of an episode is the newest of its history.
     "select id, 'its label is not the newest of its history' from episodes where not exists \
      (select 1 from labels where labels.id = (select max(id) from labels where episode_id = episodes.id) \
@@ -47,7 +47,8 @@ const RULES: [&str; 11] = [
      and not exists (select 1 from exports where id = result_id) \
      and not exists (select 1 from evaluations where id = result_id)",
     "select id, 'its job ' || job_id || ' did not make it' from \
-     (select id, job_id from encoders union all select id, job_id from score_runs union all select id, job_id from policies \
+     (select id, job_id from encoders union all select id, job_id from score_runs where job_id is not null \
+      union all select id, job_id from policies \
       union all select id, job_id from exports union all select id, job_id from evaluations where job_id is not null) \
      as made where not exists (select 1 from jobs where jobs.id = job_id and result_id = made.id and state = 'succeeded')",
     "select id, 'it waits for a job that has no result' from jobs where state = 'queued' and exists \
@@ -55,6 +56,9 @@ const RULES: [&str; 11] = [
       where job_id = jobs.id and needed.state in ('failed', 'cancelled'))",
     "select id, 'it has ended, and still has a checkpoint or a token' from jobs \
      where state in ('succeeded', 'failed', 'cancelled') and (checkpoint is not null or token_hash is not null)",
+    "select id, 'its score run ' || score_run_id || ' does not exist, and no job makes it' from datasets \
+     where not exists (select 1 from score_runs where score_runs.id = score_run_id) \
+     and not exists (select 1 from jobs where result_id = score_run_id and kind = 'score')",
     // Scores: one entry for each step, and every imperfect episode of the snapshot.
     "select score_run_id, 'its scores of ' || episode_id || ' do not fit the steps' from episode_scores \
      join episodes on episodes.id = episode_id where length(w) <> 8 * steps or length(q) <> 4 * steps \

@@ -12,7 +12,6 @@ use crate::{
     domain::{
         dataset::{Dataset, DatasetContents, DatasetCounts, KeptEpisode, KeptSegment, Nearest},
         id::{DatasetId, EpisodeId, ScoreRunId, TaskId},
-        job::JobKind,
         score::ScoreRun,
         selection::{Resolved, Rule, Selection, ranked},
         time::Millis,
@@ -66,7 +65,7 @@ fn columns(rule: Rule) -> (Option<f64>, Option<f64>) {
     }
 }
 
-/// Adds a dataset; the job that makes its run must exist.
+/// Adds a dataset; its run, or the job that makes it, must exist.
 pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, dataset: &Dataset) -> Result<()> {
     let (beta, top_fraction) = columns(dataset.selection.rule);
     sqlx::query(
@@ -94,7 +93,7 @@ impl Store {
     pub(crate) async fn insert_dataset(&self, run: &ScoreRunId, selection: Selection) -> Result<Dataset> {
         let dataset = Dataset {
             id: DatasetId::new(),
-            task_id: self.maker(JobKind::Score, "score run", run.as_str()).await?.task_id,
+            task_id: self.task_of_run(run).await?,
             score_run_id: run.clone(),
             selection,
             created_at: Millis::now(),
@@ -199,7 +198,6 @@ impl Store {
         let kept = self.kept(&run, dataset.selection).await?;
         Ok(DatasetContents {
             snapshot_id: run.snapshot_id.clone(),
-            encoder_id: run.encoder_id.clone(),
             experts: run.expert_ids.clone(),
             kept,
             dataset,

@@ -52,11 +52,13 @@ impl Store {
         }
     }
 
-    /// The encoder's l: a segment is the window of l + 1 steps that ends at its step.
+    /// The encoder's l: a segment is the window of l + 1 steps that ends at its step. Without an encoder l is 0: a segment
+    /// is its step.
     ///
     /// # Errors
     /// As for [`Store::encoder`].
-    pub(crate) async fn segment_length(&self, id: &EncoderId) -> Result<u32> {
+    pub(crate) async fn segment_length(&self, id: Option<&EncoderId>) -> Result<u32> {
+        let Some(id) = id else { return Ok(0) };
         let encoder = self.encoder(id).await?;
         match self.job(&encoder.job_id).await?.spec {
             JobSpec::Pretrain { spec, .. } => Ok(spec.model.segment_length),

@@ -42,7 +42,7 @@ impl Store {
         }
         match result {
             JobResult::Encoder(made) => encoder::insert(&mut tx, made).await?,
-            JobResult::Scores(run, episodes) => score::insert_run(&mut tx, run, episodes).await?,
+            JobResult::Scores(run, episodes) => score::insert_run(&mut tx, run, None, episodes).await?,
             JobResult::Policy(policy) => policy::insert(&mut tx, policy).await?,
             JobResult::Export(id, dataset, files) => {
                 export::insert(&mut tx, id, dataset, &job.id, files).await?;

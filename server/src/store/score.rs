@@ -1,43 +1,59 @@
 //! Score runs and their scores: one row for each episode, arrays packed.
 
-use sqlx::{Sqlite, Transaction};
+use sqlx::{Sqlite, Transaction, sqlite::SqliteRow};
 
 use super::{
     Store, fault,
-    row::{self, Column as _, record},
+    row::{self, Column, Record, column, record},
 };
 use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId, TaskId},
         job::JobKind,
-        score::{EpisodeScores, RunCounts, ScoreRun},
+        score::{EpisodeScores, Origin, RunCounts, ScoreRun},
     },
     error::{Error, Result},
 };
 
 const RUN: &str = "score run";
 
-record! { ScoreRun:
-    id, task_id, job_id, encoder_id, snapshot_id, spec = "settings", lo, hi, quantiles, extends, expert_ids, created_at
-}
+record! { ScoreRun: id, task_id, snapshot_id, lo, hi, quantiles, extends, expert_ids, created_at; origin }
 record! { EpisodeScores: episode_id, role, w, q, match_episode, match_step, distances }
 
-/// Adds a finished score run with its scores, in the snapshot's order.
+impl Record for Origin {
+    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+        match column(row, "job_id")? {
+            Some(job_id) => {
+                Ok(Self::Job { job_id, encoder_id: column(row, "encoder_id")?, spec: column(row, "settings")? })
+            }
+            None => Ok(Self::Import { encoder_id: column(row, "encoder_id")?, source: column(row, "source")? }),
+        }
+    }
+}
+
+/// Adds a finished score run with its scores, in the snapshot's order. `digest` identifies an import.
 pub(super) async fn insert_run(
     tx: &mut Transaction<'_, Sqlite>,
     run: &ScoreRun,
+    digest: Option<&str>,
     scores: &[EpisodeScores],
 ) -> Result<()> {
+    let (spec, source) = match &run.origin {
+        Origin::Job { spec, .. } => (Some(spec), None),
+        Origin::Import { source, .. } => (None, Some(source)),
+    };
     sqlx::query(
-        "insert into score_runs (id, task_id, job_id, encoder_id, snapshot_id, settings, lo, hi, expert_ids, \
-         created_at, extends, quantiles) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "insert into score_runs (id, task_id, job_id, encoder_id, snapshot_id, settings, source, digest, lo, hi, \
+         expert_ids, created_at, extends, quantiles) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(run.id.param())
     .bind(run.task_id.param())
-    .bind(run.job_id.param())
-    .bind(run.encoder_id.param())
+    .bind(run.origin.job_id().map(Column::param))
+    .bind(run.origin.encoder_id().map(Column::param))
     .bind(run.snapshot_id.param())
-    .bind(run.spec.param())
+    .bind(spec.map(Column::param))
+    .bind(source)
+    .bind(digest)
     .bind(run.lo)
     .bind(run.hi)
     .bind(run.expert_ids.param())
@@ -85,6 +101,57 @@ async fn insert_scores(
 }
 
 impl Store {
+    /// Stores an imported run with its scores, or returns the run that the same import stored before.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn insert_import(
+        &self,
+        run: &ScoreRun,
+        digest: &str,
+        scores: &[EpisodeScores],
+    ) -> Result<ScoreRun> {
+        let mut tx = self.write().await?;
+        let same = sqlx::query("select * from score_runs where digest = ?")
+            .bind(digest)
+            .try_map(row::read)
+            .fetch_optional(&mut *tx)
+            .await
+            .map_err(fault("looking for an import"))?;
+        if let Some(same) = same {
+            return Ok(same);
+        }
+        insert_run(&mut tx, run, Some(digest), scores).await?;
+        crate::fail_point::pass("import.rows_written");
+        self.commit_generation(tx).await?;
+        crate::fail_point::pass("import.committed");
+        Ok(run.clone())
+    }
+
+    /// The task of a run that is finished or may still be made.
+    ///
+    /// # Errors
+    /// NotFound; Precondition when its job failed.
+    pub(super) async fn task_of_run(&self, id: &ScoreRunId) -> Result<TaskId> {
+        match self.imported(id).await? {
+            Some(run) => Ok(run.task_id),
+            None => Ok(self.maker(JobKind::Score, RUN, id.as_str()).await?.task_id),
+        }
+    }
+
+    /// An imported run; `None` for another id.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn imported(&self, id: &ScoreRunId) -> Result<Option<ScoreRun>> {
+        sqlx::query("select * from score_runs where id = ? and job_id is null")
+            .bind(id.param())
+            .try_map(row::read)
+            .fetch_optional(self.read())
+            .await
+            .map_err(fault("reading an imported score run"))
+    }
+
     /// A finished score run.
     ///
     /// # Errors

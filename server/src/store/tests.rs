@@ -83,7 +83,7 @@ async fn rows_of_an_earlier_version_are_kept() {
         matches!(train.spec, JobSpec::Train { encoder_id: Some(_), ref spec, .. } if spec.weighting.settings["lambda"] == 0.3)
     );
     let read = store.score_run(&run).await.unwrap();
-    assert_eq!((read.spec, read.extends, read.quantiles.len()), (score, None, 0));
+    assert_eq!((read.origin.values(), read.extends, read.quantiles.len()), (score.values(), None, 0));
     assert_eq!(store.dataset(&dataset).await.unwrap().selection, Selection::beta(0.5));
     assert!(store.policy(&policy).await.unwrap().encoder_id.is_some());
     assert_eq!(store.deployment("arm@prod").await.unwrap().policy_id(), Some(&policy));

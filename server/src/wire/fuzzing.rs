@@ -9,8 +9,8 @@ use gleaner_recording::Limits;
 use prost::Message;
 
 use super::{
-    dataset, episode, evaluation, inference, job, policy, schedule, score, scoring, session, snapshot, task, upload,
-    worker,
+    dataset, episode, evaluation, import, inference, job, policy, schedule, score, scoring, session, snapshot, task,
+    upload, worker,
 };
 use crate::{
     domain::{client::Client, id::TaskId, time::Millis},
@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// How many kinds of messages [`message`] knows.
-pub const KINDS: u8 = 31;
+pub const KINDS: u8 = 33;
 
 /// Decodes `bytes` as a message of this kind and converts it. What is refused is refused as Invalid or Exhausted, and
 /// names a field and a fix.
@@ -54,6 +54,8 @@ pub fn message(kind: u8, bytes: &[u8]) {
         27 => convert(bytes, |request| Ok(worker::fail_request(request))),
         28 => convert(bytes, |request| worker::Completion::default().push(request)),
         29 => convert(bytes, |response: v1::GetAssignmentResponse| worker::assigned(response).map(|_| ())),
+        30 => convert(bytes, |request| import::open(Some(request))),
+        31 => convert(bytes, import::batch),
         _ => convert(bytes, infer),
     }
 }

@@ -4,6 +4,7 @@
 
 #[cfg(feature = "fuzzing")]
 pub mod fuzzing;
+pub(crate) mod import;
 pub(crate) mod inference;
 pub(crate) mod scoring;
 pub(crate) mod session;

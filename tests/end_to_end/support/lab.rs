@@ -186,6 +186,21 @@ pub fn train(data: train_spec::Data, steps: u32) -> job_spec::Spec {
     job_spec::Spec::Train(TrainSpec { data: Some(data), settings })
 }
 
+/// The messages that import a q of 0.5 for every step of a snapshot's imperfect episodes.
+pub async fn import(api: &mut Api, snapshot: &str, source: &str) -> Vec<ImportScoresRequest> {
+    let request = GetSnapshotRequest { snapshot_id: snapshot.to_owned() };
+    let members = api.snapshots.get_snapshot(request).await.unwrap().into_inner().episodes;
+    let imperfect = members.into_iter().filter(|episode| episode.role() == Role::Imperfect);
+    let episodes = imperfect.map(|episode| ImportedEpisode {
+        q: vec![0.5; usize::try_from(episode.steps).unwrap()],
+        episode_id: episode.episode_id,
+    });
+    let open = ImportScoresOpen { snapshot_id: snapshot.into(), source: source.into(), ..ImportScoresOpen::default() };
+    let batch = ImportedEpisodes { episodes: episodes.collect() };
+    let messages = [import_scores_request::Message::Open(open), import_scores_request::Message::Batch(batch)];
+    messages.map(|message| ImportScoresRequest { message: Some(message) }).into()
+}
+
 /// Selects segments whose q is above β.
 pub fn above(beta: f64) -> Selection {
     Selection { rule: Some(selection::Rule::Beta(beta)), shape: None }

@@ -9,6 +9,7 @@ pub(crate) mod evaluate;
 pub(crate) mod evaluations;
 pub(crate) mod export;
 pub(crate) mod follow;
+pub(crate) mod import_scores;
 pub(crate) mod jobs;
 pub(crate) mod kinds;
 pub(crate) mod label;

@@ -84,27 +84,14 @@ pub fn histogram_response(histogram: &Histogram, expert_auroc: Option<f64>) -> v
 
 /// A score run with its counts.
 pub fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
-    let ScoreRun {
-        id,
-        task_id,
-        job_id: _,
-        encoder_id,
-        snapshot_id,
-        spec,
-        lo,
-        hi,
-        quantiles: _,
-        extends,
-        expert_ids: _,
-        created_at,
-    } = run;
+    let ScoreRun { id, task_id, origin, snapshot_id, lo, hi, quantiles: _, extends, expert_ids: _, created_at } = run;
     let RunCounts { imperfect_episodes, imperfect_segments, expert_segments } = counts;
     v1::ScoreRun {
         id: id.into(),
         task_id: task_id.into(),
-        encoder_id: encoder_id.into(),
+        encoder_id: origin.encoder_id().map(ToString::to_string).unwrap_or_default(),
         snapshot_id: snapshot_id.into(),
-        settings: Some(crate::proto::to_struct(&spec.values())),
+        settings: Some(crate::proto::to_struct(&origin.values())),
         lo,
         hi,
         imperfect_episodes,

@@ -9,6 +9,7 @@ use gleaner_core::{
     id::PolicyId,
     job::{Job, JobKind, JobSpec, JobState},
     policy::Deployment,
+    score::ScoreRun,
     snapshot::Snapshot,
 };
 use maud::Markup;
@@ -39,6 +40,24 @@ pub(crate) async fn of_job(backend: &dyn Backend, job: &Job) -> Result<Markup> {
     Ok(card::row(&family.cards, &job.result_id))
 }
 
+/// The lineage of a score run.
+///
+/// # Errors
+/// Internal.
+pub(crate) async fn of_run(backend: &dyn Backend, run: &ScoreRun) -> Result<Markup> {
+    if let Some(job) = run.origin.job_id() {
+        return of_job(backend, &backend.job(job).await?).await;
+    }
+    let mut family = Family::new(backend);
+    family.imported(run).await?;
+    let datasets = backend.datasets(&run.task_id).await?;
+    let datasets: Vec<&Dataset> = datasets.iter().filter(|dataset| dataset.score_run_id == run.id).collect();
+    datasets.iter().for_each(|dataset| family.add(of_a_dataset(dataset)));
+    let named: Vec<&str> = datasets.iter().map(|dataset| dataset.id.as_str()).collect();
+    family.after(&backend.jobs_naming(&run.task_id, &named).await?);
+    Ok(card::row(&family.cards, run.id.as_str()))
+}
+
 /// The lineage of a dataset.
 ///
 /// # Errors
@@ -49,6 +68,8 @@ pub(crate) async fn of_dataset(backend: &dyn Backend, dataset: &Dataset) -> Resu
     if let Some(scoring) = backend.job_of_result(dataset.score_run_id.as_str()).await? {
         family.add(of_result(&scoring));
         family.before(scoring).await?;
+    } else {
+        family.imported(&backend.score_run(&dataset.score_run_id).await?).await?;
     }
     family.after(&backend.jobs_naming(&dataset.task_id, &[dataset.id.as_str()]).await?);
     Ok(card::row(&family.cards, dataset.id.as_str()))
@@ -62,7 +83,11 @@ pub(crate) async fn of_snapshot(backend: &dyn Backend, snapshot: &Snapshot) -> R
     let mut family = Family::new(backend);
     family.add(of_episodes(snapshot));
     let jobs = backend.jobs_naming(&snapshot.task_id, &[snapshot.id.as_str()]).await?;
-    let results: BTreeSet<&str> = jobs.iter().map(|job| job.result_id.as_str()).collect();
+    let mut runs = backend.score_runs(&snapshot.task_id).await?;
+    runs.retain(|run| run.origin.job_id().is_none() && run.snapshot_id == snapshot.id);
+    runs.iter().for_each(|run| family.add(of_an_import(run)));
+    let imported = runs.iter().map(|run| run.id.as_str());
+    let results: BTreeSet<&str> = jobs.iter().map(|job| job.result_id.as_str()).chain(imported).collect();
     let datasets = backend.datasets(&snapshot.task_id).await?;
     let selected = datasets.iter().filter(|dataset| results.contains(dataset.score_run_id.as_str()));
     selected.for_each(|dataset| family.add(of_a_dataset(dataset)));
@@ -87,6 +112,18 @@ impl<'a> Family<'a> {
         }
     }
 
+    /// An imported run, its episodes, and its encoder with its own inputs.
+    async fn imported(&mut self, run: &ScoreRun) -> Result<()> {
+        self.add(of_an_import(run));
+        self.add(of_episodes(&self.backend.snapshot(&run.snapshot_id).await?));
+        let Some(encoder) = run.origin.encoder_id() else { return Ok(()) };
+        if let Some(pretraining) = self.backend.job_of_result(encoder.as_str()).await? {
+            self.add(of_result(&pretraining));
+            self.before(pretraining).await?;
+        }
+        Ok(())
+    }
+
     /// Every input named by a job's spec, and their own inputs.
     async fn before(&mut self, job: Job) -> Result<()> {
         let mut makers = VecDeque::from([job]);
@@ -99,6 +136,9 @@ impl<'a> Family<'a> {
                     }
                     Input::Dataset(dataset) => self.add(of_a_dataset(dataset)),
                     Input::Snapshot(_) | Input::Encoder(_) | Input::ScoreRun(_) | Input::Policy(_) => {}
+                }
+                if let (Input::Dataset(dataset), None) = (&input, &maker) {
+                    self.add(of_an_import(&self.backend.score_run(&dataset.score_run_id).await?));
                 }
                 if let Some(maker) = maker.filter(|maker| !self.known.contains(&maker.result_id)) {
                     self.add(of_result(&maker));
@@ -145,6 +185,11 @@ fn of_result(job: &Job) -> Card {
     };
     let state = (job.state != JobState::Succeeded).then_some(job.state);
     Card { stage, id: job.result_id.clone(), to, summary, state }
+}
+
+fn of_an_import(run: &ScoreRun) -> Card {
+    let id = run.id.to_string();
+    Card { stage: Stage::Scores, to: link::page(&id), id, summary: run.origin.scorer().to_owned(), state: None }
 }
 
 fn of_a_dataset(dataset: &Dataset) -> Card {

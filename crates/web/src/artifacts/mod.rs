@@ -11,7 +11,7 @@ mod snapshot;
 pub(super) use self::{
     encoder::show as encoder,
     evaluations::rate,
-    lineage::{episodes, of_dataset, of_job, of_snapshot},
+    lineage::{episodes, of_dataset, of_job, of_run, of_snapshot},
     policy::show as policy,
     snapshot::show as snapshot,
 };

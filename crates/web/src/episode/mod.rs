@@ -148,7 +148,7 @@ fn chosen<'a>(id: &str, runs: &'a [ScoreRun]) -> Result<Option<&'a ScoreRun>> {
 
 async fn scored(backend: &dyn Backend, id: &EpisodeId, run: ScoreRun) -> Result<Scored> {
     let scores = backend.episode_scores(&run.id, id).await?;
-    let segment_length = backend.segment_length(&run.encoder_id).await?;
+    let segment_length = backend.segment_length(run.origin.encoder_id()).await?;
     Ok(Scored { run, scores, segment_length })
 }
 

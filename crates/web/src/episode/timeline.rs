@@ -67,7 +67,9 @@ fn quality(view: &View, scored: &Scored, times: &[f64]) -> Markup {
         }
         p.formats {
             @if scores.role == Role::Expert {
-                "This episode is an expert of the run: it is compared with the other experts and kept in full for every β. "
+                "This episode is an expert of the run: it is "
+                @if scored.run.origin.job_id().is_some() { "compared with the other experts and " }
+                "kept in full for every β. "
             }
             "Shading marks steps at which a kept segment ends (q > β). A segment covers that step and the "
             (text::counted(u64::from(scored.segment_length), "step")) " before. "

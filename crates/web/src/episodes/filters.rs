@@ -71,7 +71,7 @@ fn run_choices(runs: &[ScoreRun]) -> Vec<(String, String)> {
 
 /// The description of a run in a list.
 pub(crate) fn describe(run: &ScoreRun) -> String {
-    format!("{} UTC · {} · {}", text::time(run.created_at), run.spec.scorer.name, link::short(run.id.as_str()))
+    format!("{} UTC · {} · {}", text::time(run.created_at), run.origin.scorer(), link::short(run.id.as_str()))
 }
 
 #[cfg(test)]

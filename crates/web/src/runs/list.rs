@@ -4,13 +4,13 @@ use std::collections::HashMap;
 
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::{
-    Result, Words as _,
+    Result, Values, Words as _,
     dataset::Dataset,
     id::{DatasetId, SnapshotId},
     job::{Job, JobKind, JobState},
     order::JobFilter,
     policy::Policy,
-    score::ScoreRun,
+    score::{Origin, ScoreRun},
     snapshot::Snapshot,
     task::Task,
 };
@@ -144,9 +144,11 @@ impl RunsOfTask {
             td.when { (text::time(run.created_at)) }
             td.number { @if let Some(snapshot) = snapshot { (text::count(snapshot.expert_episodes)) } }
             td.number { @if let Some(snapshot) = snapshot { (text::count(snapshot.imperfect_episodes)) } }
-            td.when { (run.spec.scorer.name) }
-            td { (run.spec.normaliser.as_str()) }
-            td { (link::brief(run.encoder_id.as_str(), Some(&format!("/encoders/{}", run.encoder_id)))) }
+            td.when { (run.origin.scorer()) }
+            td { (normaliser(run)) }
+            td { @if let Some(encoder) = run.origin.encoder_id() {
+                (link::brief(encoder.as_str(), Some(&format!("/encoders/{encoder}"))))
+            } }
             td { @for dataset in self.datasets_of(run) {
                 a.tag.kept href=(format!("/datasets/{}", dataset.id)) { (link::selection(dataset.selection)) } " "
             } }
@@ -182,11 +184,11 @@ impl RunsOfTask {
                 json!(run.snapshot_id),
                 json!(snapshot.map(|snapshot| snapshot.expert_episodes)),
                 json!(snapshot.map(|snapshot| snapshot.imperfect_episodes)),
-                json!(run.spec.scorer.name),
-                json!(serde_json::Value::Object(run.spec.scorer.settings.clone()).to_string()),
-                json!(run.spec.normaliser.as_str()),
-                json!(run.encoder_id),
-                json!(run.job_id),
+                json!(run.origin.scorer()),
+                json!(serde_json::Value::Object(scorer_settings(run)).to_string()),
+                json!(normaliser(run)),
+                json!(run.origin.encoder_id()),
+                json!(run.origin.job_id()),
                 json!(datasets.join(" ")),
             ]
         };
@@ -220,5 +222,21 @@ impl RunsOfTask {
         };
         let columns = &["policy_id", "created_at", "kind", "encoder_id", "dataset_id", "job_id"];
         Sheet { name: format!("{}-policies", task.spec.name), columns, rows: self.policies.iter().map(row).collect() }
+    }
+}
+
+/// The word of the run's normaliser; empty for an import, whose scores came as q.
+fn normaliser(run: &ScoreRun) -> &'static str {
+    match &run.origin {
+        Origin::Job { spec, .. } => spec.normaliser.as_str(),
+        Origin::Import { .. } => "",
+    }
+}
+
+/// The settings of the run's scorer; of an import, its source.
+fn scorer_settings(run: &ScoreRun) -> Values {
+    match &run.origin {
+        Origin::Job { spec, .. } => spec.scorer.settings.clone(),
+        Origin::Import { source, .. } => Values::from_iter([("source".to_owned(), source.as_str().into())]),
     }
 }

@@ -4,7 +4,7 @@ use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::{
     Group as _, Result, Values, Words as _,
     id::ScoreRunId,
-    score::ScoreRun,
+    score::{Origin, ScoreRun},
     selection::{Rule, SelectionShape, WhatIf},
     snapshot::Snapshot,
     task::Task,
@@ -41,13 +41,13 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
     let task = backend.task_by_id(&run.task_id).await?;
     let body = html! {
         h1 { "Score run " (link::tail(run.id.as_str())) }
-        p.lead { (run.spec.scorer.name) " over " (text::counted(what.total.of_episodes, "imperfect episode")) ", against "
+        p.lead { (run.origin.scorer()) " over " (text::counted(what.total.of_episodes, "imperfect episode")) ", against "
             (text::counted(run.expert_ids.len() as u64, "expert")) ", " (text::time(run.created_at)) " UTC" }
         (threshold(&request, &*summary, &what).await?)
         (following(&*summary, &what, order))
         (sheets(&*summary, &task).await?)
         h2 { "Lineage" }
-        (artifacts::of_job(backend, &backend.job(&run.job_id).await?).await?)
+        (artifacts::of_run(backend, run).await?)
         h2 { "Facts" }
         (facts(run, &backend.snapshot(&run.snapshot_id).await?))
     };
@@ -162,15 +162,20 @@ fn facts(run: &ScoreRun, snapshot: &Snapshot) -> Markup {
     html! {
         dl.facts.panel {
             dt { "Score run" } dd.id { (run.id) }
-            dt { "Scorer" } dd { (run.spec.scorer.name) }
-            @for (name, value) in settings::rows(&run.spec.scorer.settings) { dt { (name) } dd { (value) } }
-            dt { "Normaliser" }
-            dd { (run.spec.normaliser.as_str()) "; with local scaling, " (format!("{:.3}", run.lo)) " is q = 0 and "
-                (format!("{:.3}", run.hi)) " is q = 1" }
+            dt { "Scorer" } dd { (run.origin.scorer()) }
+            @match &run.origin {
+                Origin::Job { spec, .. } => {
+                    @for (name, value) in settings::rows(&spec.scorer.settings) { dt { (name) } dd { (value) } }
+                    dt { "Normaliser" }
+                    dd { (spec.normaliser.as_str()) "; with local scaling, " (format!("{:.3}", run.lo)) " is q = 0 and "
+                        (format!("{:.3}", run.hi)) " is q = 1" }
+                }
+                Origin::Import { source, .. } => { dt { "Source" } dd { (source) } }
+            }
             dt { "Episodes" } dd { (artifacts::episodes(snapshot)) " (" (link::whole(run.snapshot_id.as_str())) ")" }
-            dt { "Encoder" } dd { (link::whole(run.encoder_id.as_str())) }
+            @if let Some(encoder) = run.origin.encoder_id() { dt { "Encoder" } dd { (link::whole(encoder.as_str())) } }
             @if let Some(base) = &run.extends { dt { "Extends" } dd { (link::whole(base.as_str())) } }
-            dt { "Created by" } dd { (link::whole(run.job_id.as_str())) }
+            @if let Some(job) = run.origin.job_id() { dt { "Created by" } dd { (link::whole(job.as_str())) } }
         }
     }
 }

@@ -156,8 +156,9 @@ const CONTRIBUTOR: [&str; 13] = [
     "DeleteEpisodes",
     "UndeleteEpisodes",
 ];
-const TRAINER: [&str; 11] = [
+const TRAINER: [&str; 12] = [
     "CreateSnapshot",
+    "ImportScores",
     "SubmitJob",
     "SubmitPipeline",
     "CancelJob",

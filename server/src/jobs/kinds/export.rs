@@ -15,7 +15,7 @@ use crate::{
 
 pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, dataset_id: DatasetId) -> Result<Resolved> {
     let (maker, _, _) = jobs.dataset(task, "spec.export.dataset_id", &dataset_id).await?;
-    Ok(Resolved::new(JobSpec::Export { dataset_id }, Some(maker)))
+    Ok(Resolved::new(JobSpec::Export { dataset_id }, maker))
 }
 
 pub(super) async fn inputs(jobs: &Jobs, dataset: &DatasetId, inputs: &mut Inputs) -> Result<()> {
@@ -28,7 +28,7 @@ pub(super) async fn inputs(jobs: &Jobs, dataset: &DatasetId, inputs: &mut Inputs
         let scores = store.episode_scores(&contents.run.id, &kept.episode.id).await?;
         (kept.similarities, kept.qualities) = (scores.w, scores.q);
     }
-    inputs.segment_length = store.segment_length(&contents.encoder_id).await?;
+    inputs.segment_length = store.segment_length(contents.run.origin.encoder_id()).await?;
     Ok(())
 }
 

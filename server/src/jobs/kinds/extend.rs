@@ -19,8 +19,8 @@ use crate::{
 /// A scoring that extends a finished run, with that run's encoder and settings.
 ///
 /// # Errors
-/// NotFound; Precondition when the run is not finished or the snapshot lacks one of its experts; Invalid when the
-/// order's settings differ from the run's.
+/// NotFound; Precondition when the run is not finished or was imported, or the snapshot lacks one of its experts; Invalid
+/// when the order's settings differ from the run's.
 pub(super) async fn extension(
     jobs: &Jobs,
     task: &TaskId,
@@ -30,20 +30,21 @@ pub(super) async fn extension(
 ) -> Result<JobSpec> {
     let base = jobs.0.store.score_run(run).await?;
     same_task("spec.score.extends", run.as_str(), &base.task_id, task)?;
-    if let Some(encoder) = encoder.filter(|encoder| *encoder != base.encoder_id) {
+    let (job, scored_with, _) = base.origin.job(run, "cannot score more episodes")?;
+    if let Some(encoder) = encoder.filter(|encoder| encoder != scored_with) {
         return Err(Error::invalid(
             "spec.score.encoder_id",
-            format!("is {encoder}, but {run} was scored with {}; leave it out", base.encoder_id),
+            format!("is {encoder}, but {run} was scored with {scored_with}; leave it out"),
         ));
     }
-    let JobSpec::Score { spec: frozen, .. } = jobs.0.store.job(&base.job_id).await?.spec else {
+    let JobSpec::Score { spec: frozen, .. } = jobs.0.store.job(job).await?.spec else {
         return Err(Error::internal("reading a run's spec", "its job is not a score job"));
     };
     let spec = settings(&requested, frozen)?;
-    let (_, own) = jobs.encoder(task, "spec.score.encoder_id", &base.encoder_id).await?;
+    let (_, own) = jobs.encoder(task, "spec.score.encoder_id", scored_with).await?;
     let snapshot_id = jobs.scored_snapshot(task, snapshot, own).await?;
     has_every_expert(jobs, &base, &snapshot_id).await?;
-    Ok(JobSpec::Score { encoder_id: base.encoder_id, snapshot_id, extends: Some(run.clone()), spec })
+    Ok(JobSpec::Score { encoder_id: scored_with.clone(), snapshot_id, extends: Some(run.clone()), spec })
 }
 
 async fn has_every_expert(jobs: &Jobs, base: &ScoreRun, snapshot: &SnapshotId) -> Result<()> {

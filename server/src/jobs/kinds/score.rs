@@ -9,7 +9,7 @@ use crate::{
     domain::{
         id::{EncoderId, EpisodeId, ScoreRunId, SnapshotId, TaskId},
         job::{Job, JobSpec},
-        score::{EpisodeScores, ScoreRun},
+        score::{EpisodeScores, Origin, ScoreRun},
         snapshot::{Role, SnapshotEpisode},
         time::Millis,
         work::{FrozenRun, Inputs},
@@ -29,7 +29,7 @@ pub(super) async fn resolve(
 ) -> Result<Resolved> {
     if let Some(run) = extends {
         let spec = extend::extension(jobs, task, &run, (encoder, snapshot), spec).await?;
-        return Ok(Resolved::new(spec, Some(jobs.0.store.score_run(&run).await?.job_id)));
+        return Ok(Resolved::new(spec, jobs.0.store.score_run(&run).await?.origin.job_id().cloned()));
     }
     let field = "spec.score.encoder_id";
     let encoder_id = encoder.ok_or_else(|| Error::invalid(field, "must be set"))?;
@@ -77,10 +77,8 @@ impl Finished<'_> {
         let run = ScoreRun {
             id: result_id(job, ScoreRunId::try_from)?,
             task_id: job.task_id.clone(),
-            job_id: job.id.clone(),
-            encoder_id: encoder_id.clone(),
+            origin: Origin::Job { job_id: job.id.clone(), encoder_id: encoder_id.clone(), spec: spec.clone() },
             snapshot_id: snapshot_id.clone(),
-            spec: spec.clone(),
             lo,
             hi,
             quantiles,

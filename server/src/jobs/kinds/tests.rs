@@ -10,6 +10,7 @@ use crate::{
         id::SnapshotId,
         order::{Queueing, Subject, TrainData},
         score::ScoreRun,
+        selection::Selection,
         snapshot::RoleRule,
         work::{FrozenRun, Made},
     },
@@ -97,7 +98,7 @@ async fn an_extension_has_the_settings_of_its_base() {
     let grown = bench.store.create_snapshot(&bench.task.id, &RoleRule::default()).await.unwrap().id;
     let job = submit(&bench, extend(&base, Some(grown.clone()), ScoreSpec::default())).await.unwrap();
     let JobSpec::Score { encoder_id, snapshot_id, extends, spec } = &job.spec else { panic!("not score") };
-    assert_eq!((encoder_id, snapshot_id, extends.as_ref()), (&base.encoder_id, &grown, Some(&base.id)));
+    assert_eq!((Some(encoder_id), snapshot_id, extends.as_ref()), (base.origin.encoder_id(), &grown, Some(&base.id)));
     assert_eq!(*spec, frozen);
 
     let inputs = bench.jobs.inputs(&job).await.unwrap();
@@ -200,4 +201,30 @@ async fn an_evaluation_is_of_a_task_that_can_be_simulated() {
     for wrong in [vec![result(0, 2)], vec![result(1, 2), result(0, 2)], vec![result(0, 2), result(1, 3)]] {
         assert_eq!(of(wrong).await.unwrap_err().kind(), Kind::Invalid);
     }
+}
+
+#[tokio::test]
+async fn jobs_on_imported_scores_wait_for_no_job() {
+    let bench = Bench::new().await;
+    let encoder = results::encoder(&bench.store, &bench.task).await;
+    let dataset = async |encoder_id| {
+        let run = results::import(&bench.store, &bench.task, &encoder, encoder_id).await;
+        (bench.store.insert_dataset(&run.id, Selection::beta(0.5)).await.unwrap().id, run)
+    };
+    let (plain, run) = dataset(None).await;
+    let job = submit(&bench, scratch(TrainData::Dataset(plain.clone()))).await.unwrap();
+    assert!(job.needs.is_empty());
+    assert!(submit(&bench, JobOrder::Export { dataset_id: plain.clone() }).await.unwrap().needs.is_empty());
+
+    let finetune = |dataset| JobOrder::Train { data: TrainData::Dataset(dataset), spec: TrainSpec::default() };
+    let error = submit(&bench, finetune(plain)).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition);
+    assert!(error.message().contains("imported without an encoder"), "{error}");
+    let (named, _) = dataset(Some(encoder.id.clone())).await;
+    let job = submit(&bench, finetune(named)).await.unwrap();
+    assert!(matches!(job.spec, JobSpec::Train { encoder_id: Some(id), .. } if id == encoder.id));
+
+    let error = submit(&bench, extend(&run, None, ScoreSpec::default())).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition);
+    assert!(error.message().contains("was imported"), "{error}");
 }

@@ -13,7 +13,7 @@ use crate::{
         time::Millis,
         work::Inputs,
     },
-    error::Result,
+    error::{Error, Result},
     jobs::Jobs,
     store::finish::JobResult,
 };
@@ -43,7 +43,13 @@ async fn learned_from(
         }
         TrainData::Dataset(dataset) => {
             let (maker, encoder, snapshot) = jobs.dataset(task, "spec.train.dataset_id", &dataset).await?;
-            Ok((Some(maker), (!scratch).then_some(encoder), snapshot, Some(dataset)))
+            if !scratch && encoder.is_none() {
+                return Err(Error::precondition(format!(
+                    "spec.train.dataset_id: the scores of {dataset} were imported without an encoder, which this policy \
+                     starts from; import them again with an encoder_id, or train a policy from scratch, such as bc"
+                )));
+            }
+            Ok((maker, encoder.filter(|_| !scratch), snapshot, Some(dataset)))
         }
     }
 }

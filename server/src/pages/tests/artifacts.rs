@@ -103,7 +103,7 @@ async fn a_snapshot_and_an_encoder_link_to_their_results() {
     let (task, encoder) = encoder(&pages).await;
     let store = &pages.services.store;
     let run = results::run(store, &task, &encoder, &[]).await;
-    results::set_state(store, &run.job_id, JobState::Succeeded, "").await;
+    results::set_state(store, run.origin.job_id().unwrap(), JobState::Succeeded, "").await;
     let dataset = store.insert_dataset(&run.id, Selection::beta(0.5)).await.unwrap();
     let policy = results::policy(store, &task, &encoder, blake3::hash(b"policy").into()).await;
     results::set_state(store, &policy.job_id, JobState::Succeeded, "").await;
@@ -172,6 +172,6 @@ async fn a_dataset_shows_its_inputs_and_later_results() {
         assert!(shown.contains(there), "{there} is not in {shown}");
     }
     assert!(shown.contains("1 expert, 1 imperfect") && shown.contains("q &gt; 0.25"), "{shown}");
-    let shown = text(&pages, &format!("/jobs/{}", run.job_id)).await;
+    let shown = text(&pages, &format!("/jobs/{}", run.origin.job_id().unwrap())).await;
     assert!(shown.contains(&format!("/datasets/{}", dataset.id)) && shown.contains(export.as_str()), "{shown}");
 }

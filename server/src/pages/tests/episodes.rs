@@ -69,7 +69,13 @@ async fn the_table_filters_sorts_and_shows_q_of_the_newest_run() {
         results::scores(&other.id, Part::Imperfect, &[0.75; 20]),
     ];
     let run = results::run(&lab.pages.services.store, &lab.task, &encoder, &scores).await;
-    results::set_state(&lab.pages.services.store, &run.job_id, crate::domain::job::JobState::Succeeded, "").await;
+    results::set_state(
+        &lab.pages.services.store,
+        run.origin.job_id().unwrap(),
+        crate::domain::job::JobState::Succeeded,
+        "",
+    )
+    .await;
 
     let ids = |rows: &[Value]| rows.iter().map(|row| row["id"].as_str().unwrap().to_owned()).collect::<Vec<_>>();
     let of = |episodes: &[&Episode]| episodes.iter().map(|episode| episode.id.to_string()).collect::<Vec<_>>();

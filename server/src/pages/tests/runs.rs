@@ -80,7 +80,7 @@ async fn counts_follow_the_threshold_on_the_page_and_for_programs() {
 async fn an_invalid_threshold_or_run_is_refused_by_name() {
     let pages = Pages::open(false).await;
     let (task, run) = run(&pages.services.store).await;
-    let encoder = pages.services.store.encoder(&run.encoder_id).await.unwrap();
+    let encoder = pages.services.store.encoder(run.origin.encoder_id().unwrap()).await.unwrap();
     let (_, coming) = results::scoring(&pages.services.store, &task, &encoder).await;
     for (path, status, message) in [
         (format!("/runs/{}?beta=high", run.id), StatusCode::BAD_REQUEST, "beta: "),
@@ -134,11 +134,39 @@ async fn a_dataset_is_made_once_and_its_page_shows_its_counts() {
 }
 
 #[tokio::test]
+async fn an_imported_run_is_shown_with_its_source() {
+    let pages = Pages::open(false).await;
+    let store = &pages.services.store;
+    let (task, scored) = run(store).await;
+    let encoder = store.encoder(scored.origin.encoder_id().unwrap()).await.unwrap();
+    let imported = results::import(store, &task, &encoder, None).await;
+    let named = results::import(store, &task, &encoder, Some(encoder.id.clone())).await;
+    let dataset = store.insert_dataset(&imported.id, Selection::beta(0.5)).await.unwrap().id;
+    let shown = async |path: String| pages.get(&Client::default(), &path).await.text();
+    let page = shown(format!("/runs/{}", imported.id)).await;
+    let (of, made) = (format!("/snapshots/{}", imported.snapshot_id), format!("/datasets/{dataset}"));
+    for part in ["imported over", "an oracle", of.as_str(), made.as_str()] {
+        assert!(page.contains(part), "{part} is not in {page}");
+    }
+    let from = format!("/encoders/{}", encoder.id);
+    assert!(!page.contains(&from) && !page.contains("Created by"), "{page}");
+    assert!(shown(format!("/runs/{}", named.id)).await.contains(&from));
+    let there = format!("/runs/{}", imported.id);
+    for path in [made, of, format!("/tasks/{}/runs", task.spec.name)] {
+        assert!(shown(path.clone()).await.contains(&there), "{path} does not show the run");
+    }
+    let rows = json(&pages, &format!("/tasks/{}/runs?format=json", task.spec.name)).await;
+    let row = rows.as_array().unwrap().iter().find(|row| row["score_run_id"] == imported.id.as_str()).unwrap();
+    assert_eq!((&row["scorer"], &row["job_id"], &row["encoder_id"]), (&"imported".into(), &Value::Null, &Value::Null));
+    assert!(row["settings"].as_str().unwrap().contains("an oracle"), "{row}");
+}
+
+#[tokio::test]
 async fn a_dataset_of_a_pending_run_reports_it() {
     let pages = Pages::open(false).await;
     let (task, run) = run(&pages.services.store).await;
     let store = &pages.services.store;
-    let encoder = store.encoder(&run.encoder_id).await.unwrap();
+    let encoder = store.encoder(run.origin.encoder_id().unwrap()).await.unwrap();
     let (job, coming) = results::scoring(store, &task, &encoder).await;
     let dataset = store.insert_dataset(&coming, Selection::beta(0.5)).await.unwrap();
     let shown = pages.get(&Client::default(), &format!("/datasets/{}", dataset.id)).await;
@@ -174,7 +202,7 @@ async fn a_policy_shows_its_success_and_inputs() {
     let pages = Pages::open(false).await;
     let (task, run) = run(&pages.services.store).await;
     let store = &pages.services.store;
-    let encoder = store.encoder(&run.encoder_id).await.unwrap();
+    let encoder = store.encoder(run.origin.encoder_id().unwrap()).await.unwrap();
     let policy = results::policy(store, &task, &encoder, blake3::hash(b"policy").into()).await;
     let evaluation = Evaluation {
         id: EvaluationId::new(),

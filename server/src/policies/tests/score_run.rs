@@ -20,11 +20,13 @@ async fn a_run_that_cannot_score_leaves_the_deployment_unchanged() {
         ..Default::default()
     };
     let raw = results::run_of(&lab.store, &lab.task, &lab.encoder, raw, &[]).await.id;
+    let imported = results::import(&lab.store, &lab.task, &lab.encoder, Some(lab.encoder.id.clone())).await.id;
     let (_, unfinished) = results::scoring(&lab.store, &lab.task, &lab.encoder).await;
 
     for (run, kind, words) in [
         (foreign, Kind::Invalid, ["score_run_id: ", "belongs to"]),
         (raw, Kind::Precondition, ["raw", "ssdf"]),
+        (imported, Kind::Precondition, ["was imported", "cannot score live"]),
         (unfinished, Kind::Precondition, ["job_", ""]),
         (ScoreRunId::new(), Kind::NotFound, ["score run", ""]),
     ] {

@@ -101,10 +101,13 @@ mod tests {
         };
         let pretraining = of(encoder.job_id.clone()).await;
         assert!(matches!(&pretraining.inputs[..], [(Input::Snapshot(id), None)] if *id == encoder.snapshot_id));
-        assert_eq!(ids(&pretraining.jobs), [run.job_id.as_str(), training.as_str(), policy.job_id.as_str()]);
+        assert_eq!(
+            ids(&pretraining.jobs),
+            [run.origin.job_id().unwrap().as_str(), training.as_str(), policy.job_id.as_str()]
+        );
         assert!(pretraining.datasets.is_empty() && pretraining.deployments.is_empty());
 
-        let scoring = of(run.job_id.clone()).await;
+        let scoring = of(run.origin.job_id().unwrap().clone()).await;
         assert!(matches!(&scoring.inputs[1], (Input::Encoder(_), Some(job)) if job.id == encoder.job_id));
         assert_eq!(ids(&scoring.jobs), [training.as_str()], "by way of its dataset");
         assert_eq!(scoring.datasets[0].id, dataset.id);
@@ -112,7 +115,7 @@ mod tests {
 
         let trained = of(training).await;
         let (Input::Dataset(found), Some(maker)) = &trained.inputs[2] else { panic!("{:?}", trained.inputs) };
-        assert_eq!((&found.id, &maker.id), (&dataset.id, &run.job_id));
+        assert_eq!((&found.id, &maker.id), (&dataset.id, run.origin.job_id().unwrap()));
         assert!(trained.jobs.is_empty());
 
         let acting = of(policy.job_id.clone()).await;
@@ -120,7 +123,7 @@ mod tests {
         let newer = results::policy(&store, &task, &encoder, blake3::hash(b"newer").into()).await;
         store.deploy("arm", &task.id, &crate::domain::policy::Assignment::of(&newer.id)).await.unwrap();
         assert!(of(policy.job_id).await.deployments.is_empty(), "it no longer acts");
-        assert!(of(run.job_id).await.deployments.is_empty());
+        assert!(of(run.origin.job_id().unwrap().clone()).await.deployments.is_empty());
     }
 
     #[tokio::test]

@@ -24,7 +24,7 @@ async fn contents_are_the_experts_and_segments_above_beta() {
 
     let contents = store.dataset_contents(&dataset.id).await.unwrap();
     assert_eq!(contents.experts, std::slice::from_ref(&expert.id));
-    assert_eq!((contents.snapshot_id, contents.encoder_id), (encoder.snapshot_id, encoder.id));
+    assert_eq!((contents.snapshot_id, contents.run.origin), (encoder.snapshot_id, run.origin));
     let segment = |end_step, weight| {
         let nearest = Some(Nearest { episode_id: expert.id.clone(), end_step });
         KeptSegment { end_step, weight, nearest }

@@ -30,11 +30,11 @@ async fn scores_round_trip() {
     assert_eq!(store.episode_scores(&run.id, &expert.id).await.unwrap(), all[1]);
     let read = store.score_run(&run.id).await.unwrap();
     assert_eq!(read.expert_ids, [expert.id]);
-    assert_eq!((&read.spec, &read.quantiles), (&run.spec, &run.quantiles));
+    assert_eq!((&read.origin, &read.quantiles), (&run.origin, &run.quantiles));
     let counts = store.run_counts(&run).await.unwrap();
     let expected = RunCounts { imperfect_episodes: 1, imperfect_segments: 3, expert_segments: 20 };
     assert_eq!(counts, expected);
-    let segment_length = store.segment_length(&encoder.id).await.unwrap();
+    let segment_length = store.segment_length(Some(&encoder.id)).await.unwrap();
     assert_eq!(segment_length, gleaner_core::PretrainSpec::default().model.segment_length);
     let stranger = EpisodeId::new();
     assert_eq!(store.episode_scores(&run.id, &stranger).await.unwrap_err().kind(), Kind::NotFound);

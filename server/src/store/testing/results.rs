@@ -8,7 +8,7 @@ use crate::domain::{
     job::{JobSpec, JobState},
     order::{NewJob, Plan},
     policy::Policy,
-    score::{Encoder, EpisodeScores, ScoreRun},
+    score::{Encoder, EpisodeScores, Origin, ScoreRun},
     snapshot::{Role, RoleRule},
     task::Task,
     time::Millis,
@@ -98,10 +98,8 @@ pub(crate) async fn run_of(
     let run = ScoreRun {
         id,
         task_id: task.id.clone(),
-        job_id,
-        encoder_id: encoder.id.clone(),
+        origin: Origin::Job { job_id, encoder_id: encoder.id.clone(), spec },
         snapshot_id: encoder.snapshot_id.clone(),
-        spec,
         lo: -2.0,
         hi: -0.25,
         quantiles: vec![-2.0, -0.25],
@@ -110,9 +108,27 @@ pub(crate) async fn run_of(
         created_at: Millis::now(),
     };
     let mut tx = store.write().await.unwrap();
-    score::insert_run(&mut tx, &run, scores).await.unwrap();
+    score::insert_run(&mut tx, &run, None, scores).await.unwrap();
     store.commit(tx).await.unwrap();
     run
+}
+
+/// A run of the encoder's snapshot that was imported without scores, with an encoder or without one.
+pub(crate) async fn import(store: &Store, task: &Task, of: &Encoder, encoder_id: Option<EncoderId>) -> ScoreRun {
+    let id = ScoreRunId::new();
+    let run = ScoreRun {
+        task_id: task.id.clone(),
+        origin: Origin::Import { encoder_id, source: "an oracle".into() },
+        snapshot_id: of.snapshot_id.clone(),
+        lo: 0.0,
+        hi: 1.0,
+        quantiles: Vec::new(),
+        extends: None,
+        expert_ids: Vec::new(),
+        created_at: Millis::now(),
+        id: id.clone(),
+    };
+    store.insert_import(&run, id.as_str(), &[]).await.unwrap()
 }
 
 /// Scores with these q; every step matches the first expert at the same step.

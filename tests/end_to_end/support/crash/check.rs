@@ -86,6 +86,11 @@ async fn expect_rows(lab: &Lab, before: &Acknowledged) -> Result<(), Status> {
     for id in &before.datasets {
         assert!(datasets.iter().any(|dataset| dataset.id == *id), "{id} is gone");
     }
+    let request = ListScoreRunsRequest { task: common::TASK.into() };
+    let runs = api.scores.list_score_runs(request).await?.into_inner().score_runs;
+    for id in &before.imports {
+        assert!(runs.iter().any(|run| run.id == *id), "{id} is gone");
+    }
     for id in before.snapshots.iter().rev().take(3) {
         api.snapshots.get_snapshot(GetSnapshotRequest { snapshot_id: id.clone() }).await?;
     }

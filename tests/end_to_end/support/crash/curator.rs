@@ -1,4 +1,5 @@
-//! The curator: labels, deletes and restores episodes of the load, creates snapshots and datasets, deploys policies.
+//! The curator: labels, deletes and restores episodes of the load, creates snapshots and datasets, imports scores, deploys
+//! policies.
 
 use std::sync::Arc;
 
@@ -18,11 +19,12 @@ pub async fn curate(lab: Arc<Lab>, stop: CancellationToken) {
     let mut n = 0_u32;
     while !stop.is_cancelled() {
         n += 1;
-        match n % 6 {
+        match n % 7 {
             0 => snapshot(&lab).await,
             1 => dataset(&lab, &mut random).await,
             2 => deploy(&lab, n, &mut random).await,
             3 => delete_or_restore(&lab, &mut random).await,
+            4 => import(&lab, n).await,
             _ => label(&lab, n, &mut random).await,
         }
         next_life(&lab).await;
@@ -90,6 +92,17 @@ async fn dataset(lab: &Lab, random: &mut StdRng) {
     let request = CreateDatasetRequest { score_run_id: lab.run.clone(), selection: Some(selection) };
     let made = retry!(lab, datasets.create_dataset(request)).unwrap();
     lab.ledger.add_dataset(made.into_inner().dataset.unwrap().id);
+}
+
+/// A new import each time: a repeated one stores nothing.
+async fn import(lab: &Lab, n: u32) {
+    let mut messages = lab.import.clone();
+    if let Some(import_scores_request::Message::Open(open)) = &mut messages[0].message {
+        open.source = format!("import {n}");
+    }
+    let requests = futures::stream::iter(messages);
+    let made = retry!(lab, scores.import_scores(requests)).unwrap();
+    lab.ledger.add_import(made.into_inner().score_run.unwrap().id);
 }
 
 async fn deploy(lab: &Lab, n: u32, random: &mut StdRng) {

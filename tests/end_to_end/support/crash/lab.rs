@@ -33,6 +33,8 @@ pub struct Lab {
     pub snapshot: String,
     pub encoder: String,
     pub run: String,
+    /// The messages that import scores of the core's snapshot.
+    pub import: Vec<ImportScoresRequest>,
     /// The number of uploads that may start by now, so that some remain until the last kill.
     pub due: watch::Sender<u64>,
     /// The number of restarts of the server.
@@ -58,7 +60,8 @@ impl Lab {
         let client = Client::connect(server.url(), None).await.unwrap();
         let recordings = tempfile::tempdir().unwrap();
         let (snapshot, due, lives) = (spec.snapshot_id, watch::Sender::new(0), watch::Sender::new(0));
-        Arc::new(Self { settings, client, api, ledger, recordings, snapshot, encoder, run, due, lives })
+        let import = lab::import(&mut api, &snapshot, "").await;
+        Arc::new(Self { settings, client, api, ledger, recordings, snapshot, encoder, run, import, due, lives })
     }
 
     /// Pretraining on the core, independent of the number of episodes.

@@ -38,6 +38,8 @@ pub struct Acknowledged {
     /// Jobs, with their last state if they have ended.
     pub jobs: BTreeMap<String, Option<JobState>>,
     pub datasets: BTreeSet<String>,
+    /// Imported score runs.
+    pub imports: BTreeSet<String>,
     pub snapshots: BTreeSet<String>,
     pub policies: Vec<String>,
     /// Names, with the requested policies and how many of them are acknowledged.
@@ -108,6 +110,12 @@ impl Ledger {
 
     pub fn add_policy(&self, id: String) {
         self.acknowledge(|all| all.policies.push(id));
+    }
+
+    pub fn add_import(&self, id: String) {
+        self.acknowledge(|all| {
+            all.imports.insert(id);
+        });
     }
 
     pub fn add_dataset(&self, id: String) {
