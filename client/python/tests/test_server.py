@@ -185,6 +185,37 @@ def test_the_histogram_counts_the_same_segments(client: gleaner.Client, lab: Lab
     assert lab.run in [run.id for run in client.scores.list(TASK)]
 
 
+def test_scores_made_elsewhere_become_a_run(client: gleaner.Client, lab: Lab) -> None:
+    snapshot = client.scores.get(lab.run).snapshot_id
+    steps = {episode: client.episodes.get(episode).steps for episode in lab.failures}
+    names = [lab.failures[0], *(client.episodes.get(episode).blake3 for episode in lab.failures[1:])]
+    table = {
+        "episode": np.repeat(names, list(steps.values())),
+        "step": np.concatenate([np.arange(count) for count in steps.values()]),
+        "q": np.concatenate([np.linspace(0.0, 1.0, count) for count in steps.values()]),
+    }
+    run = client.scores.import_scores(snapshot, table, source="an oracle")
+    assert dict(run.settings) == {"scorer": "imported", "source": "an oracle"}
+    backwards = {name: column[::-1] for name, column in table.items()}
+    assert client.scores.import_scores(snapshot, backwards, source="an oracle").id == run.id
+    scores = client.scores.episode(run.id, lab.failures[1])
+    np.testing.assert_array_equal(scores.w, np.linspace(0.0, 1.0, steps[lab.failures[1]]))
+    assert len(scores.match_episode) == 0
+    dataset = client.datasets.create(run.id, beta=0.5)
+    assert dataset.kept_segments == int((table["q"].astype(np.float32) > 0.5).sum())
+    with pytest.raises(gleaner.InvalidArgument, match="is missing"):
+        client.scores.import_scores(snapshot, {name: column[: steps[names[0]]] for name, column in table.items()})
+    with pytest.raises(ValueError, match=f"step 3 of {names[0]} is missing"):
+        client.scores.import_scores(snapshot, {name: np.delete(column, 3) for name, column in table.items()})
+    twice = {**table, "step": np.where(table["step"] == 1, 0, table["step"])}
+    with pytest.raises(ValueError, match=r"step 0 of \w+ is listed twice"):
+        client.scores.import_scores(snapshot, twice)
+    with pytest.raises(ValueError, match="column 'q' is missing"):
+        client.scores.import_scores(snapshot, {"episode": [], "step": []})
+    with pytest.raises(ValueError, match=r"a\.mcap: no episode"):
+        client.scores.import_scores(snapshot, {"episode": ["a.mcap"], "step": [0], "q": [0.5]})
+
+
 def test_a_dataset_streams_weighted_segments(client: gleaner.Client, lab: Lab) -> None:
     dataset = client.datasets.get(lab.dataset)
     assert client.datasets.create(lab.run, top_fraction=0.5).id == dataset.id

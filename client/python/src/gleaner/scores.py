@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from gleaner._messages import build, word
 from gleaner._proto.v1 import score_pb2 as pb
 from gleaner._proto.v1.selection_pb2 import Selection
+from gleaner._retry import patiently
 from gleaner._rpc import Rpc
+from gleaner._score_table import Table, batches, by_episode
+from gleaner.episodes import Episodes
 from gleaner.snapshots import Snapshots
 from gleaner.types import KeptBySelection, ScoreRun
 
@@ -25,9 +28,9 @@ class EpisodeScores:
     role: str  # expert or imperfect; experts' scores leave their own episode out; unspecified when it is not stored
     q: NDArray[np.float32]  # quality in [0, 1]
     # The highest similarity to an expert segment; log p of classifier, information of deminf, gain of progress, share
-    # of vote.
+    # of vote, imported q.
     w: NDArray[np.float64]
-    # The expert episode matched; empty for classifier, deminf, progress and vote, as are the rest.
+    # The expert episode matched; empty for classifier, deminf, progress, vote and imports, as are the rest.
     match_episode: NDArray[np.str_]
     match_step: NDArray[np.uint32]
     distance_o: NDArray[np.float32]  # of the images' features
@@ -50,7 +53,7 @@ class Scores:
 
     def __init__(self, rpc: Rpc) -> None:
         self._rpc = rpc
-        self._snapshots = Snapshots(rpc)
+        self._snapshots, self._episodes = Snapshots(rpc), Episodes(rpc)
 
     def get(self, run: str) -> ScoreRun:
         """Returns a score run. Raises `FailedPrecondition` while its job has not succeeded."""
@@ -89,6 +92,51 @@ class Scores:
         for episode in self._snapshots.episodes(self.get(run).snapshot_id):
             if role is None or word(episode, "role") == role:
                 yield self.episode(run, episode.episode_id)
+
+    def import_scores(self, snapshot: str, table: Table, *, source: str = "", encoder: str = "") -> ScoreRun:
+        """Stores scores made elsewhere as a score run of a snapshot; the same scores return the same run.
+
+        `table` has the columns episode (an id, or the file name or BLAKE3 digest of a recording), step (counted from 0)
+        and q (0 to 1): a dict of lists or arrays, a pandas DataFrame or a pyarrow Table, for every step of every
+        imperfect episode; experts are optional. `source` says what made the scores. Policies that need an encoder,
+        trained on a dataset of the run, start from `encoder`. Raises `ValueError` for a table that is not complete.
+        """
+        scores = self._with_ids(snapshot, by_episode(table))
+        start = pb.ImportScoresOpen(snapshot_id=snapshot, source=source, encoder_id=encoder)
+
+        def requests() -> Iterator[pb.ImportScoresRequest]:
+            yield pb.ImportScoresRequest(open=start)
+            for group in batches(scores):
+                episodes = [pb.ImportedEpisode(episode_id=episode, q=q) for episode, q in group.items()]
+                yield pb.ImportScoresRequest(batch=pb.ImportedEpisodes(episodes=episodes))
+
+        send = self._rpc.upload
+        return patiently(lambda: send("ScoreService/ImportScores", requests(), pb.ImportScoresResponse)).score_run
+
+    def _with_ids(self, snapshot: str, scores: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+        """The scores by the ids of their episodes, which a table may name otherwise."""
+        if all(name.startswith("ep_") for name in scores):
+            return scores
+        members = {episode.episode_id for episode in self._snapshots.episodes(snapshot)}
+        task = self._snapshots.get(snapshot).task_id
+        ids: dict[str, set[str]] = {}
+        for deleted in (False, True):  # an episode of a snapshot may be in the trash
+            for episode in self._episodes.list(task, deleted=deleted):
+                if episode.id in members:
+                    for name in (episode.id, episode.file_name, episode.blake3):
+                        ids.setdefault(name, set()).add(episode.id)
+        found: dict[str, NDArray[np.float64]] = {}
+        for name, q in scores.items():
+            match sorted(ids.get(name, ())):
+                case [only] if only not in found:
+                    found[only] = q
+                case [only]:
+                    raise ValueError(f"{name}: is {only}, which the table has under another name too; use one name")
+                case []:
+                    raise ValueError(f"{name}: no episode of {snapshot} has this id, file name or digest")
+                case _:
+                    raise ValueError(f"{name}: several episodes of {snapshot} have this name; use their ids or digests")
+        return found
 
     def list(self, task: str) -> list[ScoreRun]:
         """A task's finished score runs, newest first."""
