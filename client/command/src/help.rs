@@ -15,7 +15,17 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Jobs", &["jobs", "job", "watch", "cancel"]),
     (
         "Scores and datasets",
-        &["runs", "scores", "histogram", "what-if", "compare-scorers", "score-recording", "dataset", "export"],
+        &[
+            "runs",
+            "scores",
+            "histogram",
+            "what-if",
+            "compare-scorers",
+            "score-recording",
+            "import-scores",
+            "dataset",
+            "export",
+        ],
     ),
     ("Policies", &["policies", "deploy", "rollback", "deployments"]),
     ("Evaluation", &["evaluate", "evaluations", "evaluation", "report-evaluation", "drive"]),
