@@ -11,7 +11,7 @@ use crate::{
 /// A version, a dump, and the number of rows that each table must still have.
 type Sample = (i64, &'static str, &'static [(&'static str, i64)]);
 
-const SAMPLES: [Sample; 6] = [
+const SAMPLES: [Sample; 7] = [
     (
         8,
         include_str!("../../../../tests/samples/schema_0008.sql"),
@@ -41,6 +41,11 @@ const SAMPLES: [Sample; 6] = [
         25,
         include_str!("../../../../tests/samples/schema_0025.sql"),
         &[("episodes", 15), ("jobs", 7), ("score_runs", 1), ("datasets", 1), ("evaluations", 3), ("export_files", 35)],
+    ),
+    (
+        26,
+        include_str!("../../../../tests/samples/schema_0026.sql"),
+        &[("episodes", 8), ("jobs", 11), ("score_runs", 2), ("datasets", 2), ("policies", 4), ("job_metrics", 6)],
     ),
 ];
 
@@ -141,6 +146,22 @@ async fn datasets_of_schema_25_have_no_shape() {
     }
     assert_eq!(datasets.len(), 1);
     assert!(datasets[0].selection.shape.is_off(), "{datasets:?}");
+}
+
+#[tokio::test]
+async fn datasets_of_schema_26_keep_their_shape() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("gleaner.db");
+    let (.., dump, _) = SAMPLES[6];
+    load(&path, dump).await;
+    let store = Store::open(&path).await.unwrap();
+    let (task, _) = store.tasks().await.unwrap().remove(0);
+    let datasets = store.datasets(&task.id).await.unwrap();
+    assert_eq!(datasets.len(), 2);
+    for dataset in datasets {
+        let shape = dataset.selection.shape;
+        assert_eq!((shape.min_run, shape.close_gaps, shape.context_before), (2, 1, 0));
+    }
 }
 
 async fn known_version(store: &Store) -> i64 {
