@@ -22,7 +22,7 @@ use tch::{Device, Kind, Tensor};
 
 use super::chunk::ChunkSpec;
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
-use super::observer::{self, Observer, Seen};
+use super::observer::{self, Encoded, Observer};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
@@ -107,7 +107,7 @@ impl PolicyModel for Act {
     }
 
     fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
-        let Seen { images: o, proprioception: m } = self.observer.see(input);
+        let Encoded { images: o, proprioception: m } = self.observer.encoded(input);
         let target = self.observer.statistics().action.apply(&wanted.action);
         let (mean, log_variance) = self.style.forward(&m, &target, &wanted.counted);
         let noise = Tensor::from_slice(&normal(rng, mean.numel())).view_as(&mean).to_device(mean.device());
@@ -122,7 +122,7 @@ impl PolicyModel for Act {
     }
 
     fn act(&self, input: &PolicyInput) -> Tensor {
-        let Seen { images: o, proprioception: m } = self.observer.see(input);
+        let Encoded { images: o, proprioception: m } = self.observer.encoded(input);
         let z = Tensor::zeros([o.size()[0], i64::from(self.spec.latent_size)], (Kind::Float, o.device()));
         self.decoder.forward(&o, &m, &z)
     }

@@ -1,4 +1,4 @@
-//! The policy `bc`: plain behaviour cloning. What is seen, by default one step's images and proprioception, goes through a
+//! The policy `bc`: plain behaviour cloning. The encoded input, by default one step's images and proprioception, goes through a
 //! small perceptron to a_t.
 //!
 //! −log P(a_t | o_t, m_t), Gaussian with fixed variance: the squared error of the standardised action.
@@ -11,7 +11,7 @@ use tch::nn::{self, Module};
 use tch::{Device, Tensor};
 
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
-use super::observer::{self, Observer, Seen};
+use super::observer::{self, Encoded, Observer};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
 use crate::objective::squared_error;
@@ -59,7 +59,7 @@ impl Bc {
 
     /// The standardised a_t, `[W, 1, A]`.
     fn predict(&self, input: &PolicyInput) -> Tensor {
-        let Seen { images, proprioception } = self.observer.see(input);
+        let Encoded { images, proprioception } = self.observer.encoded(input);
         let mut x = Tensor::cat(&[images, proprioception], 1);
         for hidden in &self.hidden {
             x = hidden.forward(&x).gelu("none");

@@ -16,7 +16,7 @@ use tch::{Device, Tensor};
 
 use super::chunk::ChunkSpec;
 use super::kind::{Losses, PolicyInfo, PolicyInit, PolicyInput};
-use super::observer::{self, Observer, Seen};
+use super::observer::{self, Encoded, Observer};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
@@ -141,7 +141,7 @@ impl Denoiser {
     }
 
     fn memory(&self, input: &PolicyInput) -> Tensor {
-        let Seen { images, proprioception } = self.observer.see(input);
+        let Encoded { images, proprioception } = self.observer.encoded(input);
         self.network.memory(&images, &proprioception)
     }
 }

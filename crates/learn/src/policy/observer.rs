@@ -1,6 +1,6 @@
-//! What a policy sees: the newest step through an image encoder, or a history through the causal transformer; with random
-//! weights or those of a pretrained encoder. Its output is one vector for the images and one for proprioception, whatever
-//! the choice, so that every policy has all of them. Independent of what a policy predicts from them.
+//! The input side of a policy: the newest step through an image encoder, or a history through the causal transformer; with
+//! random weights or those of a pretrained encoder. Its output is one vector for the images and one for proprioception in
+//! each case, so that every policy has all of them. Independent of what a policy predicts from them.
 
 use std::collections::BTreeMap;
 
@@ -22,20 +22,20 @@ pub(super) struct Observer {
     pub(super) size: Size,
     shape: TaskShape,
     store: VarStore,
-    eyes: Eyes,
+    backbone: Backbone,
     history: HistorySpec,
 }
 
-/// What reads the observations.
-enum Eyes {
+/// The network that encodes observations.
+enum Backbone {
     /// The newest step: its images through an encoder, its proprioception as it is.
     Newest { images: ImageEncoder, statistics: Statistics },
     /// The newest step's features after a causal pass over the window.
     Window(Box<Network>),
 }
 
-/// What is seen at the newest step of each window.
-pub(super) struct Seen {
+/// The encoded newest step of each window.
+pub(super) struct Encoded {
     /// `[W, d]`.
     pub(super) images: Tensor,
     /// `[W, P]`, see [`Observer::proprioception`].
@@ -89,13 +89,13 @@ impl Observer {
 
     fn build(info: &CheckpointInfo, statistics: Statistics, device: Device) -> Result<Self, LearnError> {
         let (store, size) = (VarStore::new(device), Size::of(info.model.preset));
-        let eyes = if info.model.segment_length == 0 {
+        let backbone = if info.model.segment_length == 0 {
             let images = ImageEncoder::new(&(store.root() / "policy" / IMAGES), &info.shape, &info.model);
-            Eyes::Newest { images, statistics }
+            Backbone::Newest { images, statistics }
         } else {
-            Eyes::Window(Box::new(Network::build(&info.shape, info.model, statistics, device)))
+            Backbone::Window(Box::new(Network::build(&info.shape, info.model, statistics, device)))
         };
-        Ok(Self { shape: info.shape.clone(), size, store, eyes, history: info.settings()? })
+        Ok(Self { shape: info.shape.clone(), size, store, backbone, history: info.settings()? })
     }
 
     /// The path of a policy's own layers.
@@ -104,9 +104,9 @@ impl Observer {
     }
 
     pub(super) fn parameters(&self) -> Vec<(String, Tensor)> {
-        let mut parameters = match &self.eyes {
-            Eyes::Newest { .. } => Vec::new(),
-            Eyes::Window(network) => network.parameters(),
+        let mut parameters = match &self.backbone {
+            Backbone::Newest { .. } => Vec::new(),
+            Backbone::Window(network) => network.parameters(),
         };
         parameters.extend(weights::sorted(&self.store));
         parameters
@@ -120,9 +120,9 @@ impl Observer {
             return Ok(());
         }
         let (_, named) = checkpoint::read(finetune::encoder(from)?, CheckpointKind::Encoder)?;
-        match &self.eyes {
-            Eyes::Window(network) => weights::load(&network.parameters(), &named),
-            Eyes::Newest { .. } => {
+        match &self.backbone {
+            Backbone::Window(network) => weights::load(&network.parameters(), &named),
+            Backbone::Newest { .. } => {
                 // The same parameters, named after the part that they belong to.
                 let own = self.parameters().into_iter().filter_map(|(name, parameter)| {
                     let image = name.strip_prefix("policy.")?;
@@ -139,40 +139,43 @@ impl Observer {
     }
 
     pub(super) fn encode(&self, images: &[Tensor]) -> Tensor {
-        match &self.eyes {
-            Eyes::Newest { images: encoder, .. } => encoder.forward(images),
-            Eyes::Window(network) => network.encode(images),
+        match &self.backbone {
+            Backbone::Newest { images: encoder, .. } => encoder.forward(images),
+            Backbone::Window(network) => network.encode(images),
         }
     }
 
-    /// What is seen at the newest step; the newest action is hidden.
-    pub(super) fn see(&self, input: &PolicyInput) -> Seen {
-        match &self.eyes {
-            Eyes::Newest { statistics, .. } => Seen {
+    /// The newest step, encoded; the newest action is hidden.
+    pub(super) fn encoded(&self, input: &PolicyInput) -> Encoded {
+        match &self.backbone {
+            Backbone::Newest { statistics, .. } => Encoded {
                 images: input.newest(&input.embedded),
                 proprioception: statistics.proprioception.apply(&input.newest(&input.proprioception)),
             },
-            Eyes::Window(network) => {
+            Backbone::Window(network) => {
                 let steps = network.steps(&input.embedded, &input.proprioception, &input.action);
                 let view = View { hidden: input.hidden.as_ref(), ..View::CAUSAL };
                 let features = network.features(&steps, &input.windows, view, 1).select(1, 0);
-                Seen { images: Modality::Image.of(&features), proprioception: Modality::Proprioception.of(&features) }
+                Encoded {
+                    images: Modality::Image.of(&features),
+                    proprioception: Modality::Proprioception.of(&features),
+                }
             }
         }
     }
 
     pub(super) fn statistics(&self) -> &Statistics {
-        match &self.eyes {
-            Eyes::Newest { statistics, .. } => statistics,
-            Eyes::Window(network) => &network.statistics,
+        match &self.backbone {
+            Backbone::Newest { statistics, .. } => statistics,
+            Backbone::Window(network) => &network.statistics,
         }
     }
 
-    /// Values of what is seen of proprioception: M, or the width d of a feature.
+    /// Values of encoded proprioception: M, or the width d of a feature.
     pub(super) fn proprioception(&self) -> i64 {
-        match &self.eyes {
-            Eyes::Newest { .. } => int(self.shape.proprioception),
-            Eyes::Window(_) => self.size.width,
+        match &self.backbone {
+            Backbone::Newest { .. } => int(self.shape.proprioception),
+            Backbone::Window(_) => self.size.width,
         }
     }
 
@@ -183,9 +186,9 @@ impl Observer {
 
     /// The chance that training hides a window's past.
     pub(super) fn history_dropout(&self) -> f64 {
-        match &self.eyes {
-            Eyes::Newest { .. } => 0.0,
-            Eyes::Window(_) => self.history.history_dropout,
+        match &self.backbone {
+            Backbone::Newest { .. } => 0.0,
+            Backbone::Window(_) => self.history.history_dropout,
         }
     }
 
@@ -195,9 +198,9 @@ impl Observer {
             shape: &self.shape,
             statistics: self.statistics(),
             device: self.store.device(),
-            window: match &self.eyes {
-                Eyes::Newest { .. } => 1,
-                Eyes::Window(network) => network.spec.window(),
+            window: match &self.backbone {
+                Backbone::Newest { .. } => 1,
+                Backbone::Window(network) => network.spec.window(),
             },
             chunk,
             width: usize::try_from(self.size.width).unwrap_or(0),

@@ -8,7 +8,7 @@ use crate::model::{Size, Transformer};
 /// Sizes of ACT's parts.
 #[derive(Clone, Copy)]
 pub(super) struct Lengths {
-    /// Values of what is seen of proprioception, P.
+    /// Values of encoded proprioception, P.
     pub(super) proprioception: i64,
     /// Values of an action, A.
     pub(super) action: i64,
@@ -46,7 +46,7 @@ impl StyleEncoder {
         }
     }
 
-    /// Seen m `[W, P]` and standardised chunk `[W, k, A]`, of which only the places that are `counted` `[W, k]` are input,
+    /// Encoded m `[W, P]` and standardised chunk `[W, k, A]`, of which only the places that are `counted` `[W, k]` are input,
     /// to the mean and the logarithm of the variance of z, `[W, Z]` each.
     pub(super) fn forward(&self, m: &Tensor, chunk: &Tensor, counted: &Tensor) -> (Tensor, Tensor) {
         let m = self.proprioception.forward(m).unsqueeze(1);
@@ -87,7 +87,7 @@ impl ChunkDecoder {
         }
     }
 
-    /// Embedded o `[W, d]`, seen m `[W, P]` and z `[W, Z]` to the standardised chunk
+    /// Embedded o `[W, d]`, encoded m `[W, P]` and z `[W, Z]` to the standardised chunk
     /// `[W, k, A]`.
     pub(super) fn forward(&self, o: &Tensor, m: &Tensor, z: &Tensor) -> Tensor {
         let memory = Tensor::stack(&[o, &self.proprioception.forward(m), &self.style.forward(z)], 1) + &self.memory;

@@ -26,7 +26,7 @@ pub(super) struct Network {
     waves: Tensor,
     /// `[1, 1, 2 + k, 2 + k]` of `bool`, true where the query (row) may attend to the key (column): o and m to each other,
     /// places of the chunk to all.
-    seen: Tensor,
+    mask: Tensor,
 }
 
 impl Network {
@@ -35,8 +35,8 @@ impl Network {
         let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
         let (d, device) = (size.width, path.device());
         let all = MEMORY + chunk;
-        let seen = Tensor::ones([all, all], (Kind::Bool, device));
-        let _ = seen.narrow(0, 0, MEMORY).narrow(1, MEMORY, chunk).fill_(0);
+        let mask = Tensor::ones([all, all], (Kind::Bool, device));
+        let _ = mask.narrow(0, 0, MEMORY).narrow(1, MEMORY, chunk).fill_(0);
         let [shortest, longest] = PERIODS.map(f64::ln);
         let periods = Tensor::linspace(shortest, longest, d / 2, (Kind::Double, device)).exp();
         Self {
@@ -48,17 +48,17 @@ impl Network {
             transformer: Transformer::new(&(path / "transformer"), size),
             out: linear("out", d, observer.action()),
             waves: (periods.reciprocal() * std::f64::consts::TAU).to_kind(Kind::Float),
-            seen: seen.unsqueeze(0).unsqueeze(0),
+            mask: mask.unsqueeze(0).unsqueeze(0),
         }
     }
 
-    /// Seen o `[W, d]` and m `[W, P]` to the tokens that a chunk is predicted from, `[W, 2, d]`.
+    /// Encoded o `[W, d]` and m `[W, P]` to the tokens that a chunk is predicted from, `[W, 2, d]`.
     pub(super) fn memory(&self, o: &Tensor, m: &Tensor) -> Tensor {
         Tensor::stack(&[o, &self.proprioception.forward(m)], 1) + &self.memory
     }
 
     /// Memory `[R, 2, d]`, noisy chunks `[R, k, A]` and their times `[R, 1, 1]` in 0 … 1 to predictions `[R, k, A]`. Only
-    /// places that are `counted` `[R, k]` are seen by others; `None`: all are.
+    /// places that are `counted` `[R, k]` are attended to by others; `None`: all are.
     pub(super) fn forward(&self, memory: &Tensor, noisy: &Tensor, time: &Tensor, counted: Option<&Tensor>) -> Tensor {
         let angle = time.squeeze_dim(-1) * self.waves.to_kind(time.kind());
         let time = Tensor::cat(&[angle.sin(), angle.cos()], -1);
@@ -67,12 +67,12 @@ impl Network {
         let tokens = Tensor::cat(&[memory, &places], 1);
         let chunk = noisy.size()[1];
         let mask = match counted {
-            None => self.seen.shallow_clone(),
+            None => self.mask.shallow_clone(),
             Some(counted) => {
                 let always = Tensor::ones([counted.size()[0], MEMORY], (Kind::Bool, counted.device()));
                 let keys = Tensor::cat(&[&always, counted], 1).unsqueeze(1).unsqueeze(1);
                 let own = Tensor::eye(MEMORY + chunk, (Kind::Bool, counted.device()));
-                self.seen.logical_and(&keys).logical_or(&own)
+                self.mask.logical_and(&keys).logical_or(&own)
             }
         };
         self.out.forward(&self.transformer.last_tokens(&tokens, &mask, chunk))
