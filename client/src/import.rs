@@ -1,6 +1,6 @@
 //! Imports of scores made elsewhere: episodes found by id, name or digest, and sent in batches.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use futures::stream;
 use gleaner_core::id::EpisodeId;
@@ -70,12 +70,13 @@ impl Client {
             if is_id(&episode) {
                 return Ok(ImportedEpisode { episode_id: episode, q });
             }
-            match names.get(&episode).map(Vec::as_slice) {
-                Some([id]) => Ok(ImportedEpisode { episode_id: id.clone(), q }),
-                Some([_, ..]) => Err(ClientError::Invalid(format!(
+            let ids = names.get(&episode);
+            match ids.and_then(BTreeSet::first) {
+                Some(id) if ids.is_some_and(|ids| ids.len() == 1) => Ok(ImportedEpisode { episode_id: id.clone(), q }),
+                Some(_) => Err(ClientError::Invalid(format!(
                     "{episode}: several episodes of {snapshot} have this name; use their ids or digests"
                 ))),
-                Some([]) | None => Err(ClientError::Invalid(format!(
+                None => Err(ClientError::Invalid(format!(
                     "{episode}: no episode of {snapshot} has this id, file name or digest"
                 ))),
             }
@@ -84,12 +85,12 @@ impl Client {
     }
 
     /// The ids of a snapshot's episodes by the file name and by the digest of their recordings.
-    async fn names(&self, snapshot: &str) -> Result<HashMap<String, Vec<String>>> {
+    async fn names(&self, snapshot: &str) -> Result<HashMap<String, BTreeSet<String>>> {
         let request = GetSnapshotRequest { snapshot_id: snapshot.to_owned() };
         let reply = self.snapshots().get_snapshot(request).await?.into_inner();
         let members: HashSet<String> = reply.episodes.into_iter().map(|episode| episode.episode_id).collect();
         let task = reply.snapshot.ok_or(ClientError::Contract { missing: "a snapshot" })?.task_id;
-        let mut names: HashMap<String, Vec<String>> = HashMap::new();
+        let mut names: HashMap<String, BTreeSet<String>> = HashMap::new();
         // An episode of a snapshot may be in the trash.
         for deleted in [false, true] {
             let mut request =
@@ -97,8 +98,8 @@ impl Client {
             loop {
                 let page = self.episodes().list_episodes(request.clone()).await?.into_inner();
                 for episode in page.episodes.into_iter().filter(|episode| members.contains(&episode.id)) {
-                    names.entry(episode.file_name).or_default().push(episode.id.clone());
-                    names.entry(episode.blake3).or_default().push(episode.id);
+                    names.entry(episode.file_name).or_default().insert(episode.id.clone());
+                    names.entry(episode.blake3).or_default().insert(episode.id);
                 }
                 if page.next_page_token.is_empty() {
                     break;

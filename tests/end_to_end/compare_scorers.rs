@@ -100,7 +100,8 @@ async fn an_encoder_is_compared_by_every_scorer_and_gaps_are_named() {
     let encoder = encoder["result_id"].as_str().unwrap();
     let offered = json(url, &["kinds"]).await["scorers"].as_array().unwrap().len();
 
-    let output = gleaner(url, &["compare-scorers", encoder, "--seeds", "2"]).await;
+    // The number of gradient steps is of no interest here.
+    let output = gleaner(url, &["compare-scorers", encoder, "--seeds", "2", "--set", "progress_steps=4"]).await;
     assert!(output.success, "{}", output.text());
     for gap in ["no marks", "one run", "not trained", "No episode has a mark."] {
         assert!(output.out.contains(gap), "{gap}: {}", output.out);

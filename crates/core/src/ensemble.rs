@@ -16,7 +16,7 @@ pub enum Execution {
     #[default]
     Ensembled,
     /// This many actions of a chunk are executed before the next chunk is predicted (receding horizon), and the newest
-    /// chunk alone counts: the mean of two samples of a policy that draws its chunks can be no action at all.
+    /// chunk alone counts: the mean of two samples may be an action that the policy never draws.
     Horizon(u32),
 }
 

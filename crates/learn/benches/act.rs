@@ -1,5 +1,5 @@
 //! What acting costs: one control step of 1 and of 16 sessions in one pass, frames encoded once each,
-//! for ACT and for the transformer with a full history. One thread.
+//! for policies of chunks and for the transformer with a full history. One thread.
 
 #![allow(clippy::unwrap_used, missing_docs)]
 
@@ -17,7 +17,7 @@ fn main() {
     let data = episodes::noise(&shape, 1);
     let mut group = criterion.benchmark_group("act");
     group.sample_size(30).measurement_time(Duration::from_secs(3));
-    for policy in ["act", "tf_bc"] {
+    for policy in ["act", "tf_bc", "flow", "diffusion"] {
         let optim = OptimSpec { steps: 1, batch: 1, ..OptimSpec::default() };
         let spec = TrainSpec { policy: episodes::policy(policy, model), optim, ..TrainSpec::default() };
         let bytes = train_policy(&shape, None, &data, &[], &spec, None, &mut Silent).unwrap();

@@ -31,7 +31,7 @@ pub(crate) enum Purpose {
     Shares = 10,
     /// The experts that are held out, and the random parts of their losses; the counter is 0 and 1.
     Validation = 11,
-    /// The actions that a policy draws; the counter is the observation.
+    /// The actions that a policy draws; the counter is the number of observations that its passes have read.
     Action = 12,
     /// The corruption of an expert's actions; the counter is the expert's number.
     Corruption = 13,

@@ -69,6 +69,7 @@ impl<M: Model> Server<M> {
     /// Serves until every sender of requests is dropped.
     pub(super) fn run(mut self) {
         while let Some(first) = self.spin_wait.next(&self.waiting) {
+            let Some(first) = self.predicting(first) else { continue };
             let free = Instant::now();
             let (mut batch, waited) = self.gather(first, free);
             batch.retain(|request| !request.reply.is_closed());
@@ -92,6 +93,18 @@ impl<M: Model> Server<M> {
         }
     }
 
+    /// Answers a request that needs no pass at once, so that it waits for no other one and the time of passes is not
+    /// mistaken; returns any other.
+    fn predicting(&self, request: QueuedRequest<M::History>) -> Option<QueuedRequest<M::History>> {
+        let late = request.deadline.is_some_and(|deadline| deadline <= Instant::now());
+        if late || self.model.predicts(&request.input) {
+            return Some(request);
+        }
+        request.stages.enters(Duration::ZERO, 1);
+        serve(&self.model, vec![request]);
+        None
+    }
+
     /// Returns the waiting requests, plus those that arrive within the time that every deadline and the fastest session
     /// can spare; and whether any time was spent waiting.
     fn gather(&self, first: QueuedRequest<M::History>, free: Instant) -> (Vec<QueuedRequest<M::History>>, bool) {
@@ -99,11 +112,14 @@ impl<M: Model> Server<M> {
         // Callers without a session are not counted in the session rates.
         let here = |present: usize| present.max(1 + self.waiting.len());
         let most = patience.map_or(self.most, |(present, _)| self.most.min(micro_batch(here(present))));
-        let mut batch = vec![first];
+        let (mut batch, mut answered) = (vec![first], 0);
         while batch.len() < most
             && let Ok(next) = self.waiting.try_recv()
         {
-            batch.push(next);
+            match self.predicting(next) {
+                Some(next) => batch.push(next),
+                None => answered += 1,
+            }
         }
         let Some((present, wait)) = patience else {
             return (batch, false);
@@ -112,14 +128,17 @@ impl<M: Model> Server<M> {
         let expected = if present > MIN_MICRO_BATCH { present.saturating_sub(self.last) } else { present };
         let mut waited = false;
         let mut until = free + wait;
-        while batch.len() < expected.min(most) {
+        while batch.len() < most && batch.len() + answered < expected {
             // Half of what a deadline leaves after the model's time: a thread may wake late.
             let spare = |deadline: Instant| deadline.saturating_duration_since(free).saturating_sub(self.took) / 2;
             let tightest = batch.iter().filter_map(|request| request.deadline).map(spare).min();
             until = tightest.map_or(until, |tightest| until.min(free + tightest));
             waited = true;
             match self.waiting.recv_deadline(until) {
-                Ok(next) => batch.push(next),
+                Ok(next) => match self.predicting(next) {
+                    Some(next) => batch.push(next),
+                    None => answered += 1,
+                },
                 Err(_) => break,
             }
         }

@@ -60,8 +60,11 @@ pub(super) async fn inference_step<M: Model>(
     let mut step = observation::step_of(shape, "observation", observation).await?;
     reply.stages.decoded(begun.elapsed());
     let gap = skipped > 0 || (withheld && step.executed.is_none());
+    step.executed = step.executed.or_else(|| given.clone());
+    // Without any answer in time yet, the robot has executed nothing that is known: the history begins again.
+    let history = history.filter(|_| step.executed.is_some());
     // The first step of a history has no executed action before it.
-    step.executed = step.executed.or_else(|| given.clone()).filter(|_| history.is_some());
+    step.executed = step.executed.filter(|_| history.is_some());
     if let Some(watch) = &mut watch {
         show(watch, reply.stamp_ns, &step, gap);
     }

@@ -56,6 +56,12 @@ pub(super) trait Model: 'static {
         Execution::default()
     }
 
+    /// Whether an input needs the model's pass, and not only the rest of a chunk that was predicted before.
+    fn predicts(&self, input: &ModelInput<Self::History>) -> bool {
+        let _ = input;
+        true
+    }
+
     /// Answers every input of a batch, in order.
     fn advance(&self, inputs: &[&ModelInput<Self::History>]) -> Result<Vec<Advanced<Self::History>>>;
 }
@@ -73,6 +79,11 @@ impl Model for Policy {
 
     fn execution(&self) -> Execution {
         self.execution()
+    }
+
+    fn predicts(&self, input: &ModelInput<PolicySession>) -> bool {
+        let steps = input.skipped.saturating_add(input.steps.len() as u64);
+        input.history.as_ref().is_none_or(|session| session.predicts_after(steps))
     }
 
     fn advance(&self, inputs: &[&ModelInput<PolicySession>]) -> Result<Vec<Advanced<PolicySession>>> {

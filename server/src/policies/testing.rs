@@ -25,6 +25,8 @@ use crate::{
 pub(super) const PANICS: f32 = 666.0;
 pub(super) const FAILS: f32 = 667.0;
 pub(super) const GIVES_NAN: f32 = 668.0;
+/// A proprioception whose answer needs no pass.
+pub(super) const HELD: f32 = 669.0;
 
 /// The contribution of each skipped step to the action.
 pub(super) const SKIP: f32 = 1000.0;
@@ -58,6 +60,10 @@ impl Model for Parrot {
 
     fn window(&self) -> usize {
         3
+    }
+
+    fn predicts(&self, input: &ModelInput<Self::History>) -> bool {
+        input.steps.iter().all(|step| step.proprioception != [HELD])
     }
 
     fn advance(&self, inputs: &[&ModelInput<Self::History>]) -> Result<Vec<Advanced<Self::History>>> {

@@ -27,6 +27,8 @@ def by_episode(table: Table) -> dict[str, NDArray[np.float64]]:
         raise ValueError(
             f"episode, step, q: have {len(episode)}, {len(step)} and {len(q)} values; give as many of each"
         )
+    if not len(episode):
+        raise ValueError("episode, step, q: have no rows; give the q of every step")
     names, place = np.unique(episode.astype(np.str_), return_inverse=True)
     steps = step.astype(np.int64)
     if (steps != step).any():

@@ -67,6 +67,8 @@ class Policy:
         for name, value in (("rate_hz", rate_hz), ("deadline", deadline), ("timeout", timeout)):
             if value is not None and not 0 < value <= _MOST:
                 raise invalid(name, f"{value:g}: must be above 0 and at most {_MOST:g}")
+        if not 0 <= seed < 2**64:
+            raise invalid("seed", f"{seed}: must be from 0 to 2**64 - 1")
         self._client = client
         self.deployment = deployment
         self.spec = _spec(client, deployment)

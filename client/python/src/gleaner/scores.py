@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -46,6 +47,9 @@ class Histogram:
     edges: NDArray[np.float64]  # one more than counts, from 0 to 1
     segments: int
     kept: dict[float, int]  # segments with q > β, for each requested β
+
+
+_EPISODE_ID = re.compile("ep_[0-9A-HJKMNP-TV-Z]{26}")
 
 
 class Scores:
@@ -115,7 +119,7 @@ class Scores:
 
     def _with_ids(self, snapshot: str, scores: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
         """The scores by the ids of their episodes, which a table may name otherwise."""
-        if all(name.startswith("ep_") for name in scores):
+        if all(_EPISODE_ID.fullmatch(name) for name in scores):
             return scores
         members = {episode.episode_id for episode in self._snapshots.episodes(snapshot)}
         task = self._snapshots.get(snapshot).task_id

@@ -83,7 +83,7 @@ crate::words! {
 }
 
 crate::settings! {
-    /// The steps that a policy sees, and where it begins.
+    /// The steps that a policy sees, and its initial weights.
     #[derive(Copy)]
     pub struct ObserverSpec {
         /// First weights of what reads the observations. A pretrained encoder gives the size of the model too.

@@ -1,5 +1,5 @@
-//! Policies that draw a chunk by removing noise from it step by step: their common settings, network and loss. What is
-//! drawn is samples of P(a_t … a_{t+k−1} | o_t, m_t), so several right ways to act are not averaged into a wrong one.
+//! Policies that draw a chunk by removing noise from it step by step: their common settings, network and loss. A
+//! drawn chunk is a sample of P(a_t … a_{t+k−1} | o_t, m_t), so several right ways to act are not averaged into a wrong one.
 //! Independent of the schedule of the noise.
 //!
 //! A place of a chunk that does not count, as in ACT, costs nothing and is hidden from the other places.

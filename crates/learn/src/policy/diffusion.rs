@@ -5,8 +5,8 @@
 //! Acting removes the noise by DDIM over some of the steps, the last one first: x̂_0 = (x_t − √(1 − ᾱ_t) ε) / √ᾱ_t, clipped
 //! to −1 … 1, and then the same mix at the next step.
 //!
-//! Unlike the original, a place of the chunk sees the later ones too: what a causal network predicts is no gradient of the
-//! chunk's density, and of two opposite ways to act one chunk in six was drawn with parts of both.
+//! Unlike in the original, a place of the chunk attends to later places too. A causal network cannot predict the gradient
+//! of the chunk's density, so its samples mix ways to act (docs/results.md).
 
 use std::collections::BTreeMap;
 
@@ -45,6 +45,8 @@ gleaner_core::settings! {
     }
 }
 
+/// A range below this part of the values' magnitude is rounding noise: the value is constant.
+const CONSTANT: f32 = 1e-6;
 /// The name of the ranges in a checkpoint.
 const RANGE: &str = "statistics.action.range";
 
@@ -74,8 +76,12 @@ fn range(shape: &TaskShape, sample: &Sample<'_>) -> Tensor {
         }
     }
     let middle: Vec<f32> = least.iter().zip(&most).map(|(least, most)| least / 2.0 + most / 2.0).collect();
-    let half = least.iter().zip(&most).map(|(least, most)| most / 2.0 - least / 2.0);
-    let half: Vec<f32> = half.map(|half| if half > 0.0 { half } else { 1.0 }).collect();
+    let varies = |half: f32, middle: f32| half > CONSTANT * (1.0 + middle.abs());
+    let half = least.iter().zip(&most).zip(&middle).map(|((least, most), middle)| {
+        let half = most / 2.0 - least / 2.0;
+        if varies(half, *middle) { half } else { 1.0 }
+    });
+    let half: Vec<f32> = half.collect();
     Tensor::from_slice2(&[middle, half])
 }
 
@@ -119,7 +125,9 @@ impl PolicyModel for Diffusion {
     }
 
     fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
-        let chunk = (&wanted.action - self.range.get(0)) / self.range.get(1);
+        let scaled = (&wanted.action - self.range.get(0)) / self.range.get(1);
+        // 0 where the action does not count.
+        let chunk = scaled * wanted.counted.unsqueeze(-1);
         let mix = |chunk: &Tensor, noise: &Tensor, time: &Tensor| self.schedule.mix(chunk, noise, time);
         self.denoiser.losses(input, (&chunk, wanted), rng, |uniform| self.schedule.time(uniform), mix)
     }

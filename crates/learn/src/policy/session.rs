@@ -40,6 +40,12 @@ impl PolicySession {
         self.step = self.step.saturating_add(steps);
     }
 
+    /// Whether the policy has to predict after this many further steps; if not, its last chunk still gives the actions.
+    pub fn predicts_after(&self, steps: u64) -> bool {
+        let time = i64::try_from(self.step.saturating_add(steps));
+        time.is_ok_and(|time| self.chunks.remaining(time).is_none())
+    }
+
     /// The newest step as a time of the chunks.
     fn time(&self) -> Result<i64, LearnError> {
         i64::try_from(self.step).map_err(|_| LearnError::invalid("step", "is too high; reset for a new episode"))
@@ -75,7 +81,7 @@ impl PolicySession {
 }
 
 impl Policy {
-    /// A session at the begin of an episode. A policy that draws its actions draws them from `seed`: the same seed and
+    /// A session at the start of an episode. A policy that draws its actions draws them from `seed`: the same seed and
     /// observations give the same actions, also in a pass with other sessions.
     pub fn session(&self, seed: u64) -> PolicySession {
         let mut chunks = Ensemble::new(1, self.shape().ranges.clone());
@@ -94,7 +100,7 @@ impl Policy {
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a step does not fit the policy's shape or is not finite, or the action before it is
-    /// not known; the sessions are then of no use.
+    /// not known; discard the sessions then.
     pub fn advance(
         &self,
         sessions: &mut [(&mut PolicySession, &[Observed<'_>])],

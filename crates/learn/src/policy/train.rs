@@ -26,7 +26,7 @@ type Policy = Box<dyn PolicyModel>;
 
 /// Trains a policy on the `experts` (D_e) and the `kept` segments (D_f) and returns its checkpoint.
 /// `finetune` starts from the pretrained `encoder`, and without kept segments it is SSDF-base; the other policies start
-/// from scratch without an encoder.
+/// from scratch, unless their `initial_weights` are the encoder's.
 ///
 /// Each step takes the mean over a batch of expert segments and λ times the mean of weight · loss over a batch of kept
 /// ones. `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`, `loss_expert`, `loss_kept` (before λ; only with

@@ -8,7 +8,7 @@ use super::{
     super::{
         engine::InferenceRequest,
         session_rates::RateGuard,
-        testing::{FAILS, GIVES_NAN, PANICS, TestEngine, engine, input},
+        testing::{FAILS, GIVES_NAN, HELD, PANICS, TestEngine, engine, input},
     },
     *,
 };
@@ -54,6 +54,28 @@ async fn waiting_requests_are_answered_together_up_to_the_batch_limit() {
     let (two, three, four) = rest.await;
     let actions = [two, three, four].map(|answer| answer.unwrap().actions[0][0]);
     assert_eq!(actions, [2.0, 3.0, 4.0], "each caller gets its own answer");
+}
+
+/// The rest of a chunk is sent before the batch that it arrived with, and takes no place in it.
+#[tokio::test]
+async fn a_request_that_needs_no_pass_waits_for_no_other() {
+    let (engine, mut control) = engine(8, 8).await;
+    let mut first = pin!(engine.infer(input(1.0)));
+    assert!(poll!(&mut first).is_pending());
+    assert_eq!(control.begun.recv().await, Some(1));
+    let (mut two, mut held) = (pin!(engine.infer(input(2.0))), pin!(engine.infer(input(HELD))));
+    let mut three = pin!(engine.infer(input(3.0)));
+    assert!(poll!(&mut two).is_pending() && poll!(&mut held).is_pending() && poll!(&mut three).is_pending());
+    control.gate.send(()).unwrap();
+    first.await.unwrap();
+    control.gate.send(()).unwrap();
+    control.gate.send(()).unwrap();
+    assert_eq!(held.await.unwrap().actions, [[HELD, 0.0]]);
+    let (two, three) = futures::future::join(two, three).await;
+    assert_eq!([two, three].map(|answer| answer.unwrap().actions[0][0]), [2.0, 3.0]);
+    let mut sizes = [control.begun.recv().await.unwrap(), control.begun.recv().await.unwrap()];
+    sizes.sort_unstable();
+    assert_eq!(sizes, [1, 2], "one pass for the two others, none for the held one");
 }
 
 #[tokio::test]
