@@ -61,28 +61,34 @@ fn in_the_causal_pass_no_action_moves_its_own_prediction_or_an_earlier_one() {
     assert!(of_each_step(&action).iter().all(|gradient| *gradient > 1e-7));
 }
 
+/// The largest gradient of each action of the window that ends at step 5, by which a policy's chunk moves; `None` if it
+/// reads no action.
+pub(super) fn moved_by_actions(policy: &dyn PolicyModel, data: &Trajectory) -> Option<Vec<f32>> {
+    let end = Segment { trajectory: 0, step: 5, weight: 1.0 };
+    let batch = Batch::collect(&toy::shape(), &[data], &[end], policy.info().window, Device::Cpu);
+    let action = batch.action.set_requires_grad(true);
+    let input = PolicyInput {
+        embedded: policy.embed_images(&batch.images),
+        proprioception: batch.proprioception,
+        action: action.shallow_clone(),
+        windows: batch.windows,
+        hidden: None,
+        draws: vec![(0, 0)],
+    };
+    policy.act(&input).square().sum(None).backward();
+    action.grad().defined().then(|| of_each_step(&action))
+}
+
 #[test]
 fn no_policy_looks_at_the_action_it_is_asked_for() {
     let data = toy::episode("e", 1, 6, true);
     for kind in kinds() {
         let policy = untrained(kind, &[&data]);
-        let length = policy.info().window;
-        let end = Segment { trajectory: 0, step: 5, weight: 1.0 };
-        let batch = Batch::collect(&toy::shape(), &[&data], &[end], length, Device::Cpu);
-        let action = batch.action.set_requires_grad(true);
-        let input = PolicyInput {
-            embedded: policy.embed_images(&batch.images),
-            proprioception: batch.proprioception,
-            action: action.shallow_clone(),
-            windows: batch.windows,
-            hidden: None,
-            draws: vec![(0, 0)],
-        };
-        policy.act(&input).square().sum(None).backward();
-        if length == 1 {
-            assert!(!action.grad().defined(), "{kind:?} looks at no action at all");
+        let moved = moved_by_actions(policy.as_ref(), &data);
+        if policy.info().window == 1 {
+            assert_eq!(moved, None, "{kind:?} looks at no action at all");
         } else {
-            let moved = of_each_step(&action);
+            let moved = moved.unwrap();
             assert!(moved[3] == 0.0 && moved[..3].iter().all(|gradient| *gradient > 1e-7), "{kind:?}: {moved:?}");
         }
     }

@@ -5,9 +5,8 @@ use std::collections::BTreeMap;
 use tch::Tensor;
 
 use super::*;
-use crate::batch::{Batch, Segment, values};
+use crate::batch::values;
 use crate::checkpoint;
-use crate::policy::kind::PolicyInput;
 
 /// Policies with these switches, as `every_policy_with_them_is_known` confirms.
 const KINDS: [&str; 4] = ["bc", "act", "flow", "diffusion"];
@@ -107,19 +106,7 @@ fn with_a_history_a_policy_sees_past_actions_and_never_its_own() {
     let data = toy::episode("e", 1, 6, true);
     for kind in KINDS {
         let policy = untrained_with(&switched(kind, ("random", 3), 1), &[&data]);
-        let end = Segment { trajectory: 0, step: 5, weight: 1.0 };
-        let batch = Batch::collect(&toy::shape(), &[&data], &[end], 4, Device::Cpu);
-        let action = batch.action.set_requires_grad(true);
-        let input = PolicyInput {
-            embedded: policy.embed_images(&batch.images),
-            proprioception: batch.proprioception,
-            action: action.shallow_clone(),
-            windows: batch.windows,
-            hidden: None,
-            draws: vec![(0, 0)],
-        };
-        policy.act(&input).square().sum(None).backward();
-        let moved = values(&action.grad().abs().amax([1i64].as_slice(), false));
+        let moved = gradients::moved_by_actions(policy.as_ref(), &data).unwrap();
         assert!(moved[3] == 0.0 && moved[..3].iter().all(|gradient| *gradient > 1e-7), "{kind}: {moved:?}");
     }
 }
