@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use gleaner_core::{
     id::EpisodeId,
-    proto::score::selection_to_proto,
+    proto::selection::selection_to_proto,
     selection::{Candidate, Resolved, Selection as Choice, SelectionShape as Shape, places, ranked},
 };
 use gleaner_proto::v1::*;

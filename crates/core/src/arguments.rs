@@ -1,13 +1,14 @@
 //! Settings as command-line options: one for each setting of a job, with its documentation, values and default.
 
+mod shape;
+
 use std::marker::PhantomData;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser as _, ValueParser};
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use serde_json::Value;
 
-use crate::schema::{Problem, Setting, Shape, Values};
-use crate::selection::SelectionShape;
+use crate::schema::{Setting, Shape, Values};
 use crate::spec::schema_of;
 
 /// Other names of options, short to type.
@@ -90,43 +91,6 @@ impl Options for Pipeline {
         let optimiser = <crate::OptimSpec as crate::Group>::schema();
         all.extend(optimiser.into_iter().map(|setting| ((setting, Vec::new()), TRAIN)));
         all
-    }
-}
-
-/// The options of a [`SelectionShape`].
-#[derive(Debug, Clone, Copy)]
-struct OfShape;
-
-impl Options for OfShape {
-    const HEADING: &'static str = "Shape of the selection, applied in this order";
-
-    fn settings() -> Vec<(Of, &'static str)> {
-        let settings = <SelectionShape as crate::Group>::schema();
-        settings.into_iter().map(|setting| ((setting, Vec::new()), "")).collect()
-    }
-}
-
-impl Args for SelectionShape {
-    fn augment_args(command: Command) -> Command {
-        Given::<OfShape>::augment_args(command)
-    }
-
-    fn augment_args_for_update(command: Command) -> Command {
-        Self::augment_args(command)
-    }
-}
-
-impl FromArgMatches for SelectionShape {
-    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let given = Given::<OfShape>::from_arg_matches(matches)?.values;
-        let wrong =
-            |problem: Problem| clap::Error::raw(clap::error::ErrorKind::ValueValidation, format!("{problem}\n"));
-        Self::from_values(&given).map_err(wrong)
-    }
-
-    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
-        *self = Self::from_arg_matches(matches)?;
-        Ok(())
     }
 }
 

@@ -14,6 +14,7 @@ pub mod order;
 pub mod policy;
 pub mod schedule;
 pub mod score;
+pub mod selection;
 mod settings;
 pub mod snapshot;
 pub mod task;

@@ -31,7 +31,7 @@ impl Record for Selection {
 }
 
 impl Matched {
-    /// The marked segments; `None` when there are none.
+    /// The marked segments; `None` if no segment is marked.
     fn kept(self, marked: &[bool], experts: &[EpisodeId]) -> Result<Option<KeptEpisode>> {
         let Self { candidate, match_episode, match_step } = self;
         // Without matches both lists are empty.

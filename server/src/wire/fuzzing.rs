@@ -9,8 +9,8 @@ use gleaner_recording::Limits;
 use prost::Message;
 
 use super::{
-    dataset, episode, evaluation, import, inference, job, policy, schedule, score, scoring, session, snapshot, task,
-    upload, worker,
+    dataset, episode, evaluation, import, inference, job, policy, schedule, score, scoring, selection, session,
+    snapshot, task, upload, worker,
 };
 use crate::{
     domain::{client::Client, id::TaskId, time::Millis},
@@ -44,7 +44,7 @@ pub fn message(kind: u8, bytes: &[u8]) {
         17 => convert(bytes, evaluation::report_request),
         18 => convert(bytes, score::episode_scores_request),
         19 => convert(bytes, |request| score::histogram_request(request).map(|_| ())),
-        20 => convert(bytes, score::count_request),
+        20 => convert(bytes, selection::count_request),
         21 => convert(bytes, |request| scoring::recording_open(Some(request)).map(|_| ())),
         22 => convert(bytes, scoring::recording_data),
         23 => convert(bytes, |request| scoring::steps_open(Some(request))),

@@ -1,7 +1,7 @@
 //! `dataset`: create, list, show, stream.
 
 use clap::{Args, Subcommand};
-use gleaner_core::proto::score::selection_to_proto;
+use gleaner_core::proto::selection::selection_to_proto;
 use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{
     CreateDatasetRequest, Dataset, GetDatasetRequest, ListDatasetsRequest, Segment, StreamSegmentsRequest,

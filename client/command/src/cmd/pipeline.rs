@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 use gleaner_core::arguments::{Given, Pipeline, TRAIN};
 use gleaner_core::kinds::{Family, Kind};
-use gleaner_core::proto::{score::shape_to_proto, to_struct};
+use gleaner_core::proto::{selection::shape_to_proto, to_struct};
 use gleaner_core::selection::{Rule, Selection};
 use gleaner_core::{Group as _, OptimSpec, Values};
 use gleaner_proto::v1::{EvaluateSpec, Job, PipelineSpec, ScoreSpec, SubmitPipelineRequest, TrainSpec};

@@ -1,7 +1,7 @@
 //! Selections: from arguments, and as text. Must not depend on a server.
 
 use clap::Args;
-use gleaner_core::proto::score::shape_from_proto;
+use gleaner_core::proto::selection::shape_from_proto;
 use gleaner_core::selection::{Rule, Selection, SelectionShape};
 use gleaner_proto::v1;
 
@@ -52,7 +52,7 @@ pub(crate) fn selected(selection: Option<&v1::Selection>) -> String {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
-    use gleaner_core::proto::score::selection_to_proto;
+    use gleaner_core::proto::selection::selection_to_proto;
 
     use super::*;
 

@@ -1,7 +1,7 @@
 //! `what-if`: the size of possible datasets.
 
 use clap::Args;
-use gleaner_core::proto::score::selection_to_proto;
+use gleaner_core::proto::selection::selection_to_proto;
 use gleaner_core::selection::{Rule, Selection, SelectionShape};
 use gleaner_proto::v1::{CountKeptRequest, CountKeptResponse, Kept, KeptBySelection};
 

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use gleaner_client::Client;
-use gleaner_core::proto::score::selection_to_proto;
+use gleaner_core::proto::selection::selection_to_proto;
 use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{Dataset, Job, ListDatasetsRequest, ListJobsRequest};
 use tonic::Code;

@@ -2,7 +2,7 @@
 //! and not submitted twice.
 
 use gleaner_client::Client;
-use gleaner_core::proto::score::selection_to_proto;
+use gleaner_core::proto::selection::selection_to_proto;
 use gleaner_proto::v1::{CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, JobSpec, SubmitJobRequest};
 use tonic::Code;
 

@@ -2,7 +2,7 @@
 
 use gleaner_proto::v1;
 
-use super::{field, score};
+use super::{field, score, selection};
 use crate::{
     dataset::{Dataset, DatasetCounts, ExportFile},
     error::Result,
@@ -42,7 +42,7 @@ pub fn export_id(text: &str) -> Result<ExportId> {
 /// Invalid names the field.
 pub fn create_request(request: v1::CreateDatasetRequest) -> Result<(ScoreRunId, Selection)> {
     let v1::CreateDatasetRequest { score_run_id, selection } = request;
-    Ok((score::score_run_id(&score_run_id)?, score::selection_from_proto("selection", selection)?))
+    Ok((score::score_run_id(&score_run_id)?, selection::selection_from_proto("selection", selection)?))
 }
 
 /// Reads which segments to stream.
@@ -70,7 +70,7 @@ pub fn dataset(dataset: Dataset, counts: Option<DatasetCounts>) -> v1::Dataset {
         id: id.into(),
         task_id: task_id.into(),
         score_run_id: score_run_id.into(),
-        selection: Some(score::selection_to_proto(selection)),
+        selection: Some(selection::selection_to_proto(selection)),
         kept_segments: counts.map(|counts| counts.kept_segments),
         kept_episodes: counts.map(|counts| counts.kept_episodes),
         expert_segments: counts.map(|counts| counts.expert_segments),

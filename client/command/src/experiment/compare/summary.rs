@@ -16,7 +16,7 @@ impl Rows<'_> {
         self.rows.push(std::iter::once(measure.to_owned()).chain(cells).collect());
     }
 
-    /// An area, plain and at equal length; `none` is the reason where there is none.
+    /// An area, plain and at equal length; `none` is the reason why it is missing.
     fn separated(&mut self, name: &str, of: impl Fn(&Separated) -> Option<&Auroc>, none: &str) {
         let scorers = self.found.scorers.iter().map(|scorer| (&scorer.separated, scorer.runs));
         let all: Vec<(&Separated, usize)> =

@@ -22,12 +22,12 @@ pub(super) fn table(header: &[String], rows: &[Vec<String>]) -> String {
     format!("{}{}{}", line(header), line(&rule), lines.concat())
 }
 
-/// A value, or why there is none.
+/// A value, or the reason why it is missing.
 pub(super) fn value(value: Option<f64>, none: &str) -> String {
     value.map_or_else(|| none.to_owned(), |value| format!("{value:.3}"))
 }
 
-/// A share in percent, or why there is none.
+/// A share in percent, or the reason why it is missing.
 pub(super) fn percent(share: Option<f64>, none: &str) -> String {
     share.map_or_else(|| none.to_owned(), |share| format!("{:.1}", share * 100.0))
 }

@@ -7,7 +7,7 @@ use crate::{
     error::{Error, Result},
     proto::{
         field,
-        score::{beta, shape_from_proto, shape_to_proto, top_fraction},
+        selection::{beta, shape_from_proto, shape_to_proto, top_fraction},
     },
     schedule::PipelineSpec,
 };
