@@ -189,7 +189,13 @@ mod tests {
             let error = parse(shape).unwrap_err();
             assert!(error.message().starts_with(&format!("selection.shape.{field}: ")), "{field} expected: {error}");
         }
-        let shape = SelectionShape { min_run: 5, max_share_of_episode: 0.5, phases: 4, ..SelectionShape::default() };
+        let shape = SelectionShape {
+            min_run: 5,
+            max_share_of_episode: 0.5,
+            phases: 4,
+            max_per_phase: 3,
+            ..SelectionShape::default()
+        };
         let selection = Selection { rule: Rule::TopFraction(0.5), shape };
         assert_eq!(selection_from_proto("selection", Some(selection_to_proto(selection))).unwrap(), selection);
     }

@@ -47,7 +47,7 @@ impl SelectionShape {
     /// # Errors
     /// An unknown setting, or a value that its setting does not allow.
     pub fn from_values(values: &Values) -> Result<Self, Problem> {
-        Self::read(&complete(&Self::schema(), values, |_| None)?)
+        Self::read(&complete(&Self::schema(), values, |_| None)?).map(Self::plain)
     }
 
     /// The same shape, each value checked.
@@ -60,7 +60,17 @@ impl SelectionShape {
         for (setting, value) in Self::schema().iter().filter_map(|one: &Setting| Some((one, values.get(&one.name)?))) {
             setting.check(value)?;
         }
-        Ok(self)
+        Ok(self.plain())
+    }
+
+    /// The same shape in one form: settings without effect take their defaults, so that equal datasets are one.
+    fn plain(self) -> Self {
+        let off = Self::default();
+        Self {
+            min_run: if self.min_run == 1 { off.min_run } else { self.min_run },
+            phases: if self.max_per_phase == 0 { off.phases } else { self.phases },
+            ..self
+        }
     }
 
     /// The settings that differ from their defaults: the stored form, and that of addresses.

@@ -186,11 +186,11 @@ mod tests {
         let given = |pairs: &[(&str, Value)]| -> Others {
             pairs.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect()
         };
-        let read =
-            shape(&given(&[("min_run", " 5 ".into()), ("phases", 4.into()), ("context_after", "".into())])).unwrap();
-        assert_eq!(read, SelectionShape { min_run: 5, phases: 4, ..SelectionShape::default() });
+        let [run, context] = [("min_run", " 5 ".into()), ("context_after", "".into())];
+        let read = shape(&given(&[run, ("phases", 4.into()), ("max_per_phase", 3.into()), context])).unwrap();
+        assert_eq!(read, SelectionShape { min_run: 5, phases: 4, max_per_phase: 3, ..SelectionShape::default() });
         let selection = Selection { shape: read, ..Selection::beta(0.5) };
-        assert_eq!(parameters(selection), "beta=0.5&min_run=5&phases=4");
+        assert_eq!(parameters(selection), "beta=0.5&max_per_phase=3&min_run=5&phases=4");
         for (name, value) in [
             ("min_run", "five"),
             ("min_run", "-1"),

@@ -191,7 +191,10 @@ fn a_pipeline_with_a_missing_stage_is_rejected() {
     let read = pipeline(Some(best)).unwrap();
     assert_eq!(read.selection(), Some(Selection::top_fraction(0.1)));
     assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
-    let shaped = v1::PipelineSpec { shape: Some(v1::SelectionShape { phases: Some(4), ..SHORT }), ..full.clone() };
+    let shaped = v1::PipelineSpec {
+        shape: Some(v1::SelectionShape { phases: Some(4), max_per_phase: 3, ..SHORT }),
+        ..full.clone()
+    };
     let read = pipeline(Some(shaped)).unwrap();
     assert_eq!(read.selection().map(|selection| selection.shape.phases), Some(4));
     assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);

@@ -115,6 +115,8 @@ fn a_wrong_shape_is_named() {
     };
     assert!(problem(json!({"min_runs": 5})).starts_with("min_runs: unknown setting; supported: close_gaps, "));
     assert_eq!(problem(json!({"phases": 0})), "phases: is 0, must be between 1 and 1000");
+    // Without effect, so that no second dataset has the same segments.
+    assert!(shaped(json!({"min_run": 1, "phases": 20})).shape.is_off());
     for share in [0.0, 1.5, f64::NAN] {
         let shape = SelectionShape { max_share_of_episode: share, ..SelectionShape::default() };
         assert_eq!(shape.checked().unwrap_err().field, "max_share_of_episode");
