@@ -223,7 +223,7 @@ async fn invalid_steps_are_not_scored() {
         expect_error(&score_steps(&mut api, messages).await.unwrap_err(), code, &[words]);
     }
     type Change = fn(&mut ScoreStep);
-    let cases: [(Change, &str); 9] = [
+    let cases: [(Change, &str); 10] = [
         (|step| step.observation = None, "step.observation: "),
         (|step| step.action.truncate(1), "step.action: "),
         (|step| step.action[0] = f32::NAN, "step.action[0]: "),
@@ -231,6 +231,7 @@ async fn invalid_steps_are_not_scored() {
         (|step| seen(step).cameras.truncate(1), "step.observation.cameras: "),
         (|step| seen(step).executed_action = vec![0.0], "step.observation.executed_action: "),
         (|step| seen(step).deadline_us = 5, "step.observation.deadline_us: "),
+        (|step| seen(step).skipped_steps = 1, "step.observation.skipped_steps: "),
         (|step| seen(step).stamp_ns = -1, "step.observation.stamp_ns: "),
         (
             |step| {

@@ -146,9 +146,10 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
         loop {
             let tick = ticks.next().await;
             self.report.overruns += u64::from(tick.skipped);
-            let Some(observation) = self.robot.observe().map_err(ControlCause::Robot)? else {
+            let Some(mut observation) = self.robot.observe().map_err(ControlCause::Robot)? else {
                 return Ok(());
             };
+            observation.skipped_steps = observation.skipped_steps.saturating_add(tick.skipped);
             self.report.ticks += 1;
             let stamp_ns = self.send(observation, clock.stamp_ns(tick))?;
             self.listen(stamp_ns, tick.at + self.plan.answer_within).await?;

@@ -13,11 +13,18 @@ pub(super) struct Latest {
 }
 
 impl Latest {
-    /// Replaces the waiting observation; true when it was never taken.
-    pub(super) fn put(&self, observation: Observation) -> bool {
-        let passed_over = self.lock().replace(observation).is_some();
+    /// Replaces the waiting observation; true when it was never taken. Its steps are then skipped steps of the new one.
+    pub(super) fn put(&self, mut observation: Observation) -> bool {
+        let mut waiting = self.lock();
+        let passed_over = waiting.take();
+        if let Some(passed_over) = &passed_over {
+            let steps = passed_over.skipped_steps.saturating_add(1);
+            observation.skipped_steps = observation.skipped_steps.saturating_add(steps);
+        }
+        *waiting = Some(observation);
+        drop(waiting);
         self.filled.notify_one();
-        passed_over
+        passed_over.is_some()
     }
 
     /// Waits for an observation and takes it. Cancel-safe: dropping the future loses no observation.
@@ -33,5 +40,22 @@ impl Latest {
     // Whole after every statement, so a panic elsewhere does not spoil it.
     fn lock(&self) -> MutexGuard<'_, Option<Observation>> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn the_steps_of_replaced_observations_are_skipped_steps_of_the_next() {
+        let latest = Latest::default();
+        let observation = |stamp_ns, skipped_steps| Observation { stamp_ns, skipped_steps, ..Observation::default() };
+        assert!(!latest.put(observation(1, 0)));
+        assert!(latest.put(observation(2, 3)) && latest.put(observation(3, 0)));
+        // Two were replaced, and the robot missed three ticks before the second.
+        assert_eq!(latest.take().await, observation(3, 5));
+        assert!(!latest.put(observation(4, 0)));
+        assert_eq!(latest.take().await.skipped_steps, 0);
     }
 }

@@ -59,6 +59,8 @@ pub struct Observation {
     pub executed_action: Vec<f32>,
     /// Time from the arrival of the observation until its response is useless; `None`: the session's deadline.
     pub deadline: Option<Duration>,
+    /// Control steps since the observation before for which none was sent.
+    pub skipped_steps: u32,
 }
 
 /// Time spent in each stage of one request, in microseconds.

@@ -17,7 +17,8 @@ use crate::{
 /// # Errors
 /// Invalid, naming the field and the fix.
 pub(super) fn step(shape: &TaskShape, path: &str, observation: &Observation) -> Result<Step> {
-    let Observation { stamp_ns: _, cameras, proprioception, executed_action, deadline: _ } = observation;
+    let Observation { stamp_ns: _, cameras, proprioception, executed_action, deadline: _, skipped_steps: _ } =
+        observation;
     vector(&format!("{path}.proprioception"), proprioception, shape.proprioception)?;
     if !executed_action.is_empty() {
         vector(&format!("{path}.executed_action"), executed_action, shape.action)?;
@@ -185,6 +186,7 @@ mod tests {
             proprioception: vec![0.5, -0.5],
             executed_action: Vec::new(),
             deadline: None,
+            skipped_steps: 0,
         }
     }
 

@@ -57,7 +57,7 @@ pub(super) struct Session<M: Model> {
     queued: Option<(Observation, PendingReply)>,
     /// The pending reply to the observation in the model; `None` once it was reported missed.
     in_flight: Option<PendingReply>,
-    /// Control steps missed in the queue, to be passed to the model.
+    /// Control steps missed in the queue or never sent, to be passed to the model.
     unseen: u64,
     /// The newest stamp.
     stamp_ns: Option<i64>,
@@ -272,6 +272,7 @@ impl<M: Model> Session<M> {
             return Err(Error::invalid("observation.stamp_ns", fix));
         }
         self.record.observed(&observation, before)?;
+        self.unseen += u64::from(observation.skipped_steps);
         let passed_over = self.queued.take().map(|(_, reply)| reply.dropped + 1);
         self.counts.dropped += u64::from(passed_over.is_some());
         let reply = PendingReply::for_observation(&observation, self.terms.settings.deadline, passed_over.unwrap_or(0));

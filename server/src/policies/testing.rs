@@ -78,6 +78,10 @@ impl Model for Parrot {
 
 impl Parrot {
     fn one(&self, input: &ModelInput<(f32, Vec<f32>)>) -> Result<Advanced<(f32, Vec<f32>)>> {
+        // As a policy with a history does.
+        if input.history.is_some() && input.steps[0].executed.is_none() {
+            return Err(Error::invalid("executed", "is unknown"));
+        }
         let mut history = input.history.clone().unwrap_or_default();
         let skipped = u8::try_from(input.skipped).unwrap();
         for step in &input.steps {
@@ -140,5 +144,6 @@ pub(super) fn observation(number: u8, executed_action: &[f32]) -> Observation {
         proprioception: vec![f32::from(number)],
         executed_action: executed_action.to_vec(),
         deadline: None,
+        skipped_steps: 0,
     }
 }

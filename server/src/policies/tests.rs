@@ -104,6 +104,7 @@ fn observation(number: u8, executed_action: &[f32]) -> Observation {
         proprioception: vec![f32::from(number), 0.0],
         executed_action: executed_action.to_vec(),
         deadline: None,
+        skipped_steps: 0,
     }
 }
 

@@ -108,6 +108,7 @@ mod tests {
             proprioception: Vec::new(),
             executed_action: executed_action.to_vec(),
             deadline: None,
+            skipped_steps: 0,
         }
     }
 

@@ -79,6 +79,7 @@ fn seen(step: i16) -> Observation {
         proprioception: vec![f32::from(step), 0.5],
         executed_action: Vec::new(),
         deadline: None,
+        skipped_steps: 0,
     }
 }
 

@@ -70,6 +70,10 @@ pub(crate) fn step(request: v1::ScoreStepsRequest) -> Result<(Observation, Vec<f
         let fix = "applies to sessions; omit it: every step is scored";
         return Err(Error::invalid("step.observation.deadline_us", fix));
     }
+    if sent.skipped_steps > 0 {
+        let fix = "applies to sessions; omit it, and send every step";
+        return Err(Error::invalid("step.observation.skipped_steps", fix));
+    }
     Ok((sent, action))
 }
 

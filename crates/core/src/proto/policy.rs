@@ -67,7 +67,7 @@ pub fn deadline(micros: u32) -> Option<Duration> {
 /// # Errors
 /// Invalid names the field.
 pub fn observation(path: &str, sent: v1::Observation) -> Result<Observation> {
-    let v1::Observation { stamp_ns, cameras, proprioception, executed_action, deadline_us } = sent;
+    let v1::Observation { stamp_ns, cameras, proprioception, executed_action, deadline_us, skipped_steps } = sent;
     let read = |(index, frame)| camera_frame(&format!("{path}.cameras[{index}]"), frame);
     Ok(Observation {
         stamp_ns,
@@ -75,6 +75,7 @@ pub fn observation(path: &str, sent: v1::Observation) -> Result<Observation> {
         proprioception,
         executed_action,
         deadline: deadline(deadline_us),
+        skipped_steps,
     })
 }
 

@@ -54,6 +54,21 @@ pub(super) fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
         InitialWeights::Random => ModelSpec { segment_length: history_steps, ..from.chosen().read()? },
         InitialWeights::Encoder => checkpoint::inspect(finetune::encoder(from)?)?.model,
     };
+    let given: ModelSpec = from.chosen().read()?;
+    for (name, differs) in [
+        ("preset", given.preset != ModelSpec::default().preset && given.preset != model.preset),
+        (
+            "image_encoder",
+            given.image_encoder != ModelSpec::default().image_encoder && given.image_encoder != model.image_encoder,
+        ),
+    ] {
+        if differs {
+            return Err(LearnError::invalid(
+                name,
+                "is not the encoder's, whose weights the policy begins with; leave it out",
+            ));
+        }
+    }
     if history_steps != 0 && history_steps != model.segment_length {
         let message = format!(
             "is {history_steps}, the encoder was pretrained with a segment_length of {0}; use 0 or {0}",

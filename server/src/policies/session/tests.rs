@@ -91,6 +91,19 @@ impl Robot {
 }
 
 #[tokio::test]
+async fn steps_that_the_robot_skipped_pass_unseen() {
+    let (engine, control) = engine(8, 8).await;
+    drop(control.gate);
+    let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
+    robot.sees(1, &[]);
+    assert_eq!(robot.acts().await, (1, vec![1.0, 0.0], 0));
+    let skipping = Observation { skipped_steps: 3, ..observation(5, &[]) };
+    robot.inputs.unbounded_send(Ok(SessionInput::Observation(skipping))).unwrap();
+    assert_eq!(robot.acts().await, (5, vec![5.0, 1.0 + 3.0 * SKIP], 0), "none of them was dropped by the server");
+    assert_eq!(robot.closes().await, (2, 0, 0));
+}
+
+#[tokio::test]
 async fn the_newest_observation_is_answered_and_others_are_counted_as_dropped() {
     let (engine, mut control) = engine(8, 8).await;
     let mut robot = Robot::open(&engine, &CancellationToken::new()).await;

@@ -88,6 +88,7 @@ pub(crate) fn observation(tensors: &Tensors, inputs: Inputs) -> Result<Observati
         proprioception: Vec::new(),
         executed_action: Vec::new(),
         deadline: None,
+        skipped_steps: 0,
     };
     for (tensor, input) in tensors.inputs.iter().zip(found) {
         let Some(input) = input else {

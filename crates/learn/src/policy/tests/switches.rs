@@ -112,7 +112,7 @@ fn with_a_history_a_policy_sees_past_actions_and_never_its_own() {
 }
 
 #[test]
-fn a_history_that_the_encoder_does_not_have_and_a_missing_encoder_are_refused() {
+fn settings_that_the_encoder_does_not_have_and_a_missing_encoder_are_refused() {
     let message = |switches, encoder: Option<&[u8]>| {
         let spec = switched("bc", switches, 1);
         let experts = toy::experts(2, 8);
@@ -122,4 +122,11 @@ fn a_history_that_the_encoder_does_not_have_and_a_missing_encoder_are_refused() 
     let other = message(("encoder", 2), Some(&encoder));
     assert!(other.starts_with("history_steps: is 2, the encoder was pretrained with a segment_length of 3"), "{other}");
     assert!(message(("encoder", 0), None).starts_with("encoder: is missing"));
+    for (name, value) in [("preset", "large"), ("image_encoder", "residual")] {
+        let mut spec = switched("bc", ("encoder", 0), 1);
+        spec.policy = spec.policy.with(Family::Policy, name, value).unwrap();
+        let experts = toy::experts(2, 8);
+        let refused = train_policy(&toy::shape(), Some(&encoder), &experts, &[], &spec, None, &mut Silent).unwrap_err();
+        assert!(refused.to_string().starts_with(&format!("{name}: is not the encoder's")), "{refused}");
+    }
 }

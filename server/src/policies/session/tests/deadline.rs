@@ -23,6 +23,23 @@ async fn a_late_answer_is_reported_missed_at_its_deadline_and_kept_in_the_histor
     assert_eq!(robot.closes().await, (1, 0, 1));
 }
 
+/// The robot has commanded nothing yet, so no action is known that was executed after the first observation.
+#[tokio::test]
+async fn a_late_first_answer_does_not_end_the_session() {
+    let (engine, mut control) = engine(8, 8).await;
+    let mut robot = Robot::open_under(hurried(), &engine, &CancellationToken::new()).await;
+    robot.sees(1, &[]);
+    assert_eq!(control.begun.recv().await, Some(1));
+    assert_eq!(robot.misses().await, (1, 0));
+    control.gate.send(()).unwrap();
+    drop(control.gate);
+    let mut patient = observation(2, &[]);
+    patient.deadline = Some(IDLE);
+    robot.inputs.unbounded_send(Ok(SessionInput::Observation(patient))).unwrap();
+    assert_eq!(robot.acts().await, (2, vec![2.0, 0.0], 0));
+    assert_eq!(robot.closes().await, (1, 0, 1));
+}
+
 #[tokio::test]
 async fn an_observation_whose_deadline_passes_in_the_queue_is_not_run() {
     let (engine, mut control) = engine(8, 8).await;
