@@ -15,11 +15,12 @@ use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
 use super::chunk::ChunkSpec;
-use super::kind::{Losses, PolicyInfo, PolicyInit, PolicyInput};
+use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyModel};
 use super::observer::{self, Encoded, Observer};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
+use crate::normalize::Statistics;
 use crate::random::normal;
 use network::Network;
 
@@ -44,104 +45,134 @@ pub(super) fn schema() -> Vec<Setting> {
     [observer::schema(), ChunkSpec::schema(), DrawSpec::schema()].concat()
 }
 
-/// A policy that predicts, from a noisy chunk, what to remove from it.
-pub(super) struct Denoiser {
-    pub(super) observer: Observer,
-    chunk: ChunkSpec,
-    draw: DrawSpec,
-    network: Network,
-}
-
 /// A chunk mixed with noise, and what the network has to predict from it; all `[R, k, A]`.
 pub(super) struct Mixed {
     pub(super) noisy: Tensor,
     pub(super) target: Tensor,
 }
 
-impl Denoiser {
-    /// Before its first step.
-    pub(super) fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> Result<Self, LearnError> {
-        let denoiser = Self::new(Observer::init(from, info)?, info)?;
-        denoiser.observer.draw(from, info)?;
-        Ok(denoiser)
-    }
+/// How noise is added in training and removed in acting. Chunks are in units in which noise is N(0, 1).
+pub(super) trait Process: Send {
+    /// Actions `[…, A]` in physical units as chunks.
+    fn scaled(&self, statistics: &Statistics, action: &Tensor) -> Tensor;
 
-    pub(super) fn load(
-        info: &CheckpointInfo,
-        named: &BTreeMap<String, Tensor>,
-        device: Device,
-    ) -> Result<Self, LearnError> {
-        let denoiser = Self::new(Observer::load(info, named, device)?, info)?;
-        denoiser.observer.take(named)?;
-        Ok(denoiser)
-    }
+    /// Chunks as standardised actions.
+    fn standardised(&self, statistics: &Statistics, chunk: Tensor) -> Tensor;
 
-    fn new(observer: Observer, info: &CheckpointInfo) -> Result<Self, LearnError> {
+    /// A time of training in 0 … 1, of a number drawn from 0 … 1.
+    fn time(&self, uniform: f64) -> f64;
+
+    /// Chunks and noise `[R, k, A]` mixed at times `[R, 1, 1]`.
+    fn mix(&self, chunk: &Tensor, noise: &Tensor, time: &Tensor) -> Mixed;
+
+    /// Noise `[W, k, A]` to chunks in this many passes of `predict`, the network at one time.
+    fn draw(&self, noise: &Tensor, passes: u32, predict: &dyn Fn(&Tensor, f64) -> Tensor) -> Tensor;
+
+    /// Values that a checkpoint keeps.
+    fn constants(&self) -> Vec<(String, Tensor)> {
+        Vec::new()
+    }
+}
+
+/// A policy that predicts, from a noisy chunk, what to remove from it.
+struct Denoiser<P> {
+    process: P,
+    observer: Observer,
+    chunk: ChunkSpec,
+    draw: DrawSpec,
+    network: Network,
+}
+
+/// The policy before its first step.
+pub(super) fn init(process: impl Process + 'static, from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
+    let denoiser = Denoiser::new(process, Observer::init(from, info)?, info)?;
+    denoiser.observer.draw(from, info)?;
+    Ok(Box::new(denoiser))
+}
+
+/// The policy with the weights of a checkpoint.
+pub(super) fn load(
+    process: impl Process + 'static,
+    info: &CheckpointInfo,
+    named: &BTreeMap<String, Tensor>,
+    device: Device,
+) -> NewPolicy {
+    let denoiser = Denoiser::new(process, Observer::load(info, named, device)?, info)?;
+    denoiser.observer.take(named)?;
+    Ok(Box::new(denoiser))
+}
+
+impl<P: Process> Denoiser<P> {
+    fn new(process: P, observer: Observer, info: &CheckpointInfo) -> Result<Self, LearnError> {
         let (chunk, draw): (ChunkSpec, DrawSpec) = (info.settings()?, info.settings()?);
         let root = observer.root();
         let network = Network::new(&root, &observer, chunk.chunk_length.into());
         drop(root);
-        Ok(Self { observer, chunk, draw, network })
+        Ok(Self { process, observer, chunk, draw, network })
     }
 
-    pub(super) fn info(&self) -> PolicyInfo<'_> {
+    fn memory(&self, input: &PolicyInput) -> Tensor {
+        let Encoded { images, proprioception } = self.observer.encoded(input);
+        self.network.memory(&images, &proprioception)
+    }
+}
+
+impl<P: Process> PolicyModel for Denoiser<P> {
+    fn info(&self) -> PolicyInfo<'_> {
         self.observer.info(self.chunk.chunk_length as usize)
     }
 
-    pub(super) fn horizon(&self) -> u32 {
+    fn horizon(&self) -> u32 {
         self.draw.execute_length.min(self.chunk.chunk_length)
     }
 
-    pub(super) fn sampling_steps(&self) -> u32 {
-        self.draw.sampling_steps
+    fn history_dropout(&self) -> f64 {
+        self.observer.history_dropout()
     }
 
-    /// The squared errors of the network on chunks `[W, k, A]`, in the units in which noise is N(0, 1), mixed with noise by
-    /// `mix` (chunk, noise, time `[R, 1, 1]`) at times 0 … 1 that `time` makes of numbers in 0 … 1.
-    pub(super) fn losses(
-        &self,
-        input: &PolicyInput,
-        (chunk, wanted): (&Tensor, &Chunks),
-        rng: &mut ChaCha8Rng,
-        time: impl Fn(f64) -> f64,
-        mix: impl Fn(&Tensor, &Tensor, &Tensor) -> Mixed,
-    ) -> Losses {
+    fn parameters(&self) -> Vec<(String, Tensor)> {
+        self.observer.parameters()
+    }
+
+    fn constants(&self) -> Vec<(String, Tensor)> {
+        self.process.constants()
+    }
+
+    fn encode(&self, images: &[Tensor]) -> Tensor {
+        self.observer.encode(images)
+    }
+
+    /// The squared errors of the network, the mean over the pairs of noise and time of each segment.
+    fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
         let pairs = i64::from(self.draw.noise_pairs);
         let each = |of_segments: &Tensor| of_segments.repeat_interleave_self_int(pairs, 0, None);
-        let (chunk, counted) = (each(chunk), each(&wanted.counted));
+        // 0 where the action does not count.
+        let chunk = self.process.scaled(self.observer.statistics(), &wanted.action) * wanted.counted.unsqueeze(-1);
+        let (chunk, counted) = (each(&chunk), each(&wanted.counted));
         let (mut noise, mut times) = (Vec::with_capacity(chunk.numel()), Vec::new());
         while noise.len() < chunk.numel() {
             noise.extend(normal(rng, chunk.get(0).numel()));
-            times.push(time(rng.random()));
+            times.push(self.process.time(rng.random()));
         }
         let like = |numbers: Tensor| numbers.to_kind(chunk.kind()).to(chunk.device());
         let noise = like(Tensor::from_slice(&noise)).view_as(&chunk);
         let times = like(Tensor::from_slice(&times)).view([-1, 1, 1]);
-        let Mixed { noisy, target } = mix(&chunk, &noise, &times);
-        let memory = each(&self.memory(input));
-        let found = self.network.forward(&memory, &noisy, &times, Some(&counted));
+        let Mixed { noisy, target } = self.process.mix(&chunk, &noise, &times);
+        let found = self.network.forward(&each(&self.memory(input)), &noisy, &times, Some(&counted));
         let errors = (found - target).square().mean_dim([-1i64].as_slice(), false, None);
         let of_pairs = (errors * counted).mean_dim([-1i64].as_slice(), false, None);
         let each = of_pairs.view([-1, pairs]).mean_dim([-1i64].as_slice(), false, None);
         Losses { each, parts: Vec::new() }
     }
 
-    /// The prediction for chunks `[W, k, A]` at one time, by the passes of one acting step.
-    pub(super) fn predictor(&self, input: &PolicyInput) -> impl Fn(&Tensor, f64) -> Tensor {
+    fn act(&self, input: &PolicyInput) -> Tensor {
         let memory = self.memory(input);
-        move |noisy, time| {
+        let predict = |noisy: &Tensor, time: f64| {
             let time = Tensor::full([noisy.size()[0], 1, 1], time, (noisy.kind(), noisy.device()));
             self.network.forward(&memory, noisy, &time, None)
-        }
-    }
-
-    /// N(0, 1) for each window's chunk, `[W, k, A]`.
-    pub(super) fn noise(&self, input: &PolicyInput) -> Tensor {
-        input.noise([self.chunk.chunk_length.into(), self.observer.action()])
-    }
-
-    fn memory(&self, input: &PolicyInput) -> Tensor {
-        let Encoded { images, proprioception } = self.observer.encoded(input);
-        self.network.memory(&images, &proprioception)
+        };
+        let noise = input.noise([self.chunk.chunk_length.into(), self.observer.action()]);
+        let drawn = self.process.draw(&noise, self.draw.sampling_steps, &predict);
+        self.process.standardised(self.observer.statistics(), drawn)
     }
 }

@@ -13,16 +13,15 @@ use std::collections::BTreeMap;
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::integer_in;
 use gleaner_core::{Group as _, Setting};
-use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
-use super::denoise::{self, Denoiser, Mixed};
-use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
+use super::denoise::{self, Mixed, Process};
+use super::kind::{NewPolicy, PolicyInit, PolicyKind};
 use super::observer;
-use crate::batch::{Chunks, int};
+use crate::batch::int;
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
-use crate::normalize::Sample;
+use crate::normalize::{Sample, Statistics};
 use crate::shape::TaskShape;
 
 pub(super) const KIND: PolicyKind = PolicyKind {
@@ -56,14 +55,14 @@ fn settings() -> Vec<Setting> {
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
     let range = range(from.shape, from.sample).to(from.device);
-    Ok(Box::new(Diffusion::new(Denoiser::init(from, info)?, info, range)?))
+    denoise::init(Diffusion::new(info, range)?, from, info)
 }
 
 fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> NewPolicy {
     let range = named.get(RANGE).filter(|range| range.size() == [2, int(info.shape.action)]);
     let range =
         range.ok_or_else(|| LearnError::Checkpoint(format!("`{RANGE}` is missing or is not two rows of actions")))?;
-    Ok(Box::new(Diffusion::new(Denoiser::load(info, named, device)?, info, range.to(device))?))
+    denoise::load(Diffusion::new(info, range.to(device))?, info, named, device)
 }
 
 /// Per action value the middle and half the width of its range in the sample, `[2, A]`; a constant value has the half
@@ -86,56 +85,41 @@ fn range(shape: &TaskShape, sample: &Sample<'_>) -> Tensor {
 }
 
 struct Diffusion {
-    denoiser: Denoiser,
     schedule: Schedule,
     /// `[2, A]`, see [`range`].
     range: Tensor,
 }
 
 impl Diffusion {
-    fn new(denoiser: Denoiser, info: &CheckpointInfo, range: Tensor) -> Result<Self, LearnError> {
+    fn new(info: &CheckpointInfo, range: Tensor) -> Result<Self, LearnError> {
         let NoiseSpec { diffusion_steps } = info.settings()?;
-        Ok(Self { denoiser, schedule: Schedule::new(diffusion_steps), range })
+        Ok(Self { schedule: Schedule::new(diffusion_steps), range })
     }
 }
 
-impl PolicyModel for Diffusion {
-    fn info(&self) -> PolicyInfo<'_> {
-        self.denoiser.info()
+impl Process for Diffusion {
+    fn scaled(&self, _: &Statistics, action: &Tensor) -> Tensor {
+        (action - self.range.get(0)) / self.range.get(1)
     }
 
-    fn horizon(&self) -> u32 {
-        self.denoiser.horizon()
+    fn standardised(&self, statistics: &Statistics, chunk: Tensor) -> Tensor {
+        statistics.action.apply(&(chunk * self.range.get(1) + self.range.get(0)))
     }
 
-    fn history_dropout(&self) -> f64 {
-        self.denoiser.observer.history_dropout()
+    fn time(&self, uniform: f64) -> f64 {
+        self.schedule.time(uniform)
     }
 
-    fn parameters(&self) -> Vec<(String, Tensor)> {
-        self.denoiser.observer.parameters()
+    fn mix(&self, chunk: &Tensor, noise: &Tensor, time: &Tensor) -> Mixed {
+        self.schedule.mix(chunk, noise, time)
+    }
+
+    fn draw(&self, noise: &Tensor, passes: u32, predict: &dyn Fn(&Tensor, f64) -> Tensor) -> Tensor {
+        self.schedule.sample(noise, passes, true, predict)
     }
 
     fn constants(&self) -> Vec<(String, Tensor)> {
         vec![(RANGE.to_owned(), self.range.shallow_clone())]
-    }
-
-    fn encode(&self, images: &[Tensor]) -> Tensor {
-        self.denoiser.observer.encode(images)
-    }
-
-    fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
-        let scaled = (&wanted.action - self.range.get(0)) / self.range.get(1);
-        // 0 where the action does not count.
-        let chunk = scaled * wanted.counted.unsqueeze(-1);
-        let mix = |chunk: &Tensor, noise: &Tensor, time: &Tensor| self.schedule.mix(chunk, noise, time);
-        self.denoiser.losses(input, (&chunk, wanted), rng, |uniform| self.schedule.time(uniform), mix)
-    }
-
-    fn act(&self, input: &PolicyInput) -> Tensor {
-        let steps = self.denoiser.sampling_steps();
-        let drawn = self.schedule.sample(&self.denoiser.noise(input), steps, true, self.denoiser.predictor(input));
-        self.denoiser.observer.statistics().action.apply(&(drawn * self.range.get(1) + self.range.get(0)))
     }
 }
 

@@ -7,14 +7,13 @@
 use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
-use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
-use super::denoise::{self, Denoiser, Mixed};
-use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
+use super::denoise::{self, Mixed, Process};
+use super::kind::{NewPolicy, PolicyInit, PolicyKind};
 use super::observer;
-use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
+use crate::normalize::Statistics;
 
 pub(super) const KIND: PolicyKind = PolicyKind {
     name: "flow",
@@ -28,53 +27,36 @@ pub(super) const KIND: PolicyKind = PolicyKind {
 };
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    Ok(Box::new(Flow(Denoiser::init(from, info)?)))
+    denoise::init(Flow, from, info)
 }
 
 fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> NewPolicy {
-    Ok(Box::new(Flow(Denoiser::load(info, named, device)?)))
+    denoise::load(Flow, info, named, device)
 }
 
-struct Flow(Denoiser);
+struct Flow;
 
-impl PolicyModel for Flow {
-    fn info(&self) -> PolicyInfo<'_> {
-        self.0.info()
+impl Process for Flow {
+    fn scaled(&self, statistics: &Statistics, action: &Tensor) -> Tensor {
+        statistics.action.apply(action)
     }
 
-    fn horizon(&self) -> u32 {
-        self.0.horizon()
+    fn standardised(&self, _: &Statistics, chunk: Tensor) -> Tensor {
+        chunk
     }
 
-    fn history_dropout(&self) -> f64 {
-        self.0.observer.history_dropout()
+    /// Noisy times are more likely.
+    fn time(&self, uniform: f64) -> f64 {
+        0.001 + 0.999 * uniform.powf(2.0 / 3.0)
     }
 
-    fn parameters(&self) -> Vec<(String, Tensor)> {
-        self.0.observer.parameters()
+    fn mix(&self, chunk: &Tensor, noise: &Tensor, time: &Tensor) -> Mixed {
+        Mixed { noisy: noise * time + chunk * (1.0 - time), target: noise - chunk }
     }
 
-    fn encode(&self, images: &[Tensor]) -> Tensor {
-        self.0.observer.encode(images)
+    fn draw(&self, noise: &Tensor, passes: u32, predict: &dyn Fn(&Tensor, f64) -> Tensor) -> Tensor {
+        integrate(noise, passes, predict)
     }
-
-    fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
-        let chunk = self.0.observer.statistics().action.apply(&wanted.action);
-        self.0.losses(input, (&chunk, wanted), rng, time, mix)
-    }
-
-    fn act(&self, input: &PolicyInput) -> Tensor {
-        integrate(&self.0.noise(input), self.0.sampling_steps(), self.0.predictor(input))
-    }
-}
-
-/// A time of training: noisy ones are more likely.
-fn time(uniform: f64) -> f64 {
-    0.001 + 0.999 * uniform.powf(2.0 / 3.0)
-}
-
-fn mix(chunk: &Tensor, noise: &Tensor, time: &Tensor) -> Mixed {
-    Mixed { noisy: noise * time + chunk * (1.0 - time), target: noise - chunk }
 }
 
 /// Follows the field `velocity(x, t)` from noise at t = 1 to t = 0 in equal steps.
@@ -111,11 +93,11 @@ mod tests {
 
     #[test]
     fn times_of_training_are_noisy_and_the_mix_ends_at_noise_and_at_the_chunk() {
-        let mean = (0..1000).map(|i| time((f64::from(i) + 0.5) / 1000.0)).sum::<f64>() / 1000.0;
+        let mean = (0..1000).map(|i| Flow.time((f64::from(i) + 0.5) / 1000.0)).sum::<f64>() / 1000.0;
         assert!((mean - (0.001 + 0.999 * 0.6)).abs() < 1e-4, "{mean}");
         let (chunk, noise) = (Tensor::from_slice(&[2f32]), Tensor::from_slice(&[-1f32]));
         let at = |t: f32| {
-            let Mixed { noisy, target } = mix(&chunk, &noise, &Tensor::from_slice(&[t]));
+            let Mixed { noisy, target } = Flow.mix(&chunk, &noise, &Tensor::from_slice(&[t]));
             [values(&noisy)[0], values(&target)[0]]
         };
         assert_eq!((at(0.0), at(1.0), at(0.25)), ([2.0, -3.0], [-1.0, -3.0], [1.25, -3.0]));
