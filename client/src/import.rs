@@ -19,7 +19,7 @@ use crate::score_table::ScoredEpisode;
 const BATCH: usize = (1 << 20) / size_of::<f64>();
 
 impl Client {
-    /// Stores scores made elsewhere as a score run of the snapshot. `source` says what made them; policies that need an
+    /// Stores scores made elsewhere as a score run of the snapshot. `source` names what made them; policies that need an
     /// encoder, trained on a dataset of the run, start from `encoder` (empty: none). The same scores return the same run.
     ///
     /// # Errors

@@ -19,7 +19,7 @@ use crate::{
 /// The field of a request that has episodes.
 const EPISODES: &str = "batch.episodes";
 
-/// What an import is about.
+/// The snapshot, source and encoder of an import.
 #[derive(Debug, Clone)]
 pub(crate) struct Opening {
     /// The snapshot that was scored.

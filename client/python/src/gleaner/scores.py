@@ -102,7 +102,7 @@ class Scores:
 
         `table` has the columns episode (an id, or the file name or BLAKE3 digest of a recording), step (counted from 0)
         and q (0 to 1): a dict of lists or arrays, a pandas DataFrame or a pyarrow Table, for every step of every
-        imperfect episode; experts are optional. `source` says what made the scores. Policies that need an encoder,
+        imperfect episode; experts are optional. `source` names what made the scores. Policies that need an encoder,
         trained on a dataset of the run, start from `encoder`. Raises `ValueError` for a table that is not complete.
         """
         scores = self._with_ids(snapshot, by_episode(table))

@@ -12,6 +12,6 @@ mod ssdf;
 mod vote;
 
 pub(super) use kind::Scorer;
-use kind::{ScorerKind, SeedSpec, Trained, unmatched};
+use kind::{ScorerKind, SeedSpec, Trained, seeded, unmatched};
 pub(crate) use list::describe;
 pub(super) use list::open;

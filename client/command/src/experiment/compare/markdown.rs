@@ -1,4 +1,4 @@
-//! A comparison as text: Markdown, for terminals and files alike. A cell without a value says why.
+//! A comparison as text: Markdown, for terminals and files alike. A cell without a value has the reason.
 
 use super::report::{Agreement, Auroc, Comparison, LengthCorrelation, ScorerReport};
 use super::summary::summary;

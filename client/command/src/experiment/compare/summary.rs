@@ -1,4 +1,4 @@
-//! The summary of a comparison: a column for each scorer, a row for each measure. A cell without a value says why.
+//! The summary of a comparison: a column for each scorer, a row for each measure. A cell without a value has the reason.
 
 use super::report::{Auroc, Comparison, ScorerReport, Separated};
 use super::text::{LENGTH, at_equal_length, percent, percents, plain, table, value};

@@ -7,6 +7,7 @@ use gleaner_core::snapshot::Role;
 use gleaner_core::{Chosen, Setting};
 
 use crate::error::LearnError;
+use crate::model::Network;
 use crate::score::EpisodeScores;
 use crate::score::comparison::{Comparison, FeatureScale};
 use crate::score::features::Encoder;
@@ -70,6 +71,23 @@ pub(super) type TrainedScores = Box<
         ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError>
         + Send,
 >;
+
+/// Scores by a seed, from (experts, imperfect) episodes to (imperfect, experts), without q.
+type Seeded = fn(
+    &Network,
+    (&[Trajectory], &[Trajectory]),
+    u64,
+    &mut dyn Monitor,
+) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError>;
+
+/// A scorer that has a seed as its only setting, and uses no features after attention.
+pub(super) fn seeded(chosen: &Chosen, scores: Seeded) -> Result<Scorer, LearnError> {
+    let SeedSpec { seed } = chosen.read()?;
+    Ok(Scorer::Trained(Trained {
+        feature_scale: None,
+        scores: Box::new(move |encoder, episodes, monitor| scores(encoder.network, episodes, seed, monitor)),
+    }))
+}
 
 /// The scores of an episode by a scorer that matches no segments, without q.
 pub(super) fn unmatched(episode: &str, role: Role, w: Vec<f64>) -> EpisodeScores {

@@ -6,7 +6,7 @@ use gleaner_core::kinds::Needs;
 use gleaner_core::snapshot::Role;
 use rand::RngExt;
 
-use super::{Scorer, ScorerKind, SeedSpec, Trained, unmatched};
+use super::{ScorerKind, SeedSpec, seeded, unmatched};
 use crate::error::LearnError;
 use crate::model::Network;
 use crate::random::{Purpose, generator};
@@ -21,13 +21,7 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     about: "A control: random numbers, so that the best part is a blind draw.",
     needs: Needs { encoder: true, history: false, images: false, all_episodes: true },
     settings: SeedSpec::schema,
-    open: |chosen| {
-        let SeedSpec { seed } = chosen.read()?;
-        Ok(Scorer::Trained(Trained {
-            feature_scale: None,
-            scores: Box::new(move |encoder, episodes, monitor| scores(encoder.network, episodes, seed, monitor)),
-        }))
-    },
+    open: |chosen| seeded(chosen, scores),
 };
 
 /// The scores of the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the given order.

@@ -13,7 +13,7 @@ use gleaner_core::kinds::Needs;
 use gleaner_core::snapshot::Role;
 use tch::Tensor;
 
-use super::{Scorer, ScorerKind, SeedSpec, Trained, unmatched};
+use super::{ScorerKind, SeedSpec, seeded, unmatched};
 use crate::batch::rows;
 use crate::error::LearnError;
 use crate::model::Network;
@@ -30,13 +30,7 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     about: "A baseline: a small network that separates the experts' steps from the imperfect ones.",
     needs: Needs { encoder: true, history: false, images: true, all_episodes: true },
     settings: SeedSpec::schema,
-    open: |chosen| {
-        let SeedSpec { seed } = chosen.read()?;
-        Ok(Scorer::Trained(Trained {
-            feature_scale: None,
-            scores: Box::new(move |encoder, episodes, monitor| scores(encoder.network, episodes, seed, monitor)),
-        }))
-    },
+    open: |chosen| seeded(chosen, scores),
 };
 
 /// One episode's steps as inputs of the network.

@@ -18,7 +18,7 @@ use rand::seq::SliceRandom as _;
 use tch::{Tensor, no_grad_guard};
 
 use super::recordings::check_ids;
-use super::{Scorer, ScorerKind, SeedSpec, Trained, unmatched};
+use super::{ScorerKind, SeedSpec, seeded, unmatched};
 use crate::batch::{int, rows, values};
 use crate::error::LearnError;
 use crate::model::Network;
@@ -36,13 +36,7 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     about: "A rival without expert labels: the mutual information of states and actions, estimated from neighbours.",
     needs: Needs { encoder: true, history: false, images: true, all_episodes: true },
     settings: SeedSpec::schema,
-    open: |chosen| {
-        let SeedSpec { seed } = chosen.read()?;
-        Ok(Scorer::Trained(Trained {
-            feature_scale: None,
-            scores: Box::new(move |encoder, episodes, monitor| scores(encoder.network, episodes, seed, monitor)),
-        }))
-    },
+    open: |chosen| seeded(chosen, scores),
 };
 
 /// Steps that are compared with each other at a time.
@@ -200,15 +194,5 @@ mod tests {
         let (good, bad) = (mean(&scores.experts), mean(&scores.imperfect));
         assert!(good > bad + 0.3, "{good} {bad}");
         assert!(scores.imperfect.iter().all(|episode| episode.match_episode.is_empty() && episode.q.len() == 12));
-    }
-
-    #[test]
-    fn the_seed_alone_decides_whatever_the_order() {
-        let (mut experts, imperfect) = (toy::experts(4, 8), [toy::episode("failure", 70, 9, false)]);
-        let first = run(&experts, &imperfect, 7);
-        experts.reverse();
-        let mut again = run(&experts, &imperfect, 7);
-        again.experts.reverse();
-        assert_eq!(first, again);
     }
 }

@@ -109,7 +109,8 @@ fn estimate(networks: &[Net], states: &Tensor, episode: &str) -> Result<Vec<f64>
         sums.iter_mut().zip(network.progress(states)).for_each(|(sum, progress)| *sum += progress);
     }
     if !sums.iter().all(|sum| sum.is_finite()) {
-        let message = "is too far from the experts for progress; correct it or use another scorer";
+        let message =
+            "has a progress that is not finite: it is too far from the experts; correct it or use another scorer";
         return Err(LearnError::invalid(format!("episode {episode}"), message));
     }
     #[expect(clippy::cast_precision_loss, reason = "one or two")]

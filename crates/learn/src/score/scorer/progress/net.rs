@@ -81,7 +81,7 @@ impl Net {
             let norm = optimizer.step(step, optim.learning_rate_at(step), &optim);
             if !(norm.is_finite() && loss.double_value(&[]).is_finite()) {
                 let message = format!(
-                    "give the scorer progress a loss that is not finite at step {step}; leave out episodes that are \
+                    "make the loss of the scorer progress not finite at step {step}; leave out episodes that are \
                      far from the encoder's data, or use another scorer"
                 );
                 return Err(LearnError::invalid("experts", message));
@@ -178,9 +178,6 @@ mod tests {
     fn states_that_are_not_finite_are_refused() {
         let message =
             train(&[states([0.0, 0.1, f32::NAN, 0.3, 0.4].into_iter())], 3, 1).map(|_| ()).unwrap_err().to_string();
-        assert!(
-            message.starts_with("experts: give the scorer progress a loss that is not finite at step 0"),
-            "{message}"
-        );
+        assert!(message.starts_with("experts: make the loss of the scorer progress not finite at step 0"), "{message}");
     }
 }

@@ -39,20 +39,6 @@ fn experts_progress_and_reversed_ones_regress() {
 }
 
 #[test]
-fn the_seed_alone_decides_whatever_the_order() {
-    let (mut experts, mut imperfect) =
-        (toy::experts(4, 8), vec![toy::episode("f", 70, 9, false), toy::episode("g", 71, 5, false)]);
-    let first = run(&experts, &imperfect, 7).unwrap();
-    experts.reverse();
-    imperfect.reverse();
-    let mut again = run(&experts, &imperfect, 7).unwrap();
-    again.experts.reverse();
-    again.imperfect.reverse();
-    assert_eq!(first, again);
-    assert_ne!(again.imperfect[0].w, run(&experts, &imperfect, 8).unwrap().imperfect[1].w);
-}
-
-#[test]
 fn an_expert_is_not_scored_by_a_network_that_saw_it() {
     let (mut experts, failure) = (toy::experts(4, 8), toy::episode("failure", 70, 9, false));
     let copy = Trajectory { id: "copy".into(), ..experts[2].clone() };

@@ -20,7 +20,7 @@ fn mean(episodes: &[EpisodeScores]) -> f64 {
 fn experts_have_more_votes_than_failures() {
     let experts = toy::experts(12, 10);
     let failures: Vec<Trajectory> = (50..54).map(|seed| toy::episode(&format!("f {seed}"), seed, 10, false)).collect();
-    // A draw of corruptions alone says little: of eleven, one put the failures above.
+    // One draw of corruptions is not enough: of eleven, one put the failures above.
     let runs: Vec<Scores> = (1..5).map(|seed| run(&experts, &failures, seed).unwrap()).collect();
     let over = |of: fn(&Scores) -> &[EpisodeScores]| runs.iter().map(|scores| mean(of(scores))).sum::<f64>() / 4.0;
     let (good, bad) = (over(|scores| &scores.experts), over(|scores| &scores.imperfect));
@@ -30,20 +30,6 @@ fn experts_have_more_votes_than_failures() {
         assert!(episode.w.iter().all(|w| (0.0..=1.0).contains(w)) && episode.match_episode.is_empty());
         assert_eq!((episode.w.len(), episode.q.len()), (10, 10));
     }
-}
-
-#[test]
-fn the_seed_alone_decides_whatever_the_order() {
-    let mut experts = toy::experts(4, 8);
-    let mut imperfect = vec![toy::episode("f", 70, 9, false), toy::episode("g", 71, 5, false)];
-    let first = run(&experts, &imperfect, 7).unwrap();
-    experts.reverse();
-    imperfect.reverse();
-    let mut again = run(&experts, &imperfect, 7).unwrap();
-    again.experts.reverse();
-    again.imperfect.reverse();
-    assert_eq!(first, again);
-    assert_ne!(again.imperfect[0].w, run(&experts, &imperfect, 8).unwrap().imperfect[1].w);
 }
 
 /// A copy with one action changed a little is another recording, so its original votes for it.
