@@ -48,6 +48,10 @@ crate::words! {
         /// A query that a small perceptron makes of the newest images and proprioception together, as behaviour cloning
         /// reads them; attention adds the history.
         Fused = "fused",
+        /// The newest image token, together with the images' embedding and the proprioception as they are before
+        /// attention, through a perceptron like that of behaviour cloning: the policy sees what behaviour cloning sees,
+        /// and attention adds the history.
+        Image = "image",
     }
 }
 

@@ -60,6 +60,12 @@ impl Windows {
         }
     }
 
+    /// The indices of the last `keep` places of each window, `[W * keep]`.
+    pub(crate) fn newest(&self, keep: usize) -> Tensor {
+        let (length, keep) = (int(self.length), int(keep));
+        self.index.view([-1, length]).narrow(1, length - keep, keep).flatten(0, 1)
+    }
+
     /// The elements `[W, L, 3]` of all steps but the last of each marked window; `None` when no window is
     /// marked, or windows have a single step.
     pub(crate) fn past_of(&self, marked: &[bool]) -> Option<Tensor> {

@@ -7,6 +7,7 @@ use super::Size;
 use crate::batch::int;
 use crate::normalize::target_size;
 use crate::shape::TaskShape;
+use gleaner_core::ActionToken;
 
 /// One hidden layer.
 struct Head {
@@ -27,22 +28,55 @@ impl Head {
     }
 }
 
+/// Width of the hidden layers of a [`StepHead`], in multiples of d, as in behaviour cloning.
+const WIDE: i64 = 4;
+
+/// An action read from the image token, the images' embedding and the proprioception of a step. Proprioception enters as
+/// its few values: as wide as a token, it would outweigh what changes in the images, and the policy would replay a path.
+struct StepHead {
+    hidden: [nn::Linear; 2],
+    out: nn::Linear,
+}
+
+impl StepHead {
+    fn new(path: &nn::Path<'_>, width: i64, shape: &TaskShape) -> Self {
+        let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
+        let (inputs, wide) = (2 * width + int(shape.proprioception), WIDE * width);
+        let hidden = [linear("hidden_0", inputs, wide), linear("hidden_1", wide, wide)];
+        Self { hidden, out: linear("out", wide, int(shape.action)) }
+    }
+
+    fn forward(&self, input: &Tensor) -> Tensor {
+        let hidden = self.hidden.iter().fold(input.shallow_clone(), |x, layer| layer.forward(&x).gelu("none"));
+        self.out.forward(&hidden)
+    }
+}
+
 /// The three heads.
 pub(crate) struct Heads {
     image: Head,
     proprioception: Head,
     action: Head,
+    /// The head of the action after a history, if that is read from the image token.
+    step: Option<StepHead>,
 }
 
 impl Heads {
-    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, size: &Size) -> Self {
+    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, size: &Size, token: ActionToken) -> Self {
         let pixels = |camera| target_size(camera, size.target).iter().product::<i64>();
         let image = shape.cameras.iter().map(|camera| int(camera.channels()) * pixels(camera)).sum();
         Self {
             image: Head::new(&(path / "image"), size.width, image),
             proprioception: Head::new(&(path / "proprioception"), size.width, int(shape.proprioception)),
             action: Head::new(&(path / "action"), size.width, int(shape.action)),
+            step: (token == ActionToken::Image).then(|| StepHead::new(&(path / "step"), size.width, shape)),
         }
+    }
+
+    /// The action after a history, `[..., A]`, from the parts of a step: its image token z and its images' embedding
+    /// `[..., d]`, and its standardised proprioception `[..., M]`. `None` if it is read from a token alone.
+    pub(crate) fn step(&self, parts: impl FnOnce() -> [Tensor; 3]) -> Option<Tensor> {
+        self.step.as_ref().map(|head| head.forward(&Tensor::cat(&parts(), -1)))
     }
 
     /// H_o: `[..., d]` to all cameras' down-sampled images, flattened and concatenated.

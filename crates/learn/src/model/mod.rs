@@ -70,7 +70,7 @@ impl Network {
         let root = store.root() / "model";
         let size = Size::of(spec.preset);
         Self {
-            heads: Heads::new(&(&root / "head"), shape, &size),
+            heads: Heads::new(&(&root / "head"), shape, &size, spec.action_token),
             images: ImageEncoder::new(&(&root / IMAGES), shape, &spec),
             tokens: Tokens::new(&(&root / "token"), shape, size.width, &spec),
             transformer: Transformer::new(&(&root / "transformer"), &size),
@@ -142,13 +142,28 @@ impl Network {
     }
 
     /// The standardised action after the history of each of the last `keep` steps, `[W, keep, A]`: a_t is read from the
-    /// query, or from the token of m_t, which attend to o_i … m_t and never to a_t.
+    /// query, from the token of m_t, or from that of o_t with o_t and m_t themselves. None of them attends to a_t.
     ///
-    /// `steps` and `hidden` as in [`Network::features`].
-    pub(crate) fn actions(&self, steps: &Tensor, windows: &Windows, hidden: Option<&Tensor>, keep: usize) -> Tensor {
+    /// `steps` and `hidden` as in [`Network::features`]; `proprioception` `[N, M]` is that of the steps, in physical
+    /// units.
+    pub(crate) fn actions(
+        &self,
+        steps: &Tensor,
+        proprioception: &Tensor,
+        windows: &Windows,
+        hidden: Option<&Tensor>,
+        keep: usize,
+    ) -> Tensor {
         let Some(tokens) = self.tokens.queried(steps, windows, hidden, keep == 1) else {
             let view = View { attention: Attention::Causal, hidden };
-            return self.heads.action(&Modality::Proprioception.of(&self.features(steps, windows, view, keep)));
+            let features = self.features(steps, windows, view, keep);
+            let of_step = self.heads.step(|| {
+                let newest = windows.newest(keep);
+                let of = |each: &Tensor| each.index_select(0, &newest).unflatten(0, [-1, int(keep)]);
+                let m = of(&self.statistics.proprioception.apply(proprioception));
+                [Modality::Image.of(&features), of(&Modality::Image.of(steps)), m]
+            });
+            return of_step.unwrap_or_else(|| self.heads.action(&Modality::Proprioception.of(&features)));
         };
         let features = if keep == 1 {
             // The query is where the newest a would be.

@@ -132,9 +132,9 @@ fn actions_of_the_newest_step_alone_are_those_of_all_steps() {
         let network = Network::new(&toy::shape(), spec, statistics, 3, DEVICE);
         let batch = Batch::collect(&network.shape, &[&data], &[segment(1), segment(5)], 4, DEVICE);
         let steps = network.batch_steps(&batch);
-        let every = network.actions(&steps, &batch.windows, None, 4);
+        let every = network.actions(&steps, &batch.proprioception, &batch.windows, None, 4);
         assert_eq!(every.size(), [2, 4, 2]);
-        let newest = network.actions(&steps, &batch.windows, None, 1);
+        let newest = network.actions(&steps, &batch.proprioception, &batch.windows, None, 1);
         assert!(largest_difference(&every.narrow(1, 3, 1), &newest) < 1e-5);
     }
 }

@@ -39,7 +39,7 @@ pub(crate) struct Tokens {
     time: Tensor,
     /// `[3, d]`: the replacement of a masked element.
     mask: Tensor,
-    /// The token that the action is read from; `None` if that is the proprioception's.
+    /// The token that the action is read from; `None` if that is one of a modality.
     query: Option<Query>,
 }
 
@@ -58,7 +58,7 @@ impl Query {
     fn new(path: &nn::Path<'_>, token: ActionToken, width: i64) -> Option<Self> {
         let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
         match token {
-            ActionToken::Proprioception => None,
+            ActionToken::Proprioception | ActionToken::Image => None,
             ActionToken::Query => Some(Self::Learned(path.zeros("query_embedding", &[1, width]))),
             ActionToken::Fused => Some(Self::Fused {
                 hidden: linear("query_hidden", 2 * width, HIDDEN * width),

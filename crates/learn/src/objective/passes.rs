@@ -15,6 +15,7 @@ pub(crate) struct Passes<'a> {
     pub(super) windows: &'a Windows,
     pub(super) targets: Targets,
     steps: Tensor,
+    proprioception: &'a Tensor,
     seed: u64,
     step: u64,
     masked: OnceCell<Masked>,
@@ -33,7 +34,8 @@ impl<'a> Passes<'a> {
     pub(crate) fn new(network: &'a Network, batch: &'a Batch, seed: u64, step: u64) -> Self {
         let steps = network.batch_steps(batch);
         let targets = Targets::new(network, batch);
-        Self { network, windows: &batch.windows, targets, steps, seed, step, masked: OnceCell::new() }
+        let (windows, proprioception) = (&batch.windows, &batch.seen_proprioception);
+        Self { network, windows, targets, steps, proprioception, seed, step, masked: OnceCell::new() }
     }
 
     /// The pass over M(τ), which MTP and TR share.
@@ -50,6 +52,6 @@ impl<'a> Passes<'a> {
 
     /// The action predicted after each step's history, `[W, L, A]`.
     pub(super) fn actions(&self) -> Tensor {
-        self.network.actions(&self.steps, self.windows, None, self.windows.length)
+        self.network.actions(&self.steps, self.proprioception, self.windows, None, self.windows.length)
     }
 }

@@ -89,7 +89,7 @@ impl CausalTransformer {
     /// The standardised a_t of each window, `[W, 1, A]`. The last layer processes step t alone.
     fn predict(&self, input: &PolicyInput) -> Tensor {
         let steps = self.network.steps(&input.embedded, &input.proprioception, &input.action);
-        self.network.actions(&steps, &input.windows, input.hidden.as_ref(), 1)
+        self.network.actions(&steps, &input.proprioception, &input.windows, input.hidden.as_ref(), 1)
     }
 }
 

@@ -8,7 +8,7 @@ use gleaner_core::{Chosen, ModelSpec, Setting, TrainSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
-use crate::batch::{Chunks, Windows, int};
+use crate::batch::{Chunks, Windows};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
 use crate::normalize::{Sample, Statistics};
@@ -139,8 +139,7 @@ pub(super) struct PolicyInput {
 impl PolicyInput {
     /// The newest step of each window, `[W, …]`, of `steps` `[N, …]`.
     pub(super) fn newest(&self, steps: &Tensor) -> Tensor {
-        let places = self.windows.index.view([-1, int(self.windows.length)]).select(1, -1);
-        steps.index_select(0, &places)
+        steps.index_select(0, &self.windows.newest(1))
     }
 
     /// N(0, 1) of `size` for each window, `[W, …size]`. A window's numbers do not depend on the other windows.

@@ -58,7 +58,7 @@ fn a_session_with_cached_embeddings_acts_like_the_full_window() {
     let data = toy::episode("session", 77, 9, true);
     let segments = Segments::every(&network.shape, &[&data]);
     let batch = Batch::collect(&network.shape, &[&data], segments.all(), 4, tch::Device::Cpu);
-    let full = network.actions(&network.batch_steps(&batch), &batch.windows, None, 1);
+    let full = network.actions(&network.batch_steps(&batch), &batch.proprioception, &batch.windows, None, 1);
     let full = crate::batch::values(&network.statistics.action.invert(&full));
 
     let mut history = History::new(policy.segment_length());

@@ -45,7 +45,7 @@ fn in_the_causal_pass_no_action_moves_its_own_prediction_or_an_earlier_one() {
         let batch = window(&data);
         let action = batch.action.set_requires_grad(true);
         let steps = network.steps(&network.embed_images(&batch.images), &batch.proprioception, &action);
-        let prediction = network.actions(&steps, &batch.windows, None, 4);
+        let prediction = network.actions(&steps, &batch.proprioception, &batch.windows, None, 4);
         prediction.select(1, i64::try_from(place).unwrap()).square().sum(None).backward();
         let moved = of_each_step(&action);
         assert!(moved[place..].iter().all(|gradient| *gradient == 0.0), "{token:?} {place}: {moved:?}");
