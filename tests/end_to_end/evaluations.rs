@@ -36,6 +36,12 @@ async fn evaluation_is_repeatable_and_has_an_interval() {
         assert_eq!((job.kind(), job.done, job.total), (JobKind::Evaluate, 68, 68));
         let evaluation = api.evaluation(&job.result_id).await;
         assert_eq!((&evaluation.job_id, &evaluation.policy_id), (&job.id, &shared.policy));
+        let request = ListMetricsRequest { job_id: job.id.clone() };
+        let metrics = api.jobs.list_metrics(request).await.unwrap().into_inner().metrics;
+        let names: Vec<&str> = metrics.iter().map(|metric| metric.name.as_str()).collect();
+        let looks = ["share_images", "share_camera_0", "share_camera_1", "share_proprioception", "share_history"];
+        assert_eq!(names, looks, "what the policy looked at");
+        assert!(metrics.iter().all(|metric| metric.step == 68 && metric.value.is_finite()), "{metrics:?}");
         made.push(evaluation);
     }
     let first = &made[0];

@@ -41,7 +41,7 @@ pub(crate) struct Gatherer<'a> {
     graph: &'a Graph,
     // By id.
     runs: HashMap<String, Run>,
-    // By training job.
+    // By training or evaluation.
     looks: HashMap<String, Vec<Look>>,
 }
 
@@ -107,10 +107,13 @@ impl<'a> Gatherer<'a> {
         if let Some(Ok(result)) = self.graph.find(chain, "evaluate").map(|index| stage_result(submitted, index)) {
             report.success = Some(success(self.client, &result.id).await?);
         }
-        if let Some(Ok(result)) = self.graph.find(chain, "train").map(|index| stage_result(submitted, index))
-            && let Some(job) = result.job.as_ref().filter(|job| job.state() == JobState::Succeeded)
-        {
-            report.looks = self.looks(&job.id).await?;
+        for (stage, place) in [("train", ""), ("evaluate", ", acting")] {
+            if let Some(Ok(result)) = self.graph.find(chain, stage).map(|index| stage_result(submitted, index))
+                && let Some(job) = result.job.as_ref().filter(|job| job.state() == JobState::Succeeded)
+            {
+                let looks = self.looks(&job.id).await?.into_iter();
+                report.looks.extend(looks.map(|look| Look { input: look.input + place, ..look }));
+            }
         }
         if let Some(Ok(result)) = self.graph.find(chain, "score").map(|index| stage_result(submitted, index)) {
             if !self.runs.contains_key(&result.id) {
@@ -127,7 +130,7 @@ impl<'a> Gatherer<'a> {
         Ok(report)
     }
 
-    /// What the policy of a training looks at; cells may share it.
+    /// What the policy of a training or an evaluation looks at; cells may share it.
     async fn looks(&mut self, job_id: &str) -> Result<Vec<Look>> {
         if let Some(looks) = self.looks.get(job_id) {
             return Ok(looks.clone());

@@ -67,7 +67,7 @@ pub(crate) struct SeedReport {
     /// Segments of experts in the same bins.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) experts: Vec<u64>,
-    /// What its policy looks at.
+    /// What its policy looks at, in the experts' episodes and (`acting`) in the attempts of its evaluation.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) looks: Vec<Look>,
 }

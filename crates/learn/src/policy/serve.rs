@@ -7,13 +7,16 @@ use gleaner_core::Device;
 use tch::no_grad_guard;
 
 use super::kind::{PolicyInfo, PolicyInput, PolicyModel};
-use crate::batch::values;
+use super::shares::shares;
+use super::source::Source;
+use crate::batch::{Segments, values};
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::history::{Embedding, History, Layout, Stacked};
 use crate::shape::TaskShape;
 use crate::train::Learner;
+use crate::trajectory::Trajectory;
 
 /// A policy ready to act. `Send`, so that it can have a separate thread.
 pub struct Policy {
@@ -89,6 +92,26 @@ impl Policy {
         Ok(Self { hides_history: true, ..self })
     }
 
+    fn hides_history(&self) -> bool {
+        self.hides_history || self.model.history_dropout() >= 1.0
+    }
+
+    /// What the policy looks at in `episodes`: the share of its action that each input explains, as a training reports
+    /// it, by pairs of steps that `seed` draws. Empty if fewer than two episodes are as long as its history.
+    ///
+    /// # Errors
+    /// [`LearnError::Invalid`] if an episode does not fit the shape.
+    pub fn shares(&self, episodes: &[Trajectory], seed: u64) -> Result<Vec<(&'static str, f64)>, LearnError> {
+        for episode in episodes {
+            episode.validate(self.shape())?;
+        }
+        guard(|| {
+            let data: Vec<&Trajectory> = episodes.iter().collect();
+            let source = Source { segments: Segments::every(self.shape(), &data), data };
+            Ok(shares(self.model.as_ref(), &source, self.hides_history(), seed))
+        })
+    }
+
     /// Encodes frames, each with the layout of one step of [`FrameBytes`](crate::FrameBytes).
     ///
     /// # Errors
@@ -116,8 +139,7 @@ impl Policy {
             let _no_grad = no_grad_guard();
             // The newest action is not known yet, and no policy reads it.
             let Stacked { embedded, proprioception, action, windows, draws } = layout(&about).stack(histories);
-            let hides = self.hides_history || self.model.history_dropout() >= 1.0;
-            let hidden = windows.past_of(&vec![hides; histories.len()]);
+            let hidden = windows.past_of(&vec![self.hides_history(); histories.len()]);
             let input = PolicyInput { embedded, proprioception, action, windows, hidden, draws };
             let chunks = self.model.act(&input);
             let chunks = values(&about.statistics.actions(&chunks));

@@ -46,8 +46,9 @@ struct Inputs {
 
 /// The shares as metrics: `share_images`, `share_camera_0` … in the order of the task's cameras (with several cameras),
 /// `share_proprioception`, and `share_history` (the images, proprioception and actions of the steps before the newest,
-/// for a policy with a history). Empty if no two episodes have a whole window.
-pub(super) fn shares(policy: &dyn PolicyModel, source: &Source<'_>, seed: u64) -> Metrics {
+/// for a policy with a history). Empty if no two episodes have a whole window. `hides_history`: the policy acts with the
+/// past hidden.
+pub(super) fn shares(policy: &dyn PolicyModel, source: &Source<'_>, hides_history: bool, seed: u64) -> Metrics {
     let _no_grad = no_grad_guard();
     let window = policy.info().window;
     let [ours, theirs] = pairs(source, window, seed);
@@ -59,14 +60,15 @@ pub(super) fn shares(policy: &dyn PolicyModel, source: &Source<'_>, seed: u64) -
     let act = |images: &[Tensor], proprioception: &Tensor, action: &Tensor| {
         let places = proprioception.size()[0];
         let valid = vec![true; usize::try_from(places).unwrap_or(0)];
-        let segments = (0..).take(valid.len() / window);
+        let count = valid.len() / window;
+        let windows = Windows::in_order(valid, window, proprioception.device());
         let input = PolicyInput {
             embedded: policy.embed_images(images),
             proprioception: proprioception.shallow_clone(),
             action: action.shallow_clone(),
-            windows: Windows::in_order(valid, window, proprioception.device()),
-            hidden: None,
-            draws: segments.map(|segment| (seed, segment)).collect(),
+            hidden: windows.past_of(&vec![hides_history; count]),
+            windows,
+            draws: (0..).take(count).map(|segment| (seed, segment)).collect(),
         };
         policy.act(&input).select(1, 0).to_kind(Kind::Double)
     };
@@ -139,7 +141,7 @@ mod tests {
     fn of(kind: &str, data: &[&Trajectory]) -> BTreeMap<&'static str, f64> {
         let policy = untrained(kind, data);
         let source = Source { segments: Segments::every(&toy::shape(), data), data: data.to_vec() };
-        shares(policy.as_ref(), &source, 1).into_iter().collect()
+        shares(policy.as_ref(), &source, false, 1).into_iter().collect()
     }
 
     #[test]

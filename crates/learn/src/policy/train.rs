@@ -143,7 +143,7 @@ impl<'a> Sources<'a> {
             metrics.extend(loss.map(|loss| (LOSS_VALIDATION, loss)));
         }
         if last {
-            metrics.extend(shares(policy, &self.experts, spec.run.seed));
+            metrics.extend(shares(policy, &self.experts, false, spec.run.seed));
         }
         metrics
     }

@@ -37,7 +37,11 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
         return Err(Error::internal("reading a policy's spec", "its job is not a training job").into());
     };
     let snapshot = backend.snapshot(snapshot_id).await?;
-    let looks = looks(&backend.sparse_metrics(&job.id, 1).await?, &task.spec.cameras);
+    let trained = looks(&backend.sparse_metrics(&job.id, 1).await?, &task.spec.cameras);
+    let evaluated = match tried.iter().find_map(|evaluation| evaluation.job_id.as_ref()) {
+        Some(newest) => looks(&backend.sparse_metrics(newest, 1).await?, &task.spec.cameras),
+        None => Vec::new(),
+    };
     let body = html! {
         h1 { "Policy " (link::tail(policy.id.as_str())) }
         p.lead { (policy.kind) ", trained on experts" @if policy.dataset_id.is_some() { " and kept segments" }
@@ -50,9 +54,9 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
             (evaluations::table(&tried))
             (sheet::links(&request))
         }
-        @if !looks.is_empty() {
+        @if !trained.is_empty() || !evaluated.is_empty() {
             h2 { "What it looks at" }
-            (shares(&looks))
+            (shares(&trained, &evaluated))
         }
         h2 { "Lineage" }
         (of_job(backend, &job).await?)
@@ -63,14 +67,24 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
     Ok(shell::page(&request, &head, &body).into_response())
 }
 
-/// The share of its action that each input explains.
-fn shares(looks: &[Look]) -> Markup {
+/// The share of its action that each input explains: in the experts' episodes, and where it went by itself.
+fn shares(trained: &[Look], evaluated: &[Look]) -> Markup {
+    let further = evaluated.iter().filter(|look| trained.iter().all(|other| other.input != look.input));
+    let share = |looks: &[Look], input: &str| {
+        let look = looks.iter().find(|look| look.input == input);
+        look.map_or_else(|| "-".to_owned(), |look| format!("{:.2}", look.share))
+    };
     html! {
-        p.soft { "The share of the action that changes when an input is taken from another expert's episode. Near 0: ignored; near 1: "
-            "nothing else matters. Inputs depend on each other, so shares need not add up to 1." }
+        p.soft { "The share of the action that changes when an input is taken from another episode: among the experts it was "
+            "trained on, and in the newest evaluation. Near 0: ignored; near 1: nothing else matters. Inputs depend on each "
+            "other, so shares need not add up to 1." }
         div.scroll { table {
-            thead { tr { th { "Input" } th.number { "Share" } } }
-            tbody { @for look in looks { tr { td { (look.input) } td.number { (format!("{:.2}", look.share)) } } } }
+            thead { tr { th { "Input" } th.number { "Training" } th.number { "Evaluation" } } }
+            tbody { @for look in trained.iter().chain(further) { tr {
+                td { (look.input) }
+                td.number { (share(trained, &look.input)) }
+                td.number { (share(evaluated, &look.input)) }
+            } } }
         } }
     }
 }

@@ -1,13 +1,17 @@
-//! Evaluation: a policy drives the embedded simulator in closed loop, with many attempts batched in one pass.
+//! Evaluation: a policy drives the embedded simulator in closed loop, with many attempts batched in one pass. Its metrics
+//! are what the policy looked at in the first attempts, which may go where no expert went.
+
+mod steps;
 
 use gleaner_core::action::ActionRanges;
 use gleaner_core::{EvaluateSpec, evaluation::SeedResult, work::Made};
-use gleaner_learn::{Monitor as _, Observed, Policy, PolicySession};
+use gleaner_learn::{Monitor as _, Observed, Policy, PolicySession, Trajectory};
 use gleaner_recording::TaskSpec;
 use gleaner_sim::{ACTION_SIZE, Observation, Sim, SimConfig, Task, simulated, task_spec};
 
 use super::Work;
 use crate::{failure::Failure, monitor::Watcher};
+use steps::Steps;
 
 /// Attempts that run at the same time.
 const SIDE_BY_SIDE: usize = 32;
@@ -35,17 +39,22 @@ fn evaluate(
         simulated(task, &spec.simulation).map_err(|error| Failure::Permanent(error.to_string()))?;
     let config = SimConfig { max_steps: spec.max_steps, ..config };
     let total = u64::from(spec.episodes) * spec.seeds.len() as u64;
+    let mut episodes = Vec::new();
     let mut results = Vec::with_capacity(spec.seeds.len());
     for &seed in &spec.seeds {
         let before = u64::from(spec.episodes) * results.len() as u64;
         let ranges = ActionRanges::of(&task_spec(simulation, &config).action);
-        let trials = Trials { policy, simulation, config, ranges, tally: Tally::default() };
+        let kept = steps::ATTEMPTS.saturating_sub(u32::try_from(episodes.len()).unwrap_or(u32::MAX));
+        let trials =
+            Trials { policy, simulation, config, ranges, kept, episodes: &mut episodes, tally: Tally::default() };
         let tally = trials.run(spec.attempts(seed), &mut |tally| {
             monitor.progress(before + u64::from(tally.episodes), total, &[]);
             if monitor.cancelled() { Err(Failure::Cancelled) } else { Ok(()) }
         })?;
         results.push(tally.result(seed));
     }
+    let shares = policy.shares(&episodes, spec.seeds.first().copied().unwrap_or_default())?;
+    monitor.progress(total, total, &shares);
     Ok(results)
 }
 
@@ -77,6 +86,8 @@ struct Attempt {
     session: PolicySession,
     /// The action of the step before.
     executed: Option<Vec<f32>>,
+    /// Its steps, if it is one of those that are kept.
+    steps: Option<Steps>,
 }
 
 /// The attempts of one seed.
@@ -85,6 +96,10 @@ struct Trials<'a> {
     simulation: Task,
     config: SimConfig,
     ranges: ActionRanges,
+    /// Attempts whose steps are still to be kept.
+    kept: u32,
+    /// Those whose steps were kept.
+    episodes: &'a mut Vec<Trajectory>,
     tally: Tally,
 }
 
@@ -99,23 +114,27 @@ impl Trials<'_> {
         let mut running: Vec<Attempt> = Vec::with_capacity(SIDE_BY_SIDE);
         loop {
             let free = SIDE_BY_SIDE - running.len();
-            running.extend(seeds.by_ref().take(free).map(|seed| self.begin(seed)));
+            for seed in seeds.by_ref().take(free) {
+                running.push(self.begin(seed));
+            }
             if running.is_empty() {
                 return Ok(self.tally);
             }
             self.step(&mut running)?;
-            running.retain(|attempt| {
-                if attempt.sim.done() {
-                    self.tally.add(&attempt.sim);
-                }
-                !attempt.sim.done()
-            });
+            for attempt in running.extract_if(.., |attempt| attempt.sim.done()) {
+                self.tally.add(&attempt.sim);
+                let steps = attempt.steps.map(|steps| steps.episode(self.policy.shape(), self.episodes.len()));
+                self.episodes.extend(steps.transpose()?.flatten());
+            }
             each(&self.tally)?;
         }
     }
 
-    fn begin(&self, seed: u64) -> Attempt {
+    fn begin(&mut self, seed: u64) -> Attempt {
+        let steps = (self.kept > 0).then(Steps::default);
+        self.kept = self.kept.saturating_sub(1);
         Attempt {
+            steps,
             sim: Sim::new(self.simulation, self.config, seed),
             session: self.policy.session(seed).within(self.ranges.clone()),
             executed: None,
@@ -130,7 +149,7 @@ impl Trials<'_> {
         let sessions = running.iter_mut().map(|attempt| &mut attempt.session).zip(&steps);
         let mut sessions: Vec<_> = sessions.map(|(session, step)| (session, step.as_slice())).collect();
         let actions = self.policy.advance(&mut sessions)?;
-        for (attempt, actions) in running.iter_mut().zip(actions) {
+        for ((attempt, seen), actions) in running.iter_mut().zip(&seen).zip(actions) {
             // The task's ranges are the simulator's, so this is the action that it executes.
             let action = actions.into_iter().next().unwrap_or_default();
             let command: &[f32; ACTION_SIZE] = action.as_slice().try_into().map_err(|_| {
@@ -140,6 +159,9 @@ impl Trials<'_> {
                 ))
             })?;
             attempt.sim.step(command);
+            if let Some(steps) = &mut attempt.steps {
+                steps.add(seen, command);
+            }
             attempt.executed = Some(action);
         }
         Ok(())

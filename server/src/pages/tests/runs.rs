@@ -207,7 +207,7 @@ async fn a_policy_shows_its_success_and_inputs() {
     let evaluation = Evaluation {
         id: EvaluationId::new(),
         policy_id: policy.id.clone(),
-        job_id: None,
+        job_id: Some(encoder.job_id.clone()),
         simulation: "bench 3".into(),
         seeds: vec![SeedResult { seed: 0, episodes: 20, successes: 10, mean_steps: 1.0 }],
         created_at: Millis::now(),
@@ -218,12 +218,14 @@ async fn a_policy_shows_its_success_and_inputs() {
     let plain = pages.get(&Client::default(), &path).await.text();
     assert!(!plain.contains("What it looks at"), "no share is reported");
     results::metrics(store, &policy.job_id, &[("share_images", 0.625), ("share_camera_0", 0.25)]).await;
+    results::metrics(store, &encoder.job_id, &[("share_images", 0.125), ("share_proprioception", 0.875)]).await;
     let shown = pages.get(&Client::default(), &path).await.text();
     let (made_with, made_of) = (format!("/encoders/{}", encoder.id), format!("/snapshots/{}", encoder.snapshot_id));
     for there in [
         "What it looks at",
-        "0.62",
-        "camera_0",
+        "images</td><td class=\"number\">0.62</td><td class=\"number\">0.12</td>",
+        "camera_0</td><td class=\"number\">0.25</td><td class=\"number\">-</td>",
+        "proprioception</td><td class=\"number\">-</td><td class=\"number\">0.88</td>",
         "50.0 % (29.9 to 70.1)",
         "bench 3",
         "/deployments/arm",
