@@ -67,7 +67,7 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
     Ok(shell::page(&request, &head, &body).into_response())
 }
 
-/// The share of its action that each input explains: in the experts' episodes, and where it went by itself.
+/// The share of its action that each input explains: in the experts' episodes, and in its own attempts.
 fn shares(trained: &[Look], evaluated: &[Look]) -> Markup {
     let further = evaluated.iter().filter(|look| trained.iter().all(|other| other.input != look.input));
     let share = |looks: &[Look], input: &str| {
