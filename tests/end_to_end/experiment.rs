@@ -48,6 +48,44 @@ async fn jobs(server: &TestServer) -> Vec<Job> {
     api.jobs.list_jobs(ListJobsRequest::default()).await.unwrap().into_inner().jobs
 }
 
+const ORACLE: &str = r#"
+[[study]]
+table = "cells"
+name = "Oracle"
+cells = [
+  { label = "bc", set = { method = "gleaned_bc", oracle = true } },
+  { label = "ssdf", set = { method = "ssdf", oracle = true } },
+]
+"#;
+
+#[tokio::test]
+async fn an_oracle_keeps_what_the_marks_call_good() {
+    let server = TestServer::start().await;
+    let dir = tempfile::tempdir().unwrap();
+    let (file, out) = (dir.path().join("oracle.toml"), dir.path().join("out"));
+    let settings = FILE.split("[[study]]").next().unwrap();
+    std::fs::write(&file, format!("{settings}{ORACLE}")).unwrap();
+    run(&server, &file, &out).await;
+
+    // One encoder, which the second policy begins from; the marks are imported twice, with it and without.
+    let made = jobs(&server).await;
+    let count = |kind| made.iter().filter(|job| job.kind() == kind).count();
+    let counts = [JobKind::Pretrain, JobKind::Score, JobKind::Train, JobKind::Evaluate].map(count);
+    assert_eq!(counts, [1, 0, 2, 2]);
+    let numbers: serde_json::Value = serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    for cell in numbers["studies"][0]["cells"].as_array().unwrap() {
+        let seed = &cell["seeds"][0];
+        assert_eq!(seed["separation"][0]["auroc"], 1.0, "{seed}");
+        assert_eq!((&seed["selected"]["precision"], &seed["selected"]["recall"]), (&1.0.into(), &1.0.into()), "{seed}");
+        assert!(seed["success"].is_object(), "{seed}");
+    }
+
+    run(&server, &file, &out).await;
+    assert_eq!(jobs(&server).await.len(), made.len(), "nothing is repeated");
+    let (success, text) = experiment(&server, &file, &out, &["--report"]).await;
+    assert!(success && !text.contains("Unfinished"), "the imports are found again: {text}");
+}
+
 #[tokio::test]
 async fn experiment_shares_stages_and_resumes() {
     let server = TestServer::start().await;

@@ -33,6 +33,9 @@ pub(crate) struct CellSettings {
     pub(crate) shape: Values,
     /// Each runs the whole cell, and evaluates on attempts of its own.
     pub(crate) seeds: Vec<u64>,
+    /// Whether the marks of the recordings take the place of scores: q is 1 for a good segment and 0 for a bad one, the
+    /// most that scores can be.
+    pub(crate) oracle: bool,
     /// Whether to train and evaluate; otherwise the cell stops at its scores.
     pub(crate) evaluate: bool,
     /// Simulated episodes for each seed.
@@ -55,6 +58,7 @@ impl Default for CellSettings {
             top: None,
             shape: Values::new(),
             seeds: vec![0, 1, 2],
+            oracle: false,
             evaluate: true,
             episodes: 200,
             hide_history: false,
@@ -86,6 +90,10 @@ impl CellSettings {
         if !self.evaluate && !self.method.gleans {
             let method = self.method.title();
             return Err(format!("evaluate: {method} does not score, so evaluation is its only result; leave it true"));
+        }
+        if self.oracle && !self.method.gleans {
+            let method = self.method.title();
+            return Err(format!("oracle: {method} keeps no segments; leave it out, or choose a method that gleans"));
         }
         if !(0.0..=1.0).contains(&self.beta) {
             return Err(format!("beta: {} is outside [0, 1]", self.beta));
@@ -218,6 +226,8 @@ mod tests {
         assert!(text(&shaped("min_runs", json!(5))).starts_with("shape.min_runs: unknown setting"));
         let unknown = text(&|cell| cell.rule.cohorts = vec!["freese".into()]);
         assert!(unknown.contains("\"freese\"") && unknown.contains("freeze, noise"), "{unknown}");
+        let alone = text(&|cell| (cell.method, cell.oracle) = (Method { policy: "bc", gleans: false }, true));
+        assert!(alone.starts_with("oracle: BC keeps no segments"), "{alone}");
         let idle = text(&|cell| (cell.method, cell.evaluate) = (Method { policy: "bc", gleans: false }, false));
         assert!(idle.starts_with("evaluate: BC"), "{idle}");
     }

@@ -12,7 +12,7 @@ use super::recordings::Recordings;
 use super::report::Report;
 use super::reporter::Reporter;
 use super::stage::Graph;
-use super::standing::{Progress, Submitted};
+use super::standing::{Gap, Progress, Submitted};
 use super::state::State;
 use super::submit::Submitter;
 use super::{follow, planned};
@@ -76,13 +76,22 @@ impl Course<'_> {
         }
         let recordings = self.recordings(client).await?;
         let mut state = State::open(self.out)?;
-        let mut submitted = Submitter::new(client, &mut state, experiment, device).submit(graph).await?;
         context.output.note(planned(experiment, graph));
         let mut reporter = self.reporter(client, &recordings);
-        reporter.more(&submitted).await;
-        let on_end = async |submitted: &Submitted| reporter.more(submitted).await;
-        follow::to_the_end(context, client, graph, &mut submitted, on_end).await?;
-        reporter.report(&submitted).await
+        let mut left = graph.stages.len();
+        loop {
+            let submitter = Submitter::new(client, &mut state, &recordings, experiment, device);
+            let mut submitted = submitter.submit(graph).await?;
+            reporter.more(&submitted).await;
+            let on_end = async |submitted: &Submitted| reporter.more(submitted).await;
+            follow::to_the_end(context, client, graph, &mut submitted, on_end).await?;
+            // Marks with an encoder are imported once that is there.
+            let waiting = submitted.iter().filter(|result| matches!(result, Err(Gap::NotYet))).count();
+            if waiting == 0 || waiting == left {
+                return reporter.report(&submitted).await;
+            }
+            left = waiting;
+        }
     }
 
     // The stages of earlier runs. If there are any, every recording exists as well.

@@ -11,7 +11,7 @@ use tonic::Code;
 use super::stage::{Graph, Stage, Work};
 use super::standing::{Gap, StageResult, Submitted};
 use super::state::State;
-use super::submit::{job_key, known_snapshot};
+use super::submit::{job_key, known_run, known_snapshot};
 use crate::failure::Result;
 
 const PAGE: u32 = 1_000;
@@ -72,6 +72,7 @@ impl<'a> Existing<'a> {
         match &stage.work {
             Work::Given { origin } => Ok(Some(StageResult { id: origin.id().to_owned(), job: None })),
             Work::Snapshot { .. } => known_snapshot(self.client, self.state, &stage.key).await,
+            Work::Marks => known_run(self.client, self.state, &job_key(stage, input)).await,
             Work::Dataset { selection } => Ok(self.dataset(input, *selection)),
             Work::Pretrain { .. } | Work::Score { .. } | Work::Train { .. } | Work::Evaluate { .. } => {
                 let job = self.jobs.get(&job_key(stage, input));

@@ -27,7 +27,7 @@ pub(crate) fn job(work: &Work, input: Input<'_>, simulation: &str, device: Devic
         settings
     };
     match work {
-        Work::Given { .. } | Work::Snapshot { .. } | Work::Dataset { .. } => None,
+        Work::Given { .. } | Work::Snapshot { .. } | Work::Marks | Work::Dataset { .. } => None,
         Work::Pretrain { settings } => Some(Spec::Pretrain(PretrainSpec {
             snapshot_id: id(),
             settings: Some(to_struct(&on(settings))),

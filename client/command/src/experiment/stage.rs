@@ -36,6 +36,8 @@ pub(crate) enum Work {
     Score {
         settings: Values,
     },
+    /// The marks of the recordings as scores.
+    Marks,
     Dataset {
         selection: Selection,
     },
@@ -53,7 +55,7 @@ impl Work {
         match self {
             Self::Given { origin: Origin::Snapshot(_) } | Self::Snapshot { .. } => "snapshot",
             Self::Given { origin: Origin::Encoder(_) } | Self::Pretrain { .. } => "pretrain",
-            Self::Score { .. } => "score",
+            Self::Score { .. } | Self::Marks => "score",
             Self::Dataset { .. } => "dataset",
             Self::Train { .. } => "train",
             Self::Evaluate { .. } => "evaluate",
@@ -202,7 +204,9 @@ fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work
     if cell.pretrains() {
         works.push(Work::Pretrain { settings: complete(cell.pretrain_spec(seed).map(|spec| spec.values())) });
     }
-    if cell.method.gleans {
+    if cell.oracle {
+        works.push(Work::Marks);
+    } else if cell.method.gleans {
         works.push(Work::Score { settings: complete(cell.score_spec(seed).map(|spec| spec.values())) });
     }
     if !cell.evaluate {

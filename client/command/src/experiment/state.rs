@@ -1,5 +1,5 @@
-//! The snapshots that an experiment made, in a file beside its report. Jobs and datasets need no file: the server finds
-//! them by their keys and selections.
+//! The snapshots and imported scores that an experiment made, in a file beside its report. Jobs and datasets need no
+//! file: the server finds them by their keys and selections.
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -18,6 +18,8 @@ const FILE: &str = "state.json";
 struct Remembered {
     /// Snapshots by their stage's key.
     snapshots: BTreeMap<String, String>,
+    /// Imported score runs, by the keys of their stages with the input's id.
+    runs: BTreeMap<String, String>,
 }
 
 /// The file and its content.
@@ -28,7 +30,7 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// The snapshots that an earlier run left in a folder, or none.
+    /// What an earlier run left in a folder, or nothing.
     pub(crate) fn open(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);
         let remembered = match std::fs::read(&path) {
@@ -48,6 +50,20 @@ impl State {
     /// Stores a snapshot; it is on disk when this returns.
     pub(crate) fn remember(&mut self, key: &str, snapshot_id: &str) -> Result<()> {
         self.remembered.snapshots.insert(key.to_owned(), snapshot_id.to_owned());
+        self.store()
+    }
+
+    pub(crate) fn run(&self, key: &str) -> Option<&str> {
+        self.remembered.runs.get(key).map(String::as_str)
+    }
+
+    /// Stores an imported score run; it is on disk when this returns.
+    pub(crate) fn remember_run(&mut self, key: &str, run_id: &str) -> Result<()> {
+        self.remembered.runs.insert(key.to_owned(), run_id.to_owned());
+        self.store()
+    }
+
+    fn store(&self) -> Result<()> {
         let text = serde_json::to_vec_pretty(&self.remembered).map_err(|error| Failure::message(error.to_string()))?;
         Ok(replace(&self.path, &text).map_err(ClientError::io(&self.path))?)
     }
@@ -76,7 +92,9 @@ mod tests {
         assert_eq!(state.snapshot("a"), None);
         state.remember("a", "snap_1").unwrap();
         state.remember("b", "snap_2").unwrap();
-        assert_eq!(State::open(folder.path()).unwrap().snapshot("a"), Some("snap_1"));
+        state.remember_run("a", "run_1").unwrap();
+        let second = State::open(folder.path()).unwrap();
+        assert_eq!((second.snapshot("a"), second.run("a"), second.run("b")), (Some("snap_1"), Some("run_1"), None));
     }
 
     #[test]

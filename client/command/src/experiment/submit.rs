@@ -1,23 +1,31 @@
 //! Submits every stage at once, each naming the results that it works on. The stages of an earlier run are found again
 //! and not submitted twice.
 
-use gleaner_client::Client;
+use gleaner_client::{Client, ScoredEpisode};
 use gleaner_core::proto::selection::selection_to_proto;
-use gleaner_proto::v1::{CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, JobSpec, SubmitJobRequest};
+use gleaner_proto::v1::{
+    CreateDatasetRequest, CreateSnapshotRequest, GetScoreRunRequest, GetSnapshotRequest, JobSpec, Role,
+    SubmitJobRequest,
+};
 use tonic::Code;
 
 use super::cell::RuleSettings;
 use super::file::Experiment;
 use super::order::{self, Input};
+use super::recordings::{Recordings, of_episode};
 use super::stage::{Graph, Stage, Work};
-use super::standing::{Gap, StageResult, Submitted};
+use super::standing::{Gap, StageResult, Submitted, stage_result};
 use super::state::State;
 use crate::failure::{Failure, Result, present};
 use gleaner_core::Device;
 
-/// What stages that make snapshots need besides their rule.
-struct Snapshots<'a> {
+/// What made the scores of an oracle, as their run says.
+const MARKS: &str = "the simulator's marks";
+
+/// What stages without jobs need: those that make snapshots, and those that import marks.
+struct Made<'a> {
     state: &'a mut State,
+    recordings: &'a Recordings,
     /// The imperfect cohorts that are recorded.
     imperfect: Vec<&'a str>,
 }
@@ -29,26 +37,37 @@ pub(crate) struct Submitter<'a> {
     /// The simulator's task.
     simulation: &'a str,
     device: Device,
-    snapshots: Option<Snapshots<'a>>,
+    made: Option<Made<'a>>,
 }
 
 impl<'a> Submitter<'a> {
     /// For the stages of an experiment.
-    pub(crate) fn new(client: &'a Client, state: &'a mut State, experiment: &'a Experiment, device: Device) -> Self {
-        let snapshots = Snapshots { state, imperfect: experiment.imperfect_cohorts().collect() };
+    pub(crate) fn new(
+        client: &'a Client,
+        state: &'a mut State,
+        recordings: &'a Recordings,
+        experiment: &'a Experiment,
+        device: Device,
+    ) -> Self {
+        let made = Made { state, recordings, imperfect: experiment.imperfect_cohorts().collect() };
         let simulation = experiment.recordings.task.name();
-        Self { client, task: &experiment.task, simulation, device, snapshots: Some(snapshots) }
+        Self { client, task: &experiment.task, simulation, device, made: Some(made) }
     }
 
     /// For stages on results that exist.
     pub(super) fn on_results(client: &'a Client, task: &'a str, simulation: &'a str, device: Device) -> Self {
-        Self { client, task, simulation, device, snapshots: None }
+        Self { client, task, simulation, device, made: None }
     }
 
-    /// All stages, in their order. A stage whose input failed is left out.
+    /// All stages, in their order. A stage whose input failed is left out, and so is one that imports scores before its
+    /// encoder is there; a later submission has it.
     pub(crate) async fn submit(mut self, graph: &Graph) -> Result<Submitted> {
         let mut submitted = Submitted::with_capacity(graph.stages.len());
         for stage in &graph.stages {
+            if stage.work == Work::Marks {
+                submitted.push(self.marks(graph, &submitted, stage).await?);
+                continue;
+            }
             let input = stage.input.map(|index| (graph.stages[index].work.kind(), &submitted[index]));
             let result = match input {
                 Some((_, Err(Gap::NotYet))) => Err(Gap::NotYet),
@@ -66,7 +85,7 @@ impl<'a> Submitter<'a> {
             Work::Given { origin } => Ok(StageResult { id: origin.id().to_owned(), job: None }),
             Work::Snapshot { rule, .. } => self.snapshot(&stage.key, rule).await,
             Work::Dataset { selection } => self.dataset(input.id, selection_to_proto(*selection)).await,
-            Work::Pretrain { .. } | Work::Score { .. } | Work::Train { .. } | Work::Evaluate { .. } => {
+            Work::Pretrain { .. } | Work::Score { .. } | Work::Marks | Work::Train { .. } | Work::Evaluate { .. } => {
                 self.job(stage, input).await
             }
         };
@@ -81,7 +100,7 @@ impl<'a> Submitter<'a> {
     }
 
     async fn snapshot(&mut self, key: &str, rule: &RuleSettings) -> Result<StageResult> {
-        let Snapshots { state, imperfect } = present(self.snapshots.as_mut(), "a snapshot for these stages")?;
+        let Made { state, imperfect, .. } = present(self.made.as_mut(), "a snapshot for these stages")?;
         if let Some(known) = known_snapshot(self.client, state, key).await? {
             return Ok(known);
         }
@@ -90,6 +109,40 @@ impl<'a> Submitter<'a> {
         let id = present(reply.snapshot, "a snapshot")?.id;
         state.remember(key, &id)?;
         Ok(StageResult { id, job: None })
+    }
+
+    /// The marks of a snapshot's imperfect episodes as scores, with the encoder that they are imported for, if any.
+    async fn marks(
+        &mut self,
+        graph: &Graph,
+        submitted: &Submitted,
+        stage: &Stage,
+    ) -> Result<std::result::Result<StageResult, Gap>> {
+        let Made { state, recordings, .. } = present(self.made.as_mut(), "recordings with marks")?;
+        let index = present(stage.input, "an input of the marks")?;
+        let input = match stage_result(submitted, index) {
+            Ok(result) => &result.id,
+            Err(gap) => return Ok(Err(gap)),
+        };
+        let before = &graph.stages[index];
+        let (snapshot, encoder) = match before.input.map(|snapshot| stage_result(submitted, snapshot)) {
+            None => (input.as_str(), ""),
+            Some(Ok(snapshot)) => (snapshot.id.as_str(), input.as_str()),
+            Some(Err(gap)) => return Ok(Err(gap)),
+        };
+        let request = GetSnapshotRequest { snapshot_id: snapshot.to_owned() };
+        let episodes = self.client.snapshots().get_snapshot(request).await?.into_inner().episodes;
+        let imperfect = episodes.into_iter().filter(|episode| episode.role() == Role::Imperfect);
+        let scored = imperfect.map(|episode| {
+            let mark = of_episode(recordings, &episode.episode_id)?.mark;
+            let steps = usize::try_from(episode.steps).unwrap_or_default();
+            let q = (0..steps).map(|step| if mark.is_bad(step) { 0.0 } else { 1.0 });
+            Ok(ScoredEpisode { q: q.collect(), episode: episode.episode_id })
+        });
+        let scored = scored.collect::<Result<_>>()?;
+        let run = self.client.import_scores(snapshot, MARKS, encoder, scored).await?;
+        state.remember_run(&job_key(stage, input), &run.id)?;
+        Ok(Ok(StageResult { id: run.id, job: None }))
     }
 
     async fn dataset(&self, run: &str, selection: gleaner_proto::v1::Selection) -> Result<StageResult> {
@@ -108,6 +161,16 @@ impl<'a> Submitter<'a> {
         };
         let job = present(self.client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
         Ok(StageResult { id: job.result_id.clone(), job: Some(job) })
+    }
+}
+
+/// The imported score run that an earlier run made, if this server has it.
+pub(crate) async fn known_run(client: &Client, state: &State, key: &str) -> Result<Option<StageResult>> {
+    let Some(id) = state.run(key) else { return Ok(None) };
+    match client.scores().get_score_run(GetScoreRunRequest { score_run_id: id.to_owned() }).await {
+        Ok(_) => Ok(Some(StageResult { id: id.to_owned(), job: None })),
+        Err(status) if status.code() == Code::NotFound => Ok(None),
+        Err(status) => Err(status.into()),
     }
 }
 

@@ -43,7 +43,7 @@ impl CellSettings {
 
     /// Whether it needs an encoder, to begin from or to score with.
     pub(super) fn pretrains(&self) -> bool {
-        self.method.pretrains() || self.train_spec(0).is_ok_and(|spec| needs_encoder(&spec))
+        (self.method.pretrains() && !self.oracle) || self.train_spec(0).is_ok_and(|spec| needs_encoder(&spec))
     }
 
     /// Whether its policy sees steps before the newest one.
@@ -57,7 +57,7 @@ impl CellSettings {
     pub(crate) fn used(&self) -> Self {
         let default = Self::default();
         let mut used = self.clone();
-        let scorer = self.scorer().ok().filter(|_| self.method.gleans);
+        let scorer = self.scorer().ok().filter(|_| self.method.gleans && !self.oracle);
         let training = self.training();
         let pretrains = self.pretrains();
         let sees_history = self.sees_history(&training);
@@ -173,6 +173,15 @@ mod tests {
         assert!(!names(&scored_by("raw")).contains(&"feature_scale") && names(&scored_by("raw")).contains(&"scale"));
         let classifier = scored_by("classifier");
         assert_eq!(names(&classifier), ["history_dropout", "lambda", "objectives", "scorer", "segment_length"]);
+    }
+
+    #[test]
+    fn an_oracle_needs_no_scores_and_an_encoder_only_for_its_policy() {
+        let oracle = |method| CellSettings { oracle: true, ..cell(method) };
+        let (alone, finetuned) = (oracle("gleaned_bc"), oracle("ssdf"));
+        assert_eq!((alone.pretrains(), names(&alone.used())), (false, vec!["lambda"]));
+        assert!(finetuned.pretrains());
+        assert_eq!(names(&finetuned.used()), ["history_dropout", "lambda", "objectives", "segment_length"]);
     }
 
     #[test]

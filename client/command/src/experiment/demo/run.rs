@@ -50,7 +50,7 @@ impl<'a> Run<'a> {
         let began = Instant::now();
         let experiment = &self.plan.experiment;
         let recordings = self.recordings(folder).await?;
-        let submitted = self.jobs(folder).await?;
+        let submitted = self.jobs(folder, &recordings).await?;
         let [base, gleaned] = self.chains()?;
         let run = self.result_of(&submitted, &gleaned, "score")?.id.clone();
         let GetHistogramResponse { counts: histogram, expert_counts: experts, .. } = self.histogram(&run).await?;
@@ -102,9 +102,9 @@ impl<'a> Run<'a> {
     }
 
     // Both policies are trained side by side, each by a worker of its own.
-    async fn jobs(&self, folder: &Path) -> Result<Submitted> {
+    async fn jobs(&self, folder: &Path, recordings: &Recordings) -> Result<Submitted> {
         let mut state = State::open(folder)?;
-        let submitter = Submitter::new(self.client, &mut state, &self.plan.experiment, Device::default());
+        let submitter = Submitter::new(self.client, &mut state, recordings, &self.plan.experiment, Device::default());
         let mut submitted = submitter.submit(&self.graph).await?;
         to_the_end(self.context, self.client, &self.graph, &mut submitted, async |_: &Submitted| {}).await?;
         for chain in self.chains()? {
