@@ -1,8 +1,12 @@
-//! Scores made elsewhere, from a CSV file of episode, step and q.
+//! Scores made elsewhere, from a CSV or Parquet file of episode, step and q.
 //!
 //! Reads the file system; must not know a server.
 
+mod parquet;
+
 use std::collections::HashMap;
+use std::fs::File;
+use std::io::{BufReader, Read as _, Seek as _};
 use std::path::Path;
 
 use serde::Deserialize;
@@ -10,8 +14,8 @@ use serde::Deserialize;
 use crate::error::{ClientError, Result};
 use crate::file::open_regular;
 
-/// The first line of the file.
-const HEADER: &str = "episode,step,q";
+/// The columns of a file.
+const COLUMNS: [&str; 3] = ["episode", "step", "q"];
 /// The first bytes of a Parquet file.
 const PARQUET: &[u8] = b"PAR1";
 
@@ -31,44 +35,62 @@ struct Row {
     q: f64,
 }
 
-/// Reads the scores of a file (columns episode, step, q; others are ignored). The lines may be in any order; steps count
-/// from 0.
+/// Reads the scores of a CSV or Parquet file (columns episode, step, q; others are ignored). The rows may be in any order;
+/// steps count from 0.
 ///
 /// # Errors
 /// [`ClientError::Io`] when it can't be read; [`ClientError::Invalid`] when it has no scores, and otherwise names a missing
-/// column, the line that is wrong, or the episode and the step that is missing or listed twice.
+/// column, the line or row that is wrong, or the episode and the step that is missing or listed twice.
 pub fn read_scores(path: &Path) -> Result<Vec<ScoredEpisode>> {
+    let io = |error| ClientError::io(path)(error);
     let wrong = |problem: String| ClientError::Invalid(format!("{}: {problem}", path.display()));
-    let file = std::io::BufReader::new(open_regular(path)?);
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file);
-    let headers = reader.byte_headers().map_err(|error| wrong(error.to_string()))?;
-    if headers.as_slice().starts_with(PARQUET) {
-        return Err(wrong(
-            "is a Parquet file; import it with client.scores.import_scores of the Python package, or write it as CSV"
-                .into(),
-        ));
-    }
-    for needed in HEADER.split(',') {
+    let mut file = open_regular(path)?;
+    let mut first = Vec::new();
+    (&mut file).take(PARQUET.len() as u64).read_to_end(&mut first).map_err(io)?;
+    file.rewind().map_err(io)?;
+    let mut episodes = Episodes::default();
+    if first == PARQUET { parquet::read(file, &mut episodes) } else { read_csv(file, &mut episodes) }.map_err(wrong)?;
+    episodes.whole().map_err(wrong)
+}
+
+fn read_csv(file: File, episodes: &mut Episodes) -> std::result::Result<(), String> {
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(BufReader::new(file));
+    let headers = reader.byte_headers().map_err(|error| error.to_string())?;
+    for needed in COLUMNS {
         if !headers.iter().any(|header| header == needed.as_bytes()) {
-            return Err(wrong(format!("column {needed:?} is missing; the first line must be {HEADER}")));
+            return Err(format!("column {needed:?} is missing; the first line must be {}", COLUMNS.join(",")));
         }
     }
-    let mut places: HashMap<String, usize> = HashMap::new();
-    let mut episodes: Vec<(String, Vec<(u64, f64)>)> = Vec::new();
     for row in reader.deserialize() {
-        let Row { episode, step, q } = row.map_err(|error| wrong(error.to_string()))?;
-        let place = *places.entry(episode).or_insert_with_key(|episode| {
-            episodes.push((episode.clone(), Vec::new()));
-            episodes.len() - 1
+        episodes.add(row.map_err(|error| error.to_string())?);
+    }
+    Ok(())
+}
+
+/// The rows of each episode so far, in the order in which the episodes appear.
+#[derive(Default)]
+struct Episodes {
+    places: HashMap<String, usize>,
+    rows: Vec<(String, Vec<(u64, f64)>)>,
+}
+
+impl Episodes {
+    fn add(&mut self, Row { episode, step, q }: Row) {
+        let place = *self.places.entry(episode).or_insert_with_key(|episode| {
+            self.rows.push((episode.clone(), Vec::new()));
+            self.rows.len() - 1
         });
-        if let Some((_, scores)) = episodes.get_mut(place) {
+        if let Some((_, scores)) = self.rows.get_mut(place) {
             scores.push((step, q));
         }
     }
-    if episodes.is_empty() {
-        return Err(wrong("has no scores; list every step of the episodes".into()));
+
+    fn whole(self) -> std::result::Result<Vec<ScoredEpisode>, String> {
+        if self.rows.is_empty() {
+            return Err("has no scores; list every step of the episodes".into());
+        }
+        self.rows.into_iter().map(|(episode, scores)| whole(episode, scores)).collect()
     }
-    episodes.into_iter().map(|(episode, scores)| whole(episode, scores).map_err(wrong)).collect()
 }
 
 /// The scores of an episode in the order of its steps.
@@ -76,7 +98,7 @@ fn whole(episode: String, mut scores: Vec<(u64, f64)>) -> std::result::Result<Sc
     scores.sort_by_key(|(step, _)| *step);
     for ((step, _), expected) in scores.iter().zip(0..) {
         if *step < expected {
-            return Err(format!("step {step} of {episode} is listed twice; keep one line"));
+            return Err(format!("step {step} of {episode} is listed twice; keep one row"));
         }
         if *step > expected {
             return Err(format!("step {expected} of {episode} is missing; list every step, counted from 0"));
@@ -115,6 +137,7 @@ mod tests {
             ("episode,step,q\na,0,1\na,0,1\n", "step 0 of a is listed twice"),
             ("episode,step,q\na,0,1\nb,0,1\na,2,1\n", "step 1 of a is missing"),
             ("PAR1\u{15}\u{4}\u{15}", "Parquet"),
+            ("PAR1", "Parquet"),
         ] {
             let message = read(text).unwrap_err().to_string();
             assert!(message.contains(part) && message.contains("scores.csv"), "{part:?} expected: {message}");
