@@ -6,12 +6,14 @@ mod image_encoder;
 mod size;
 mod tokens;
 mod transformer;
+mod waves;
 pub(crate) mod weights;
 
 pub(crate) use image_encoder::{IMAGES, ImageEncoder};
 pub(crate) use size::Size;
 pub(crate) use tokens::Modality;
 pub(crate) use transformer::{Attention, Transformer};
+pub(crate) use waves::Waves;
 
 use std::collections::BTreeMap;
 

@@ -4,7 +4,7 @@
 use tch::nn::{self, Module};
 use tch::{Kind, Tensor};
 
-use crate::model::Transformer;
+use crate::model::{Transformer, Waves};
 use crate::policy::observer::Observer;
 
 /// Tokens that the chunk's places attend to: o and m.
@@ -22,8 +22,7 @@ pub(super) struct Network {
     place: Tensor,
     transformer: Transformer,
     out: nn::Linear,
-    /// `[d / 2]`: 2 π over the period of each wave.
-    waves: Tensor,
+    waves: Waves,
     /// `[1, 1, 2 + k, 2 + k]` of `bool`, true where the query (row) may attend to the key (column): o and m to each other,
     /// places of the chunk to all.
     mask: Tensor,
@@ -37,8 +36,6 @@ impl Network {
         let all = MEMORY + chunk;
         let mask = Tensor::ones([all, all], (Kind::Bool, device));
         let _ = mask.narrow(0, 0, MEMORY).narrow(1, MEMORY, chunk).fill_(0);
-        let [shortest, longest] = PERIODS.map(f64::ln);
-        let periods = Tensor::linspace(shortest, longest, d / 2, (Kind::Double, device)).exp();
         Self {
             proprioception: linear("proprioception", observer.proprioception(), d),
             action: linear("action", observer.action(), d),
@@ -47,7 +44,7 @@ impl Network {
             place: path.zeros("place_embedding", &[chunk, d]),
             transformer: Transformer::new(&(path / "transformer"), size),
             out: linear("out", d, observer.action()),
-            waves: (periods.reciprocal() * std::f64::consts::TAU).to_kind(Kind::Float),
+            waves: Waves::new(PERIODS, d, device),
             mask: mask.unsqueeze(0).unsqueeze(0),
         }
     }
@@ -60,8 +57,7 @@ impl Network {
     /// Memory `[R, 2, d]`, noisy chunks `[R, k, A]` and their times `[R, 1, 1]` in 0 … 1 to predictions `[R, k, A]`. Only
     /// places that are `counted` `[R, k]` are attended to by others; `None`: all are.
     pub(super) fn forward(&self, memory: &Tensor, noisy: &Tensor, time: &Tensor, counted: Option<&Tensor>) -> Tensor {
-        let angle = time.squeeze_dim(-1) * self.waves.to_kind(time.kind());
-        let time = Tensor::cat(&[angle.sin(), angle.cos()], -1);
+        let time = self.waves.of(&time.squeeze_dim(-1));
         let time = self.time[1].forward(&self.time[0].forward(&time).silu()).unsqueeze(1);
         let places = self.action.forward(noisy) + time + &self.place;
         let tokens = Tensor::cat(&[memory, &places], 1);
