@@ -1,11 +1,14 @@
 //! A pre-norm transformer over the tokens of a window, and its attention masks.
 
+mod block;
+
 use tch::nn::{self, Module};
 use tch::{Device, Kind, Tensor};
 
 use super::Size;
 use super::tokens::MODALITIES;
 use crate::batch::int;
+use block::Block;
 
 /// Attention between the tokens of a window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,62 +60,6 @@ pub(super) fn whole_mask(length: usize, attention: Attention, device: Device) ->
     let seen = mask(&Tensor::ones([1, int(length)], (Kind::Bool, device)), attention);
     let nothing = Tensor::zeros(seen.size().as_slice(), (Kind::Float, device));
     nothing.masked_fill(&seen.logical_not(), f64::NEG_INFINITY)
-}
-
-struct Block {
-    heads: i64,
-    before_attention: nn::LayerNorm,
-    query: nn::Linear,
-    key_value: nn::Linear,
-    out: nn::Linear,
-    before_mlp: nn::LayerNorm,
-    up: nn::Linear,
-    down: nn::Linear,
-}
-
-impl Block {
-    fn new(path: &nn::Path<'_>, size: &Size) -> Self {
-        let d = size.width;
-        let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
-        let norm = |name: &str| nn::layer_norm(path / name, vec![d], Default::default());
-        Self {
-            heads: size.heads,
-            before_attention: norm("attention_norm"),
-            query: linear("query", d, d),
-            key_value: linear("key_value", d, 2 * d),
-            out: linear("out", d, d),
-            before_mlp: norm("mlp_norm"),
-            up: linear("up", d, 4 * d),
-            down: linear("down", 4 * d, d),
-        }
-    }
-
-    /// `x` is `[W, S, d]`; returns the last `keep` tokens `[W, keep, d]`.
-    fn forward(&self, x: &Tensor, mask: &Tensor, keep: i64) -> Tensor {
-        let first = x.size()[1] - keep;
-        let normed = self.before_attention.forward(x);
-        let query = self.query.forward(&normed.narrow(1, first, keep));
-        let key_value = self.key_value.forward(&normed).chunk(2, -1);
-        let seen = Tensor::scaled_dot_product_attention(
-            &self.split(&query),
-            &self.split(&key_value[0]),
-            &self.split(&key_value[1]),
-            Some(&mask.narrow(2, first, keep)),
-            0.0,
-            false,
-            None,
-            false,
-        );
-        let seen = seen.transpose(1, 2).flatten(2, -1);
-        let x = x.narrow(1, first, keep) + self.out.forward(&seen);
-        let inner = self.up.forward(&self.before_mlp.forward(&x)).gelu("none");
-        x + self.down.forward(&inner)
-    }
-
-    /// `[W, S, d]` to `[W, heads, S, d / heads]`.
-    fn split(&self, x: &Tensor) -> Tensor {
-        x.unflatten(-1, [self.heads, -1]).transpose(1, 2)
-    }
 }
 
 /// The blocks and the last norm.
