@@ -21,59 +21,87 @@ const GROUPS: i64 = 8;
 
 /// The name of the image encoder's part of a model, the second in the names of its parameters.
 pub(crate) const IMAGES: &str = "image";
+/// The name of the cameras' parts of an image encoder.
+const CAMERA: &str = "camera";
 
 /// The image encoder of a task.
 pub(crate) struct ImageEncoder {
-    cameras: Vec<CameraEncoder>,
+    stages: ImageStages,
+    /// Of each camera.
+    keypoints: Vec<Keypoints>,
     project: nn::Linear,
 }
 
 impl ImageEncoder {
     pub(crate) fn new(path: &nn::Path<'_>, shape: &TaskShape, spec: &ModelSpec) -> Self {
-        let size = &Size::of(spec.preset);
-        let cameras: Vec<_> = (shape.cameras.iter().enumerate())
-            .map(|(i, camera)| CameraEncoder::new(&(path / "camera" / i), camera, spec))
-            .collect();
-        let inputs = cameras.iter().map(CameraEncoder::outputs).sum();
-        let project = nn::linear(path / "project", inputs, size.width, Default::default());
-        Self { cameras, project }
+        let stages = ImageStages::new(path, shape, spec);
+        let keypoints: Vec<_> =
+            (stages.sizes().enumerate()).map(|(i, size)| Keypoints::new(&(path / CAMERA / i), size)).collect();
+        let inputs = keypoints.iter().map(Keypoints::outputs).sum();
+        let project = nn::linear(path / "project", inputs, Size::of(spec.preset).width, Default::default());
+        Self { stages, keypoints, project }
     }
 
     /// Standardised images, per camera `[N, C, H, W]`, to `[N, d]`.
     pub(crate) fn forward(&self, images: &[Tensor]) -> Tensor {
-        let seen: Vec<Tensor> =
-            (self.cameras.iter().zip(images)).map(|(camera, image)| camera.forward(image)).collect();
+        let maps = self.stages.forward(images);
+        let seen: Vec<Tensor> = (self.keypoints.iter().zip(&maps)).map(|(camera, map)| camera.forward(map)).collect();
         self.project.forward(&Tensor::cat(&seen, 1))
     }
 }
 
-/// One camera's encoder: each channel of the last stage detects one feature and returns its position (the mean place
-/// under a softmax over all places) and the strength of the detection. Positions matter most in manipulation, and this
-/// form learns them from few demonstrations.
-struct CameraEncoder {
-    stages: nn::SequentialT,
+/// The part of an image encoder before its keypoints: each camera's images to a feature map.
+pub(crate) struct ImageStages {
+    cameras: Vec<(nn::SequentialT, [i64; 3])>,
+}
+
+impl ImageStages {
+    pub(crate) fn new(path: &nn::Path<'_>, shape: &TaskShape, spec: &ModelSpec) -> Self {
+        let stages = |(i, camera): (usize, &CameraShape)| {
+            let path = path / CAMERA / i;
+            let size = [int(camera.channels()), camera.height.into(), camera.width.into()];
+            match spec.image_encoder {
+                Kind::Keypoints => convolutions(&path, Size::of(spec.preset).channels, size),
+                Kind::Residual => residual::network(&(path / "residual"), spec.preset, size),
+            }
+        };
+        Self { cameras: shape.cameras.iter().enumerate().map(stages).collect() }
+    }
+
+    /// Channels, height and width of each camera's map; a map has at most 256 places.
+    pub(crate) fn sizes(&self) -> impl Iterator<Item = [i64; 3]> {
+        self.cameras.iter().map(|(_, size)| *size)
+    }
+
+    /// Standardised images, per camera `[N, C, H, W]`, to the maps of the last stage, per camera `[N, C′, H′, W′]`.
+    pub(crate) fn forward(&self, images: &[Tensor]) -> Vec<Tensor> {
+        (self.cameras.iter().zip(images)).map(|((stages, _), image)| stages.forward_t(image, false)).collect()
+    }
+}
+
+/// What one camera's map shows: each of its channels, after a layer of its own, detects one feature and returns its
+/// position (the mean place under a softmax over all places) and the strength of the detection. Positions matter most
+/// in manipulation, and this form learns them from few demonstrations.
+struct Keypoints {
+    detect: nn::Conv2D,
     /// `[places, 2]`: x and y of each place in -1 … 1.
     grid: Tensor,
     channels: i64,
 }
 
-impl CameraEncoder {
-    fn new(path: &nn::Path<'_>, camera: &CameraShape, spec: &ModelSpec) -> Self {
-        let size = [int(camera.channels()), camera.height.into(), camera.width.into()];
-        let (stages, [channels, height, width]) = match spec.image_encoder {
-            Kind::Keypoints => convolutions(path, Size::of(spec.preset).channels, size),
-            Kind::Residual => residual::network(&(path / "residual"), spec.preset, size),
-        };
-        let last = nn::conv2d(path / "keypoint", channels, channels, 1, Default::default());
-        Self { stages: stages.add(last), grid: grid(height, width, path.device()), channels }
+impl Keypoints {
+    fn new(path: &nn::Path<'_>, [channels, height, width]: [i64; 3]) -> Self {
+        let detect = nn::conv2d(path / "keypoint", channels, channels, 1, Default::default());
+        Self { detect, grid: grid(height, width, path.device()), channels }
     }
 
     fn outputs(&self) -> i64 {
         3 * self.channels
     }
 
-    fn forward(&self, image: &Tensor) -> Tensor {
-        let seen = self.stages.forward_t(image, false).flatten(2, -1);
+    /// A map `[N, C′, H′, W′]` to `[N, outputs]`.
+    fn forward(&self, map: &Tensor) -> Tensor {
+        let seen = self.detect.forward(map).flatten(2, -1);
         let attention = seen.softmax(-1, None);
         let place = attention.matmul(&self.grid.to_kind(seen.kind())).flatten(1, -1);
         let clearness = (attention * seen).sum_dim_intlist([-1i64].as_slice(), false, None);
