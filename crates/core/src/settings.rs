@@ -158,12 +158,12 @@ macro_rules! settings {
 macro_rules! words {
     (
         $(#[doc = $about:literal])+
-        pub enum $name:ident { $(#[doc = $first_doc:literal])+ $first:ident = $first_word:literal,
+        $visible:vis enum $name:ident { $(#[doc = $first_doc:literal])+ $first:ident = $first_word:literal,
             $($(#[doc = $doc:literal])+ $value:ident = $word:literal),* $(,)? }
     ) => {
         $(#[doc = $about])+
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-        pub enum $name {
+        $visible enum $name {
             $(#[doc = $first_doc])+
             #[default]
             #[serde(rename = $first_word)]

@@ -3,7 +3,7 @@
 //!
 //! Training: a style encoder reads m_t and the chunk and returns q(z | m, a) = N(μ, σ²); a decoder predicts the chunk
 //! from o_t, m_t and z. The loss is L1 + kl_weight · KL(q ‖ N(0, 1)), L1 the mean over the chunk's k places of the
-//! standardised actions' absolute errors. Acting: z = 0.
+//! standardised actions' absolute errors. Acting: z = 0; chunks are ensembled, or executed one after the other.
 //!
 //! A place of the chunk beyond the episode's end does not count. In an imperfect episode no place counts from the first
 //! step on whose segment was not kept: the actions there were scored too low to imitate, and a chunk must not include
@@ -14,9 +14,9 @@ mod layers;
 
 use std::collections::BTreeMap;
 
-use gleaner_core::Group as _;
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::{integer_in, number_in};
+use gleaner_core::{Group as _, Words as _};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor};
 
@@ -40,6 +40,18 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     load,
 };
 
+gleaner_core::words! {
+    /// Execution of a chunk whose successors may be predicted before its end.
+    pub(super) enum ChunkExecution {
+        /// A chunk is predicted at every step, and the mean of all predictions for a time is executed, as in the paper:
+        /// smooth, and late to react where predictions differ.
+        Ensembled = "ensembled",
+        /// The first execute_length actions of a chunk are executed before the next is predicted: fewer passes, and
+        /// every action is one that the policy predicted.
+        Horizon = "horizon",
+    }
+}
+
 gleaner_core::settings! {
     /// Settings of ACT.
     #[derive(Copy)]
@@ -49,6 +61,8 @@ gleaner_core::settings! {
         pub(super) kl_weight: f64 = 10.0, number_in(0.0, 1e6);
         /// Size of the style z. Larger sizes encode more variation between demonstrations.
         pub(super) latent_size: u32 = 16, integer_in(1, 1024);
+        /// Execution of chunks.
+        pub(super) chunk_execution: ChunkExecution = ChunkExecution::Ensembled, ChunkExecution::shape();
     }
 }
 
@@ -66,7 +80,7 @@ fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device)
 
 struct Act {
     observer: Observer,
-    chunk_length: u32,
+    chunk: ChunkSpec,
     spec: ActSpec,
     style: StyleEncoder,
     decoder: ChunkDecoder,
@@ -74,24 +88,31 @@ struct Act {
 
 impl Act {
     fn new(observer: Observer, info: &CheckpointInfo) -> Result<Self, LearnError> {
-        let (ChunkSpec { chunk_length }, spec): (ChunkSpec, ActSpec) = (info.settings()?, info.settings()?);
+        let (chunk, spec): (ChunkSpec, ActSpec) = (info.settings()?, info.settings()?);
         let lengths = Lengths {
             proprioception: observer.proprioception(),
             action: observer.action(),
-            chunk: chunk_length.into(),
+            chunk: chunk.chunk_length.into(),
             latent: spec.latent_size.into(),
         };
         let root = observer.root();
         let style = StyleEncoder::new(&(&root / "style"), lengths, &observer.size);
         let decoder = ChunkDecoder::new(&(&root / "decoder"), lengths, &observer.size);
         drop(root);
-        Ok(Self { observer, chunk_length, spec, style, decoder })
+        Ok(Self { observer, chunk, spec, style, decoder })
     }
 }
 
 impl PolicyModel for Act {
     fn info(&self) -> PolicyInfo<'_> {
-        self.observer.info(self.chunk_length as usize)
+        self.observer.info(self.chunk.chunk_length as usize)
+    }
+
+    fn horizon(&self) -> u32 {
+        match self.spec.chunk_execution {
+            ChunkExecution::Ensembled => 0,
+            ChunkExecution::Horizon => self.chunk.horizon(),
+        }
     }
 
     fn history_dropout(&self) -> f64 {

@@ -3,10 +3,20 @@
 use gleaner_core::schema::integer_in;
 
 gleaner_core::settings! {
-    /// The chunk that a policy predicts.
+    /// The chunk that a policy predicts, and the part of it that is executed.
     #[derive(Copy)]
     pub(super) struct ChunkSpec {
         /// Number of actions predicted at once (k). Longer chunks are smoother and react later.
         pub(super) chunk_length: u32 = 10, integer_in(1, 256);
+        /// Number of actions executed of each chunk before the next one is predicted; at most chunk_length. Larger
+        /// numbers cost less and react later.
+        pub(super) execute_length: u32 = 5, integer_in(1, 256);
+    }
+}
+
+impl ChunkSpec {
+    /// Actions executed of each chunk before the next is predicted.
+    pub(super) fn horizon(self) -> u32 {
+        self.execute_length.min(self.chunk_length)
     }
 }

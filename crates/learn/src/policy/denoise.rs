@@ -28,9 +28,6 @@ gleaner_core::settings! {
     /// Settings of a policy that draws its chunks from noise.
     #[derive(Copy)]
     struct DrawSpec {
-        /// Number of actions executed of each chunk before the next one is predicted; at most chunk_length. Larger
-        /// numbers cost less and react later.
-        execute_length: u32 = 5, integer_in(1, 256);
         /// Number of passes of the network that remove the noise from a chunk. More passes draw more exactly and take
         /// longer.
         sampling_steps: u32 = 10, integer_in(1, 1000);
@@ -123,7 +120,7 @@ impl<P: Process> PolicyModel for Denoiser<P> {
     }
 
     fn horizon(&self) -> u32 {
-        self.draw.execute_length.min(self.chunk.chunk_length)
+        self.chunk.horizon()
     }
 
     fn history_dropout(&self) -> f64 {

@@ -1,5 +1,7 @@
 //! The actions of a chunk that count: none from the first step on that was not kept, nor beyond the end.
 
+use gleaner_core::ensemble::Execution;
+
 use super::*;
 use crate::batch::{Segments, values};
 use crate::policy::source::{Source, mean_loss};
@@ -43,4 +45,23 @@ fn a_chunk_reaches_to_the_end_of_an_expert_episode_and_no_further() {
     assert_eq!(batch.images[0].size()[0], 4, "no frame of a later action is encoded");
     let counted: Vec<i64> = Vec::try_from(wanted.counted.sum_dim_intlist([1i64].as_slice(), false, None)).unwrap();
     assert_eq!(counted, [4, 3, 2, 1]);
+}
+
+#[test]
+fn act_ensembles_its_chunks_or_executes_one_after_the_other() {
+    let run = |execution: &str| {
+        let mut spec = spec("act", 1);
+        spec.policy = spec.policy.with(Family::Policy, "chunk_execution", execution).unwrap();
+        spec.policy = spec.policy.with(Family::Policy, "execute_length", 3).unwrap();
+        let bytes = train_policy(&toy::shape(), None, &toy::experts(2, 8), &[], &spec, None, &mut Silent).unwrap();
+        let policy = Policy::load(&bytes).unwrap();
+        let mut session = policy.session(1);
+        let lengths = [0.1, 0.5, 0.9, 0.2].map(|place| {
+            let step = Observed { frame: &toy::frame(place, place), proprioception: &[0.5; 3], executed: None };
+            policy.advance(&mut [(&mut session, &[step])]).unwrap().remove(0).len()
+        });
+        (policy.execution(), lengths)
+    };
+    assert_eq!(run("ensembled"), (Execution::Ensembled, [4, 4, 4, 4]));
+    assert_eq!(run("horizon"), (Execution::Horizon(3), [4, 3, 2, 4]));
 }
