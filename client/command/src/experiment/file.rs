@@ -185,7 +185,7 @@ mod tests {
     #[test]
     fn the_committed_files_are_valid() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/experiments");
-        for name in ["pick_cube", "stack_cube", "scorers", "arms", "quick"] {
+        for name in ["pick_cube", "stack_cube", "scorers", "arms", "chunks", "quick"] {
             let experiment = Experiment::read(&folder.join(name).with_extension("toml")).unwrap();
             assert!(!experiment.studies.is_empty(), "{name}");
         }

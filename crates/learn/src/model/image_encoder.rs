@@ -2,6 +2,9 @@
 //! projection of all of them.
 
 mod residual;
+mod token_grid;
+
+pub(crate) use token_grid::TokenGrid;
 
 use tch::nn::{self, ModuleT};
 use tch::{Tensor, nn::Module};

@@ -9,10 +9,10 @@ mod transformer;
 mod waves;
 pub(crate) mod weights;
 
-pub(crate) use image_encoder::{IMAGES, ImageEncoder};
+pub(crate) use image_encoder::{IMAGES, ImageEncoder, ImageStages, TokenGrid};
 pub(crate) use size::Size;
 pub(crate) use tokens::Modality;
-pub(crate) use transformer::{Attention, Transformer};
+pub(crate) use transformer::{Attention, Decoder, Transformer};
 pub(crate) use waves::Waves;
 
 use std::collections::BTreeMap;
@@ -176,7 +176,7 @@ impl Network {
             ))
         } else {
             let mask = self.mask(windows, Attention::Queried, tokens.kind());
-            let kept = self.transformer.last_tokens(&tokens, &mask, int(keep) * (MODALITIES + 1));
+            let kept = self.transformer.last_tokens(&tokens, Some(&mask), int(keep) * (MODALITIES + 1));
             kept.unflatten(1, [-1, MODALITIES + 1]).select(2, QUERY)
         };
         self.heads.action(&features)

@@ -1,6 +1,9 @@
 //! A pre-norm transformer over the tokens of a window, and its attention masks.
 
 mod block;
+mod decoder;
+
+pub(crate) use decoder::Decoder;
 
 use tch::nn::{self, Module};
 use tch::{Device, Kind, Tensor};
@@ -79,12 +82,12 @@ impl Transformer {
     /// alone.
     pub(super) fn forward(&self, tokens: &Tensor, mask: &Tensor, keep: usize) -> Tensor {
         let kept = int(keep) * MODALITIES;
-        self.last_tokens(tokens, mask, kept).unflatten(1, [-1, MODALITIES])
+        self.last_tokens(tokens, Some(mask), kept).unflatten(1, [-1, MODALITIES])
     }
 
-    /// Tokens `[W, S, d]`, whose attention is `mask` `[W or 1, 1, S, S]`, to features `[W, kept, d]` of the last `kept`
-    /// of them.
-    pub(crate) fn last_tokens(&self, tokens: &Tensor, mask: &Tensor, kept: i64) -> Tensor {
+    /// Tokens `[W, S, d]`, whose attention is `mask` `[W or 1, 1, S, S]` (`None`: all to all), to features
+    /// `[W, kept, d]` of the last `kept` of them.
+    pub(crate) fn last_tokens(&self, tokens: &Tensor, mask: Option<&Tensor>, kept: i64) -> Tensor {
         let all = tokens.size()[1];
         let mut x = tokens.shallow_clone();
         for (i, block) in self.blocks.iter().enumerate() {

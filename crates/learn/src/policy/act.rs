@@ -1,6 +1,10 @@
 //! The policy `act`: action chunking with transformers (Zhao et al. 2023), a conditional VAE over
 //! chunks a_t … a_{t+k−1} given o_t and m_t.
 //!
+//! The images are one embedding beside which the queries of the chunk stand, or, as in the paper, a grid of tokens: a
+//! transformer encoder reads z, m_t and the tokens of all cameras, and a decoder's queries attend to its output. Unlike
+//! the paper's, norms come before attention, positions are added once, and there is no dropout.
+//!
 //! Training: a style encoder reads m_t and the chunk and returns q(z | m, a) = N(μ, σ²); a decoder predicts the chunk
 //! from o_t, m_t and z. The loss is L1 + kl_weight · KL(q ‖ N(0, 1)), L1 the mean over the chunk's k places of the
 //! standardised actions' absolute errors. Acting: z = 0; chunks are ensembled, or executed one after the other.
@@ -10,6 +14,7 @@
 //! them. Places that do not count are hidden from the style encoder and cost nothing. The sum is always divided by k,
 //! so that an action has the same weight in every chunk that contains it. A chunk's weight is the q of its first step.
 
+mod grid;
 mod layers;
 
 use std::collections::BTreeMap;
@@ -22,11 +27,12 @@ use tch::{Device, Kind, Tensor};
 
 use super::chunk::ChunkSpec;
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
-use super::observer::{self, Encoded, Observer};
+use super::observer::{self, Encoded, ImageTokens, ImagesSpec, Observer};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
 use crate::random::normal;
+use grid::GridDecoder;
 use layers::{ChunkDecoder, Lengths, StyleEncoder};
 
 pub(super) const KIND: PolicyKind = PolicyKind {
@@ -34,7 +40,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     title: "ACT",
     about: "Action chunking with transformers: a conditional VAE that predicts chunks of actions.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
-    settings: || [observer::schema(), ChunkSpec::schema(), ActSpec::schema()].concat(),
+    settings: || [observer::schema(), ImagesSpec::schema(), ChunkSpec::schema(), ActSpec::schema()].concat(),
     model: observer::model,
     init,
     load,
@@ -78,12 +84,30 @@ fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device)
     Ok(Box::new(policy))
 }
 
+/// The network that predicts a chunk, by the form of the images.
+enum Decoder {
+    /// Queries beside one embedding of the images.
+    Embedding(ChunkDecoder),
+    /// An encoder and a decoder over the images' tokens, as in the paper.
+    Grid(GridDecoder),
+}
+
+impl Decoder {
+    /// Encoded images `[W, d]` or `[W, T d]`, encoded m `[W, P]` and z `[W, Z]` to the standardised chunk `[W, k, A]`.
+    fn forward(&self, o: &Tensor, m: &Tensor, z: &Tensor) -> Tensor {
+        match self {
+            Self::Embedding(decoder) => decoder.forward(o, m, z),
+            Self::Grid(decoder) => decoder.forward(o, m, z),
+        }
+    }
+}
+
 struct Act {
     observer: Observer,
     chunk: ChunkSpec,
     spec: ActSpec,
     style: StyleEncoder,
-    decoder: ChunkDecoder,
+    decoder: Decoder,
 }
 
 impl Act {
@@ -97,7 +121,11 @@ impl Act {
         };
         let root = observer.root();
         let style = StyleEncoder::new(&(&root / "style"), lengths, &observer.size);
-        let decoder = ChunkDecoder::new(&(&root / "decoder"), lengths, &observer.size);
+        let path = &root / "decoder";
+        let decoder = match info.settings::<ImagesSpec>()?.image_tokens {
+            ImageTokens::Embedding => Decoder::Embedding(ChunkDecoder::new(&path, lengths, &observer.size)),
+            ImageTokens::Grid => Decoder::Grid(GridDecoder::new(&path, lengths, &observer.size)),
+        };
         drop(root);
         Ok(Self { observer, chunk, spec, style, decoder })
     }

@@ -93,7 +93,7 @@ pub(super) trait PolicyModel: Send {
     /// Every parameter in name order.
     fn parameters(&self) -> Vec<(String, Tensor)>;
 
-    /// Standardised images, per camera `[N, C, H, W]`, to one embedding for each step, `[N, d]`.
+    /// Standardised images, per camera `[N, C, H, W]`, to one embedding for each step, `[N, width]`.
     fn encode(&self, images: &[Tensor]) -> Tensor;
 
     /// As [`PolicyModel::encode`], for images with values in 0 … 1.
@@ -117,13 +117,13 @@ pub(super) struct PolicyInfo<'a> {
     pub(super) window: usize,
     /// Actions predicted at once, k.
     pub(super) chunk: usize,
-    /// Values of an image embedding, d.
+    /// Values of an image embedding: d, or those of all tokens of a grid, one after the other.
     pub(super) width: usize,
 }
 
 /// The input of a policy: windows over N steps whose images are embedded.
 pub(super) struct PolicyInput {
-    /// `[N, d]`.
+    /// `[N, width]`, see [`PolicyInfo::width`].
     pub(super) embedded: Tensor,
     /// `[N, M]` in physical units.
     pub(super) proprioception: Tensor,

@@ -1,6 +1,11 @@
 //! The input side of a policy: the newest step through an image encoder, or a history through the causal transformer; with
 //! random weights or those of a pretrained encoder. Its output is one vector for the images and one for proprioception in
-//! each case, so that every policy has all of them. Independent of what a policy predicts from them.
+//! each case, so that every policy has all of them; a policy that asks for a grid gets a vector of each place of the
+//! newest images instead. Independent of what a policy predicts from them.
+
+mod images;
+
+pub(super) use images::{ImageTokens, ImagesSpec};
 
 use std::collections::BTreeMap;
 
@@ -13,9 +18,10 @@ use super::kind::{PolicyInfo, PolicyInit, PolicyInput};
 use crate::batch::int;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
 use crate::error::LearnError;
-use crate::model::{IMAGES, ImageEncoder, Modality, Network, Size, View, weights};
+use crate::model::{IMAGES, Modality, Network, Size, View, weights};
 use crate::normalize::Statistics;
 use crate::shape::TaskShape;
+use images::Images;
 
 /// The parts of every such policy; its own layers are in a store of their own under [`Observer::root`].
 pub(super) struct Observer {
@@ -29,14 +35,14 @@ pub(super) struct Observer {
 /// The network that encodes observations.
 enum Backbone {
     /// The newest step: its images through an encoder, its proprioception as it is.
-    Newest { images: ImageEncoder, statistics: Statistics },
+    Newest { images: Images, statistics: Statistics },
     /// The newest step's features after a causal pass over the window.
     Window(Box<Network>),
 }
 
 /// The encoded newest step of each window.
 pub(super) struct Encoded {
-    /// `[W, d]`.
+    /// `[W, d]`; of a grid, its tokens one after the other, `[W, T d]`.
     pub(super) images: Tensor,
     /// `[W, P]`, see [`Observer::proprioception`].
     pub(super) proprioception: Tensor,
@@ -50,6 +56,13 @@ pub(super) fn schema() -> Vec<Setting> {
 /// The size of the model; its history is that which the policy sees.
 pub(super) fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
     let ObserverSpec { initial_weights, history_steps } = from.chosen().read()?;
+    let ImagesSpec { image_tokens } = from.chosen().read()?;
+    if image_tokens == ImageTokens::Grid && history_steps != 0 {
+        let message = format!(
+            "is grid, which shows the newest step alone, but history_steps is {history_steps}; use 0, or embedding"
+        );
+        return Err(LearnError::invalid("image_tokens", message));
+    }
     let model = match initial_weights {
         InitialWeights::Random => ModelSpec { segment_length: history_steps, ..from.chosen().read()? },
         InitialWeights::Encoder => checkpoint::inspect(finetune::encoder(from)?)?.model,
@@ -105,7 +118,8 @@ impl Observer {
     fn build(info: &CheckpointInfo, statistics: Statistics, device: Device) -> Result<Self, LearnError> {
         let (store, size) = (VarStore::new(device), Size::of(info.model.preset));
         let backbone = if info.model.segment_length == 0 {
-            let images = ImageEncoder::new(&(store.root() / "policy" / IMAGES), &info.shape, &info.model);
+            let ImagesSpec { image_tokens } = info.settings()?;
+            let images = Images::new(&(store.root() / "policy"), &info.shape, &info.model, image_tokens);
             Backbone::Newest { images, statistics }
         } else {
             Backbone::Window(Box::new(Network::build(&info.shape, info.model, statistics, device)))
@@ -194,6 +208,14 @@ impl Observer {
         }
     }
 
+    /// Tokens of a step's images, T.
+    fn image_tokens(&self) -> i64 {
+        match &self.backbone {
+            Backbone::Newest { images, .. } => images.tokens(),
+            Backbone::Window(_) => 1,
+        }
+    }
+
     /// Values of an action, A.
     pub(super) fn action(&self) -> i64 {
         int(self.shape.action)
@@ -218,7 +240,7 @@ impl Observer {
                 Backbone::Window(network) => network.spec.window(),
             },
             chunk,
-            width: usize::try_from(self.size.width).unwrap_or(0),
+            width: usize::try_from(self.size.width * self.image_tokens()).unwrap_or(0),
         }
     }
 }

@@ -132,7 +132,7 @@ fn inputs(policy: &dyn PolicyModel, source: &Source<'_>, segments: &[Segment]) -
 mod tests {
     use std::collections::BTreeMap;
 
-    use super::super::tests::{kinds, untrained};
+    use super::super::tests::{forms, kind_of, untrained};
     use super::*;
     use crate::batch::Segments;
     use crate::toy;
@@ -148,9 +148,9 @@ mod tests {
     fn every_policy_looks_at_its_inputs_and_at_nothing_else() {
         let experts = toy::experts(4, 9);
         let data: Vec<&Trajectory> = experts.iter().collect();
-        for kind in kinds() {
+        for kind in forms() {
             let found = of(kind, &data);
-            let looks = gleaner_core::kinds::Family::Policy.find(kind).unwrap().needs.images;
+            let looks = kind_of(kind).needs.images;
             // Before training, most of an action that is drawn from noise is the noise.
             assert_eq!(found["share_images"] > 1e-5, looks, "{kind}: {found:?}");
             assert!(found["share_proprioception"] > 1e-3, "{kind}: {found:?}");
@@ -158,7 +158,7 @@ mod tests {
                 let alone = found["share_proprioception"];
                 assert!((0.7..1.3).contains(&alone), "{kind}: nothing else explains its action: {alone}");
             }
-            let remembers = gleaner_core::kinds::Family::Policy.find(kind).unwrap().needs.history;
+            let remembers = kind_of(kind).needs.history;
             assert_eq!(found.contains_key("share_history"), remembers, "{kind}");
         }
     }

@@ -22,22 +22,31 @@ use crate::pretrain::pretrain;
 use crate::toy::{self, Recorder};
 use crate::train::Silent;
 use crate::trajectory::{Trajectory, WeightedSegments};
-use gleaner_core::kinds::Family;
+use gleaner_core::kinds::{Family, Kind};
 use gleaner_core::{Chosen, TrainSpec};
 
-/// The names of all policies.
-pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
-    Family::Policy.kinds().iter().map(|kind| kind.name.as_str())
+/// ACT with a grid of image tokens.
+const GRID: &str = "act, grid";
+
+/// The forms of all policies: their names, and [`GRID`].
+pub(super) fn forms() -> impl Iterator<Item = &'static str> {
+    Family::Policy.kinds().iter().map(|kind| kind.name.as_str()).chain([GRID])
+}
+
+/// The policy of a form.
+pub(super) fn kind_of(form: &str) -> &'static Kind {
+    Family::Policy.find(if form == GRID { "act" } else { form }).unwrap()
 }
 
 /// A policy with small settings.
-fn chosen(policy: &str) -> Chosen {
+fn chosen(form: &str) -> Chosen {
     let small = |chosen: Chosen, name: &str, value: u32| match chosen.settings.contains_key(name) {
         true => chosen.with(Family::Policy, name, value).unwrap(),
         false => chosen,
     };
     let smaller = [("segment_length", 3), ("chunk_length", 4), ("latent_size", 4)];
-    let chosen = Chosen::new(Family::Policy, policy).unwrap();
+    let chosen = Chosen::new(Family::Policy, &kind_of(form).name).unwrap();
+    let chosen = if form == GRID { chosen.with(Family::Policy, "image_tokens", "grid").unwrap() } else { chosen };
     smaller.into_iter().fold(chosen, |chosen, (name, value)| small(chosen, name, value))
 }
 
@@ -55,13 +64,13 @@ fn kept(weight: f32) -> Vec<WeightedSegments> {
     }]
 }
 
-fn spec(policy: &str, steps: u64) -> TrainSpec {
-    TrainSpec { policy: chosen(policy), ..toy::train_spec(steps) }
+fn spec(form: &str, steps: u64) -> TrainSpec {
+    TrainSpec { policy: chosen(form), ..toy::train_spec(steps) }
 }
 
-/// A policy of `kind` before its first step.
-pub(super) fn untrained(kind: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel> {
-    untrained_with(&spec(kind, 1), data)
+/// A policy of this form before its first step.
+pub(super) fn untrained(form: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel> {
+    untrained_with(&spec(form, 1), data)
 }
 
 /// A policy with these settings before its first step.

@@ -74,8 +74,8 @@ impl Block {
     }
 
     /// `x` is `[W, S, d]`; returns the last `keep` tokens `[W, keep, d]`.
-    pub(super) fn forward(&self, x: &Tensor, mask: &Tensor, keep: i64) -> Tensor {
-        self.feed(&self.attend(x, Some(mask), keep))
+    pub(super) fn forward(&self, x: &Tensor, mask: Option<&Tensor>, keep: i64) -> Tensor {
+        self.feed(&self.attend(x, mask, keep))
     }
 
     /// The first half of the layer: attention, with a mask as in [`MultiHead::forward`] for every token.

@@ -56,7 +56,7 @@ impl StyleEncoder {
         let keys = Tensor::cat(&[&always, counted, &always], 1);
         let (windows, length) = (keys.size()[0], keys.size()[1]);
         let mask = keys.view([windows, 1, 1, length]).expand([windows, 1, length, length], false);
-        let input = self.transformer.last_tokens(&tokens, &mask, 1).squeeze_dim(1);
+        let input = self.transformer.last_tokens(&tokens, Some(&mask), 1).squeeze_dim(1);
         let halves = self.out.forward(&input).chunk(2, -1);
         (halves[0].shallow_clone(), halves[1].shallow_clone())
     }
@@ -96,6 +96,6 @@ impl ChunkDecoder {
         let all = MEMORY + chunk;
         let mask = Tensor::ones([1, 1, all, all], (Kind::Bool, o.device()));
         let tokens = Tensor::cat(&[memory, query], 1);
-        self.out.forward(&self.transformer.last_tokens(&tokens, &mask, chunk))
+        self.out.forward(&self.transformer.last_tokens(&tokens, Some(&mask), chunk))
     }
 }

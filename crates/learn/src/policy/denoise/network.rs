@@ -71,6 +71,6 @@ impl Network {
                 self.mask.logical_and(&keys).logical_or(&own)
             }
         };
-        self.out.forward(&self.transformer.last_tokens(&tokens, &mask, chunk))
+        self.out.forward(&self.transformer.last_tokens(&tokens, Some(&mask), chunk))
     }
 }

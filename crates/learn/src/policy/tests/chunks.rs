@@ -1,6 +1,7 @@
 //! The actions of a chunk that count: none from the first step on that was not kept, nor beyond the end.
 
 use gleaner_core::ensemble::Execution;
+use tch::Tensor;
 
 use super::*;
 use crate::batch::{Segments, values};
@@ -64,4 +65,20 @@ fn act_ensembles_its_chunks_or_executes_one_after_the_other() {
     };
     assert_eq!(run("ensembled"), (Execution::Ensembled, [4, 4, 4, 4]));
     assert_eq!(run("horizon"), (Execution::Horizon(3), [4, 3, 2, 4]));
+}
+
+#[test]
+fn the_grid_of_act_leaves_its_style_encoder_as_it_is_and_its_embedding_is_bounded() {
+    let data = toy::episode("e", 1, 6, true);
+    let [embedding, grid] = ["act", GRID].map(|form| untrained(form, &[&data]));
+    let style = |policy: &dyn PolicyModel| {
+        let parameters = policy.parameters().into_iter().filter(|(name, _)| name.starts_with("policy.style."));
+        parameters.map(|(name, parameter)| (name, parameter.size())).collect::<Vec<_>>()
+    };
+    assert!(style(embedding.as_ref()).len() > 10);
+    assert_eq!(style(embedding.as_ref()), style(grid.as_ref()));
+    // 64 tokens of 64 values: a session keeps that many of its newest frame.
+    assert_eq!((embedding.info().width, grid.info().width), (64, 64 * 64));
+    let unused = |(name, _): &(String, Tensor)| name.contains("keypoint") || name.starts_with("policy.image.project");
+    assert_eq!(grid.parameters().iter().filter(|parameter| unused(parameter)).count(), 0);
 }

@@ -82,7 +82,7 @@ pub(super) fn moved_by_actions(policy: &dyn PolicyModel, data: &Trajectory) -> O
 #[test]
 fn no_policy_looks_at_the_action_it_is_asked_for() {
     let data = toy::episode("e", 1, 6, true);
-    for kind in kinds() {
+    for kind in forms() {
         let policy = untrained(kind, &[&data]);
         let moved = moved_by_actions(policy.as_ref(), &data);
         if policy.info().window == 1 {
@@ -157,7 +157,7 @@ fn pretrainings_gradients_agree_with_finite_differences() {
 fn every_policys_gradients_agree_with_finite_differences() {
     let data = toy::episode("e", 1, 6, true);
     let source = Source { segments: Segments::every(&toy::shape(), &[&data]), data: vec![&data] };
-    for kind in kinds() {
+    for kind in forms() {
         let policy = untrained(kind, &[&data]);
         to_double(&policy.parameters());
         let loss = || {

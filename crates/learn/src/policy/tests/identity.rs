@@ -23,7 +23,7 @@ fn weights_of_one_are_behaviour_cloning_on_the_union() {
         Source { segments: Segments::kept(&kept), data: vec![&kept[0].trajectory] },
         Source { segments: every(&union), data: union.clone() },
     ];
-    for kind in kinds() {
+    for kind in forms() {
         let policy = untrained(kind, &union);
         // One generator for both batches and one for the union: the same noise, in the same order.
         let mut noises = [generator(3, Purpose::Style, 0), generator(3, Purpose::Style, 0)];

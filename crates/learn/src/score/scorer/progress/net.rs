@@ -113,7 +113,7 @@ impl Net {
         let frames = self.input.forward(clips);
         let first = frames.narrow(1, 0, 1) + &self.first;
         let frames = Tensor::cat(&[first, frames.narrow(1, 1, int(FRAMES) - 1)], 1);
-        self.head.forward(&self.transformer.last_tokens(&frames, &self.causal, keep)).squeeze_dim(-1).sigmoid()
+        self.head.forward(&self.transformer.last_tokens(&frames, Some(&self.causal), keep)).squeeze_dim(-1).sigmoid()
     }
 
     /// Progress at every step of an episode with states `[T, D]`, each from the clip that starts with the episode and
