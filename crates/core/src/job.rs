@@ -1,6 +1,6 @@
 //! Jobs: their kinds, specs and legal transitions.
 
-use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
+use crate::{EvaluateSpec, ImageWeights, PretrainSpec, Problem, ScoreSpec, TrainSpec};
 
 use super::{
     id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
@@ -155,6 +155,32 @@ impl JobSpec {
             Self::Train { .. } => JobKind::Train,
             Self::Export { .. } => JobKind::Export,
             Self::Evaluate { .. } => JobKind::Evaluate,
+        }
+    }
+
+    /// The file of weights that the image encoder begins with; the default for none.
+    ///
+    /// # Errors
+    /// The setting is not the name of a file; specs that were read before have none such.
+    pub fn image_weights(&self) -> Result<ImageWeights, Problem> {
+        match self {
+            Self::Pretrain { spec, .. } => Ok(spec.image_weights.clone()),
+            Self::Train { spec, .. } => spec.image_weights(),
+            Self::Score { .. } | Self::Export { .. } | Self::Evaluate { .. } => Ok(ImageWeights::default()),
+        }
+    }
+
+    /// The same work with this file in place of the one that it names.
+    #[must_use]
+    pub fn with_image_weights(self, image_weights: ImageWeights) -> Self {
+        match self {
+            Self::Pretrain { snapshot_id, spec } => {
+                Self::Pretrain { snapshot_id, spec: PretrainSpec { image_weights, ..spec } }
+            }
+            Self::Train { encoder_id, snapshot_id, dataset_id, spec } => {
+                Self::Train { encoder_id, snapshot_id, dataset_id, spec: spec.with_image_weights(image_weights) }
+            }
+            Self::Score { .. } | Self::Export { .. } | Self::Evaluate { .. } => self,
         }
     }
 

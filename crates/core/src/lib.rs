@@ -80,9 +80,9 @@ pub use schema::{Problem, Setting, Shape, Values};
 pub use secret::Secret;
 pub use settings::{Group, Word, Words};
 pub use spec::{
-    ActionToken, Augmentation, Chosen, Device, EvaluateSpec, FinishedWeights, ImageEncoder, InitialWeights, ModelSpec,
-    NormaliserKind, ObserverSpec, OptimSpec, Preset, PretrainSpec, RateSchedule, RunSpec, ScoreSpec, TrainSpec,
-    job_kinds, jobs, schema_of,
+    ActionToken, Augmentation, Chosen, Device, EvaluateSpec, FinishedWeights, ImageEncoder, ImageWeights,
+    ImageWeightsSpec, InitialWeights, ModelSpec, NormaliserKind, ObserverSpec, OptimSpec, Preset, PretrainSpec,
+    RateSchedule, RunSpec, ScoreSpec, TrainSpec, job_kinds, jobs, schema_of,
 };
 pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 

@@ -3,6 +3,7 @@
 mod chosen;
 mod evaluate;
 mod groups;
+mod image_weights;
 mod pretrain;
 mod score;
 mod stored;
@@ -14,6 +15,7 @@ pub use groups::{
     ActionToken, Augmentation, Device, FinishedWeights, ImageEncoder, InitialWeights, ModelSpec, ObserverSpec,
     OptimSpec, Preset, RateSchedule, RunSpec,
 };
+pub use image_weights::{ImageWeights, ImageWeightsSpec};
 pub use pretrain::PretrainSpec;
 pub use score::{NormaliserKind, ScoreSpec};
 pub use train::TrainSpec;

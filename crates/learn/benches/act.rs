@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use criterion::{BatchSize, BenchmarkId, Criterion};
 use gleaner_core::{OptimSpec, Preset, TrainSpec};
-use gleaner_learn::{History, Policy, Silent, set_threads, train_policy};
+use gleaner_learn::{History, Policy, Pretrained, Silent, set_threads, train_policy};
 
 fn main() {
     let mut criterion = Criterion::default().configure_from_args();
@@ -20,7 +20,7 @@ fn main() {
     for policy in ["act", "tf_bc", "flow", "diffusion"] {
         let optim = OptimSpec { steps: 1, batch: 1, ..OptimSpec::default() };
         let spec = TrainSpec { policy: episodes::policy(policy, model), optim, ..TrainSpec::default() };
-        let bytes = train_policy(&shape, None, &data, &[], &spec, None, &mut Silent).unwrap();
+        let bytes = train_policy(&shape, Pretrained::default(), &data, &[], &spec, None, &mut Silent).unwrap();
         let policy = Policy::load(&bytes).unwrap();
         set_threads(1);
         let frame = &data[0].frames.as_ref().as_ref()[..shape.frame_bytes()];

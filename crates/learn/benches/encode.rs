@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, Throughput};
 use gleaner_core::{OptimSpec, Preset, TrainSpec};
-use gleaner_learn::{Policy, Silent, set_threads, train_policy};
+use gleaner_learn::{Policy, Pretrained, Silent, set_threads, train_policy};
 
 const FRAMES: usize = 32;
 
@@ -23,7 +23,7 @@ fn main() {
         let data = episodes::noise(&shape, 1);
         let optim = OptimSpec { steps: 1, batch: 1, ..OptimSpec::default() };
         let spec = TrainSpec { policy: episodes::policy("tf_bc", model), optim, ..TrainSpec::default() };
-        let bytes = train_policy(&shape, None, &data, &[], &spec, None, &mut Silent).unwrap();
+        let bytes = train_policy(&shape, Pretrained::default(), &data, &[], &spec, None, &mut Silent).unwrap();
         let policy = Policy::load(&bytes).unwrap();
         set_threads(1);
         let frames = data[0].frames.as_ref().as_ref();

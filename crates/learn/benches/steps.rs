@@ -149,7 +149,7 @@ fn run(
 ) {
     let left = next(&Block::default());
     let mut paced = Paced { next, left, block: Block::default() };
-    let ended = pretrain(shape, data, spec, Some(first), &mut paced);
+    let ended = pretrain(shape, data, spec, None, Some(first), &mut paced);
     assert!(matches!(ended, Err(LearnError::Cancelled)), "the run ended early: {:?}", ended.err());
 }
 
@@ -163,7 +163,7 @@ fn main() {
     let once = PretrainSpec { model, objectives: job.objectives, optim, run: run_of(1), ..PretrainSpec::default() };
     set_threads(job.threads);
     let mut first = First::default();
-    let ended = pretrain(&shape, &data, &once, None, &mut first);
+    let ended = pretrain(&shape, &data, &once, None, None, &mut first);
     assert!(matches!(ended, Err(LearnError::Cancelled)), "no first step: {:?}", ended.err());
     let checkpoint = first.0.unwrap();
     if let Some(folder) = &job.share {

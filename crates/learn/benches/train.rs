@@ -10,7 +10,7 @@ use std::time::Duration;
 use criterion::{BenchmarkId, Criterion, SamplingMode};
 use gleaner_core::kinds::Family;
 use gleaner_core::{OptimSpec, Preset, PretrainSpec, TrainSpec};
-use gleaner_learn::{Monitor, Silent, TaskShape, Trajectory, WeightedSegments, pretrain, train_policy};
+use gleaner_learn::{Monitor, Pretrained, Silent, TaskShape, Trajectory, WeightedSegments, pretrain, train_policy};
 
 const THREADS: Option<u32> = Some(1);
 
@@ -50,7 +50,7 @@ fn pretrain_step(criterion: &mut Criterion, shape: &TaskShape, data: &[Trajector
             bencher.iter_custom(|steps| {
                 let spec = PretrainSpec { objectives: objectives.clone(), optim: optim(steps), ..spec.clone() };
                 let mut time = Steps::default();
-                pretrain(shape, data, &spec, None, &mut time).unwrap();
+                pretrain(shape, data, &spec, None, None, &mut time).unwrap();
                 time.time()
             });
         });
@@ -58,7 +58,8 @@ fn pretrain_step(criterion: &mut Criterion, shape: &TaskShape, data: &[Trajector
 }
 
 fn policy_step(criterion: &mut Criterion, shape: &TaskShape, data: &[Trajectory], spec: &PretrainSpec) {
-    let encoder = pretrain(shape, data, &PretrainSpec { optim: optim(1), ..spec.clone() }, None, &mut Silent).unwrap();
+    let encoder =
+        pretrain(shape, data, &PretrainSpec { optim: optim(1), ..spec.clone() }, None, None, &mut Silent).unwrap();
     let kept = [WeightedSegments { trajectory: data[0].clone(), steps: (0..100).map(|step| (step, 0.95)).collect() }];
     let mut group = criterion.benchmark_group("policy_step");
     group.sample_size(10).sampling_mode(SamplingMode::Flat).measurement_time(Duration::from_secs(4));
@@ -72,7 +73,7 @@ fn policy_step(criterion: &mut Criterion, shape: &TaskShape, data: &[Trajectory]
                     ..Default::default()
                 };
                 let mut time = Steps::default();
-                train_policy(shape, Some(&encoder), data, &kept, &spec, None, &mut time).unwrap();
+                train_policy(shape, Pretrained::encoder(&encoder), data, &kept, &spec, None, &mut time).unwrap();
                 time.time()
             });
         });

@@ -127,15 +127,21 @@ pub(crate) fn read(
     }
     let mut named = BTreeMap::new();
     for (name, view) in SafeTensors::deserialize(bytes)?.iter() {
-        if view.dtype() != Dtype::F32 {
-            return Err(LearnError::Checkpoint(format!("`{name}` is not f32")));
-        }
-        let (floats, _) = view.data().as_chunks::<4>();
-        let floats: Vec<f32> = floats.iter().map(|b| f32::from_le_bytes(*b)).collect();
-        let size: Vec<i64> = view.shape().iter().map(|n| int(*n)).collect();
-        named.insert(name.to_owned(), Tensor::from_slice(&floats).view(size.as_slice()));
+        let tensor = tensor(&view).ok_or_else(|| LearnError::Checkpoint(format!("`{name}` is not f32")))?;
+        named.insert(name.to_owned(), tensor);
     }
     Ok((info, named))
+}
+
+/// The tensor of a file; `None` unless it is of f32.
+pub(crate) fn tensor(view: &TensorView<'_>) -> Option<Tensor> {
+    if view.dtype() != Dtype::F32 {
+        return None;
+    }
+    let (floats, _) = view.data().as_chunks::<4>();
+    let floats: Vec<f32> = floats.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    let size: Vec<i64> = view.shape().iter().map(|n| int(*n)).collect();
+    Some(Tensor::from_slice(&floats).view(size.as_slice()))
 }
 
 /// Writes a checkpoint. The same header and tensors give the same bytes.

@@ -15,12 +15,13 @@
 //! ```no_run,standalone_crate
 //! use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
 //! use gleaner_learn::{
-//!     Forgetful, LearnError, ScoreInputs, Silent, TaskShape, Trajectory, WeightedSegments, pretrain, score, train_policy,
+//!     Forgetful, LearnError, Pretrained, ScoreInputs, Silent, TaskShape, Trajectory, WeightedSegments, pretrain, score,
+//!     train_policy,
 //! };
 //!
 //! # fn stages(shape: &TaskShape, experts: &[Trajectory], imperfect: &[Trajectory]) -> Result<Vec<u8>, LearnError> {
 //! let all: Vec<Trajectory> = experts.iter().chain(imperfect).cloned().collect();
-//! let encoder = pretrain(shape, &all, &PretrainSpec::default(), None, &mut Silent)?;
+//! let encoder = pretrain(shape, &all, &PretrainSpec::default(), None, None, &mut Silent)?;
 //! let inputs = ScoreInputs { encoder: &encoder, experts, imperfect, kept: &Forgetful };
 //! let scores = score(inputs, &ScoreSpec::default(), &mut Silent)?;
 //! let good = imperfect.iter().zip(&scores.imperfect).map(|(trajectory, scores)| WeightedSegments {
@@ -28,7 +29,7 @@
 //!     steps: (0..).zip(scores.q.iter().copied()).filter(|(_, q)| *q > 0.9).collect(),
 //! });
 //! let kept: Vec<WeightedSegments> = good.collect();
-//! train_policy(shape, Some(&encoder), experts, &kept, &TrainSpec::default(), None, &mut Silent)
+//! train_policy(shape, Pretrained::encoder(&encoder), experts, &kept, &TrainSpec::default(), None, &mut Silent)
 //! # }
 //! ```
 
@@ -61,7 +62,7 @@ pub use device::set_threads;
 pub use error::LearnError;
 pub use history::{Embedding, History};
 pub use kinds::kinds;
-pub use policy::{Observed, Policy, PolicySession, train_policy};
+pub use policy::{Observed, Policy, PolicySession, Pretrained, train_policy};
 pub use pretrain::pretrain;
 pub use score::{
     EpisodeScores, FeatureScale, FeatureStore, Forgetful, LiveScorer, Normaliser, ScoreBase, ScoreInputs, Scores,

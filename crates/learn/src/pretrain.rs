@@ -10,7 +10,7 @@ use crate::batch::{Batch, Segments};
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
-use crate::model::{Network, Size};
+use crate::model::{Network, Size, image_weights};
 use crate::normalize::{FeatureScale, Sample, Statistics};
 use crate::objective::{self, Objective, Passes, features_view};
 use crate::random::{Purpose, generator};
@@ -25,9 +25,9 @@ const SCALE_SEGMENTS: usize = 4096;
 
 /// Pretrains an encoder on `data` (D_u = D_e ∪ D_i) and returns its checkpoint.
 ///
-/// `resume` is a checkpoint that the monitor stored; on the CPU, with the same number of threads, the resumed run gives
-/// the same bytes as an uninterrupted one. Metrics: `loss`, `loss_mtp`, `loss_tr`, `loss_aa`, `grad_norm`,
-/// `learning_rate`, `ms_per_step`.
+/// `image_weights` is the safetensors file that the setting of that name names. `resume` is a checkpoint that the
+/// monitor stored; on the CPU, with the same number of threads, the resumed run gives the same bytes as an
+/// uninterrupted one. Metrics: `loss`, `loss_mtp`, `loss_tr`, `loss_aa`, `grad_norm`, `learning_rate`, `ms_per_step`.
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Cancelled`], [`LearnError::Diverged`],
@@ -36,6 +36,7 @@ pub fn pretrain(
     shape: &TaskShape,
     data: &[Trajectory],
     spec: &PretrainSpec,
+    image_weights: Option<&[u8]>,
     resume: Option<&[u8]>,
     monitor: &mut dyn Monitor,
 ) -> Result<Vec<u8>, LearnError> {
@@ -50,7 +51,7 @@ pub fn pretrain(
     }
     let data: Vec<&Trajectory> = data.iter().collect();
     guard(|| {
-        let training = match begin(shape, &data, spec, resume)? {
+        let training = match begin(shape, &data, spec, (image_weights, resume))? {
             Resumed::Finished(bytes) => return Ok(bytes),
             Resumed::Unfinished(training) => training,
         };
@@ -92,7 +93,7 @@ fn begin(
     shape: &TaskShape,
     data: &[&Trajectory],
     spec: &PretrainSpec,
-    resume: Option<&[u8]>,
+    (image_weights, resume): (Option<&[u8]>, Option<&[u8]>),
 ) -> Result<Resumed, LearnError> {
     let device = device::open(spec.run.device, spec.threads)?;
     let info = CheckpointInfo {
@@ -111,7 +112,9 @@ fn begin(
     }
     let target = Size::of(spec.model.preset).target;
     let statistics = Statistics::measure(shape, &Sample::every(shape, data), target, device);
+    let statistics = statistics.for_image_encoder(spec.model.image_encoder);
     let network = Network::new(shape, spec.model, statistics, spec.run.seed, device);
+    image_weights::give(spec.model.image_encoder, &network.parameters(), image_weights)?;
     Ok(Resumed::Unfinished(Box::new(Training::start(network, info, &spec.optim))))
 }
 
@@ -153,18 +156,18 @@ mod tests {
         let (shape, data) = (toy::shape(), toy::experts(3, 12));
         let spec = toy::every(3, toy::pretrain_spec(8));
         let mut straight = Recorder::default();
-        let result = pretrain(&shape, &data, &spec, None, &mut straight).unwrap();
+        let result = pretrain(&shape, &data, &spec, None, None, &mut straight).unwrap();
         let steps: Vec<u64> = straight.checkpoints.iter().map(|(step, _)| *step).collect();
         assert_eq!(steps, [3, 6]);
 
         let mut resumed = Recorder::default();
         let half = &straight.checkpoints[0].1;
-        let again = pretrain(&shape, &data, &spec, Some(half), &mut resumed).unwrap();
+        let again = pretrain(&shape, &data, &spec, None, Some(half), &mut resumed).unwrap();
         assert_eq!(straight.losses[3..], resumed.losses);
         // The checkpoint of step 6 has weights and optimiser state.
         assert_eq!(straight.checkpoints[1], resumed.checkpoints[0]);
         assert_eq!(result, again);
-        let finished = pretrain(&shape, &data, &spec, Some(&result), &mut Silent).unwrap();
+        let finished = pretrain(&shape, &data, &spec, None, Some(&result), &mut Silent).unwrap();
         assert_eq!(result, finished);
     }
 
@@ -172,20 +175,20 @@ mod tests {
     fn a_run_that_is_stopped_keeps_every_step() {
         let (shape, data) = (toy::shape(), toy::experts(3, 12));
         let spec = toy::every(3, toy::pretrain_spec(8));
-        let straight = pretrain(&shape, &data, &spec, None, &mut Silent).unwrap();
+        let straight = pretrain(&shape, &data, &spec, None, None, &mut Silent).unwrap();
         for (after, kept) in [(2, vec![2]), (3, vec![3]), (5, vec![3, 5])] {
             let mut stopped = Recorder { stop_after: Some(after), ..Recorder::default() };
-            let result = pretrain(&shape, &data, &spec, None, &mut stopped);
+            let result = pretrain(&shape, &data, &spec, None, None, &mut stopped);
             assert!(matches!(result, Err(LearnError::Cancelled)));
             assert_eq!(stopped.checkpoints.iter().map(|(step, _)| *step).collect::<Vec<_>>(), kept);
             let (_, last) = stopped.checkpoints.last().unwrap();
-            assert_eq!(pretrain(&shape, &data, &spec, Some(last), &mut Silent).unwrap(), straight);
+            assert_eq!(pretrain(&shape, &data, &spec, None, Some(last), &mut Silent).unwrap(), straight);
         }
         // Stopped again before its first step, the run has no new checkpoint to store.
         let mut first = Recorder { stop_after: Some(2), ..Recorder::default() };
-        assert!(pretrain(&shape, &data, &spec, None, &mut first).is_err());
+        assert!(pretrain(&shape, &data, &spec, None, None, &mut first).is_err());
         let mut again = Recorder { stop_after: Some(0), ..Recorder::default() };
-        assert!(pretrain(&shape, &data, &spec, Some(&first.checkpoints[0].1), &mut again).is_err());
+        assert!(pretrain(&shape, &data, &spec, None, Some(&first.checkpoints[0].1), &mut again).is_err());
         assert!(again.checkpoints.is_empty());
     }
 
@@ -193,13 +196,13 @@ mod tests {
     fn a_checkpoint_of_another_run_is_refused() {
         let (shape, data) = (toy::shape(), toy::experts(2, 8));
         let spec = toy::pretrain_spec(2);
-        let bytes = pretrain(&shape, &data, &spec, None, &mut Silent).unwrap();
+        let bytes = pretrain(&shape, &data, &spec, None, None, &mut Silent).unwrap();
         let other = {
             let mut other = spec.clone();
             other.run.seed = 99;
             other
         };
-        let error = pretrain(&shape, &data, &other, Some(&bytes), &mut Silent).unwrap_err();
+        let error = pretrain(&shape, &data, &other, None, Some(&bytes), &mut Silent).unwrap_err();
         assert!(error.to_string().starts_with("spec: "), "{error}");
     }
 
@@ -208,7 +211,7 @@ mod tests {
         let (shape, data) = (toy::shape(), toy::experts(6, 12));
         let mut monitor = Recorder::default();
         let spec = toy::pretrain_spec(120);
-        let bytes = pretrain(&shape, &data, &spec, None, &mut monitor).unwrap();
+        let bytes = pretrain(&shape, &data, &spec, None, None, &mut monitor).unwrap();
         let mean = |part: &[(u64, f64)]| {
             part.iter().map(|(_, loss)| loss).sum::<f64>() / f64::from(u32::try_from(part.len()).unwrap())
         };
@@ -224,7 +227,7 @@ mod tests {
         let (shape, data) = (toy::shape(), toy::experts(2, 8));
         for objective in ["mtp", "tr", "aa"] {
             let spec = PretrainSpec { objectives: vec![objective.to_owned()], ..toy::pretrain_spec(2) };
-            assert!(pretrain(&shape, &data, &spec, None, &mut Silent).is_ok());
+            assert!(pretrain(&shape, &data, &spec, None, None, &mut Silent).is_ok());
         }
     }
 
@@ -232,7 +235,7 @@ mod tests {
     fn cancelling_and_diverging_differ() {
         let (shape, data) = (toy::shape(), toy::experts(2, 8));
         let mut monitor = Recorder { stop_after: Some(2), ..Recorder::default() };
-        let result = pretrain(&shape, &data, &toy::pretrain_spec(9), None, &mut monitor);
+        let result = pretrain(&shape, &data, &toy::pretrain_spec(9), None, None, &mut monitor);
         assert!(matches!(result, Err(LearnError::Cancelled)));
         assert_eq!(monitor.losses.len(), 2);
 
@@ -240,7 +243,7 @@ mod tests {
         spec.optim.learning_rate = 10.0;
         spec.optim.clip_norm = 1e12;
         spec.optim.weight_decay = 10.0;
-        let result = pretrain(&shape, &data, &spec, None, &mut Silent);
+        let result = pretrain(&shape, &data, &spec, None, None, &mut Silent);
         assert!(matches!(result, Err(LearnError::Diverged { .. })), "{result:?}");
     }
 }

@@ -12,6 +12,7 @@ mod train;
 use std::path::PathBuf;
 
 use gleaner_core::{
+    ImageWeights,
     id::BlobId,
     order::JobOrder,
     score::EpisodeScores,
@@ -73,6 +74,11 @@ impl Work {
             Some(blob) => Ok(self.blobs.get(blob)?),
             None => Err(Failure::Retryable(format!("the server named no {what}"))),
         }
+    }
+
+    /// The file that an image encoder begins with, if the settings name one.
+    fn image_weights(&self, named: &ImageWeights) -> Result<Option<Vec<u8>>, Failure> {
+        named.name().map(|_| self.input("digest of the image weights", named.digest())).transpose()
     }
 
     fn keep(&self, bytes: &[u8]) -> Result<BlobId, Failure> {

@@ -6,7 +6,7 @@ mod score_run;
 use clap::Parser as _;
 use futures::channel::mpsc::{UnboundedSender, unbounded};
 use gleaner_core::{ModelSpec, OptimSpec, PretrainSpec, RunSpec, TrainSpec};
-use gleaner_learn::{CameraShape, FrameBytes, Silent, TaskShape, Trajectory, pretrain, train_policy};
+use gleaner_learn::{CameraShape, FrameBytes, Pretrained, Silent, TaskShape, Trajectory, pretrain, train_policy};
 use tempfile::TempDir;
 use tokio_util::sync::CancellationToken;
 
@@ -90,9 +90,9 @@ fn trained(seed: u64) -> Vec<u8> {
     let model = ModelSpec { segment_length: 2, ..ModelSpec::default() };
     let run = RunSpec { seed, ..RunSpec::default() };
     let spec = PretrainSpec { model, optim, run, ..PretrainSpec::default() };
-    let encoder = pretrain(&shape(), std::slice::from_ref(&episode), &spec, None, &mut Silent).unwrap();
+    let encoder = pretrain(&shape(), std::slice::from_ref(&episode), &spec, None, None, &mut Silent).unwrap();
     let spec = TrainSpec { optim, run, ..TrainSpec::default() };
-    train_policy(&shape(), Some(&encoder), &[episode], &[], &spec, None, &mut Silent).unwrap()
+    train_policy(&shape(), Pretrained::encoder(&encoder), &[episode], &[], &spec, None, &mut Silent).unwrap()
 }
 
 fn observation(number: u8, executed_action: &[f32]) -> Observation {

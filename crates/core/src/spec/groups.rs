@@ -25,6 +25,12 @@ crate::words! {
         /// A residual network whose every output sees a whole picture of 128×128 pixels: 0.3 million parameters with the
         /// preset tiny, 2.8 with small, 11 with base (ResNet-18), 21 with large (ResNet-34). Slower by far.
         Residual = "residual",
+        /// ResNet-18 as torchvision lays it out, 11 million parameters: begins with the weights that `image_weights`
+        /// names, pretrained on ImageNet's photographs. Shrinks images by 32, so small ones leave few places for
+        /// keypoints. Norms never change. The weights for depth begin at zero.
+        Resnet18 = "resnet18",
+        /// ResNet-34, 21 million parameters: as `resnet18`, slower.
+        Resnet34 = "resnet34",
     }
 }
 

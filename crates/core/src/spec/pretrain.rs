@@ -1,6 +1,7 @@
 //! The settings of pretraining.
 
 use super::groups::{Augmentation, FinishedWeights, ModelSpec, OptimSpec, RunSpec};
+use super::image_weights::{ImageWeights, ImageWeightsSpec};
 use super::{stored, stored_as_values};
 use crate::kinds::Family;
 use crate::schema::{Problem, Setting, Shape, Values, complete};
@@ -11,6 +12,8 @@ use crate::settings::{Group as _, take};
 pub struct PretrainSpec {
     /// The encoder to train.
     pub model: ModelSpec,
+    /// The weights that its image encoder begins with.
+    pub image_weights: ImageWeights,
     /// The objectives whose losses are added up, in the order of their list; all by default, as in the paper.
     pub objectives: Vec<String>,
     /// Random changes to inputs.
@@ -28,6 +31,7 @@ impl Default for PretrainSpec {
     fn default() -> Self {
         Self {
             model: ModelSpec::default(),
+            image_weights: ImageWeights::default(),
             objectives: Family::Objective.kinds().iter().map(|kind| kind.name.clone()).collect(),
             augmentation: Augmentation::default(),
             optim: OptimSpec::default(),
@@ -41,8 +45,9 @@ impl PretrainSpec {
     /// Every setting.
     #[must_use]
     pub fn schema() -> Vec<Setting> {
-        [ModelSpec::schema(), vec![objectives()], Augmentation::schema(), OptimSpec::schema(), RunSpec::schema()]
-            .concat()
+        let model = [ModelSpec::schema(), ImageWeightsSpec::schema(), vec![objectives()]];
+        let training = [Augmentation::schema(), OptimSpec::schema(), RunSpec::schema()];
+        [model.concat(), training.concat()].concat()
     }
 
     /// Reads the settings; one that is left out takes its default.
@@ -59,9 +64,12 @@ impl PretrainSpec {
                 "best needs loss_validation, which pretraining does not measure; use last or ema (in an experiment, set best under `train`)",
             ));
         }
+        let (model, weights) = (ModelSpec::read(&values)?, ImageWeightsSpec::read(&values)?);
+        weights.check(model)?;
         let listed = Family::Objective.kinds().iter().map(|kind| kind.name.clone());
         Ok(Self {
-            model: ModelSpec::read(&values)?,
+            model,
+            image_weights: weights.image_weights,
             objectives: listed.filter(|name| chosen.contains(name)).collect(),
             augmentation: Augmentation::read(&values)?,
             optim,
@@ -73,9 +81,10 @@ impl PretrainSpec {
     /// Every setting with its value.
     #[must_use]
     pub fn values(&self) -> Values {
-        let Self { model, objectives, augmentation, optim, run, threads: _ } = self;
+        let Self { model, image_weights, objectives, augmentation, optim, run, threads: _ } = self;
         let mut values = Values::new();
         model.write(&mut values);
+        ImageWeightsSpec { image_weights: image_weights.clone() }.write(&mut values);
         values.insert("objectives".to_owned(), objectives.clone().into());
         augmentation.write(&mut values);
         optim.write(&mut values);

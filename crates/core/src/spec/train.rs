@@ -2,6 +2,7 @@
 
 use super::chosen::{Choice, Chosen, choice};
 use super::groups::{Augmentation, FinishedWeights, OptimSpec, RunSpec};
+use super::image_weights::{ImageWeights, ImageWeightsSpec};
 use super::{stored, stored_as_values};
 use crate::kinds::Family;
 use crate::schema::{Problem, Setting, Values, number_in};
@@ -71,8 +72,10 @@ impl TrainSpec {
         if optim.finished_weights == FinishedWeights::Best && validation_share == 0.0 {
             return Err(Problem::new("finished_weights", "best needs a validation_share above 0"));
         }
+        let policy = policy.chosen(&values);
+        ImageWeightsSpec::check_policy(&policy.settings)?;
         Ok(Self {
-            policy: policy.chosen(&values),
+            policy,
             weighting: weighting.chosen(&values),
             augmentation: Augmentation::read(&values)?,
             optim,
@@ -80,6 +83,21 @@ impl TrainSpec {
             run: RunSpec::read(&values)?,
             threads: None,
         })
+    }
+
+    /// The weights that the policy's image encoder begins with.
+    ///
+    /// # Errors
+    /// The text is not the name of a file; settings that were read before have none such.
+    pub fn image_weights(&self) -> Result<ImageWeights, Problem> {
+        self.policy.read().map(|ImageWeightsSpec { image_weights }| image_weights)
+    }
+
+    /// The same settings with these weights of the policy's image encoder.
+    #[must_use]
+    pub fn with_image_weights(mut self, image_weights: ImageWeights) -> Self {
+        ImageWeightsSpec { image_weights }.write(&mut self.policy.settings);
+        self
     }
 
     /// Every setting with its value.

@@ -1,7 +1,9 @@
 //! All cameras of a step to one embedding: an encoder per camera, a few convolutions or a residual network, then one
-//! projection of all of them.
+//! projection of all of them. Must not depend on the origin of weights.
 
+mod blocks;
 mod residual;
+mod resnet;
 mod token_grid;
 
 pub(crate) use token_grid::TokenGrid;
@@ -26,6 +28,9 @@ const GROUPS: i64 = 8;
 pub(crate) const IMAGES: &str = "image";
 /// The name of the cameras' parts of an image encoder.
 const CAMERA: &str = "camera";
+
+/// The name of a camera's ResNet: the names of torchvision follow it in those of parameters.
+pub(super) const RESNET: &str = "resnet";
 
 /// The image encoder of a task.
 pub(crate) struct ImageEncoder {
@@ -66,12 +71,14 @@ impl ImageStages {
             match spec.image_encoder {
                 Kind::Keypoints => convolutions(&path, Size::of(spec.preset).channels, size),
                 Kind::Residual => residual::network(&(path / "residual"), spec.preset, size),
+                Kind::Resnet18 => resnet::network(&(path / RESNET), [2, 2, 2, 2], size),
+                Kind::Resnet34 => resnet::network(&(path / RESNET), [3, 4, 6, 3], size),
             }
         };
         Self { cameras: shape.cameras.iter().enumerate().map(stages).collect() }
     }
 
-    /// Channels, height and width of each camera's map; a map has at most 256 places.
+    /// Channels, height and width of each camera's map: at most 256 places, of a ResNet a 32nd of each side.
     pub(crate) fn sizes(&self) -> impl Iterator<Item = [i64; 3]> {
         self.cameras.iter().map(|(_, size)| *size)
     }
@@ -158,6 +165,7 @@ fn grid(height: i64, width: i64, device: tch::Device) -> Tensor {
 
 #[cfg(test)]
 mod tests {
+    use gleaner_core::Words as _;
     use tch::Device;
 
     use super::*;
@@ -165,8 +173,9 @@ mod tests {
     #[test]
     fn any_image_size_is_taken() {
         let sizes = [(8, 8, false), (16, 17, true), (128, 128, true), (270, 480, false)];
-        let kinds = [Kind::Keypoints, Kind::Residual];
-        for ((height, width, depth), image_encoder) in sizes.into_iter().flat_map(|size| kinds.map(|kind| (size, kind)))
+        let kinds = Kind::ALL.iter().map(|word| word.value);
+        for ((height, width, depth), image_encoder) in
+            sizes.into_iter().flat_map(|size| kinds.clone().map(move |kind| (size, kind)))
         {
             let shape = TaskShape {
                 cameras: vec![CameraShape { name: "c".into(), height, width, depth }],

@@ -3,6 +3,7 @@
 
 mod heads;
 mod image_encoder;
+pub(crate) mod image_weights;
 mod size;
 mod tokens;
 mod transformer;

@@ -25,13 +25,13 @@ pub(crate) fn sorted(store: &nn::VarStore) -> Vec<(String, Tensor)> {
 
 /// Draws `parameters`, given in name order: matrices and kernels uniform with variance `1 / inputs` (kernels, which a
 /// ReLU follows, `2 / inputs`), embeddings uniform with a fixed deviation, norms 1, biases 0. The kernels that find
-/// keypoints are `keypoint_gain` times as large.
+/// keypoints are `keypoint_gain` times as large. A frozen norm is the identity, until given weights replace it.
 pub(crate) fn draw(parameters: &[(String, Tensor)], keypoint_gain: f64, seed: u64) {
     let _no_grad = no_grad_guard();
     for (place, (name, parameter)) in (0u64..).zip(parameters) {
         let mut parameter = parameter.shallow_clone();
         let size = parameter.size();
-        if name.ends_with("bias") {
+        if name.ends_with("bias") || name.ends_with("running_mean") {
             let _ = parameter.zero_();
         } else if size.len() == 1 {
             let _ = parameter.fill_(1.0);

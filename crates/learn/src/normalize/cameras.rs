@@ -11,6 +11,10 @@ use crate::shape::{CameraShape, TaskShape};
 const SAMPLED_FRAMES: usize = 2_048;
 const CHUNK: usize = 64;
 
+/// Mean and deviation of ImageNet's colours, of values in 0 … 1: networks pretrained on it expect images standardised
+/// by these.
+const IMAGENET: [[f32; 3]; 2] = [[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]];
+
 /// Statistics of one camera's images.
 pub(crate) struct CameraStandard {
     /// Statistics of the image encoder's input: per channel, `[C, 1, 1]`.
@@ -24,6 +28,18 @@ pub(crate) struct CameraStandard {
 }
 
 impl CameraStandard {
+    /// The same, with ImageNet's colours for the input; its depth keeps its own statistics.
+    pub(super) fn of_imagenet(self) -> Self {
+        let Standard { mean, deviation } = &self.input;
+        let [mean, deviation] = [(mean, IMAGENET[0]), (deviation, IMAGENET[1])].map(|(measured, colours)| {
+            let replaced = measured.copy();
+            let colours = Tensor::from_slice(&colours).view([3, 1, 1]);
+            replaced.narrow(0, 0, 3).copy_(&colours);
+            replaced
+        });
+        Self { input: Standard { mean, deviation }, lookup: Lookup::default(), ..self }
+    }
+
     /// The targets of H_o, `[N, C, h, w]`, for images `[N, C, H, W]`.
     pub(crate) fn small(&self, images: &Tensor) -> Tensor {
         let size = self.target.mean.size();

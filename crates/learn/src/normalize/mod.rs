@@ -12,6 +12,7 @@ pub(crate) use sample::Sample;
 
 use std::collections::BTreeMap;
 
+use gleaner_core::ImageEncoder;
 use tch::{Device, Kind, Tensor};
 
 use crate::batch::int;
@@ -121,6 +122,15 @@ impl Statistics {
             action: Standard::of_rows(action, shape.action, device),
             cameras: cameras::measure(shape, sample, target, device),
         }
+    }
+
+    /// The statistics for a model with this image encoder: a ResNet with given weights sees colours as it was trained
+    /// to.
+    pub(crate) fn for_image_encoder(mut self, image_encoder: ImageEncoder) -> Self {
+        if image_encoder.is_resnet() {
+            self.cameras = self.cameras.into_iter().map(CameraStandard::of_imagenet).collect();
+        }
+        self
     }
 
     /// These statistics, holding the actions that never change in another sample.

@@ -66,7 +66,7 @@ pub(super) fn pretrained(from: &PolicyInit<'_>) -> Result<Network, LearnError> {
 
 /// The checkpoint that a policy begins from.
 pub(super) fn encoder<'a>(from: &PolicyInit<'a>) -> Result<&'a [u8], LearnError> {
-    from.encoder.ok_or_else(|| {
+    from.pretrained.encoder.ok_or_else(|| {
         LearnError::invalid(
             "encoder",
             "is missing; finetune and initial_weights encoder start from an encoder, other policies do not need one",

@@ -11,6 +11,7 @@ use tch::{Device, Tensor};
 use crate::batch::{Chunks, Windows};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
+use crate::model::{Size, image_weights};
 use crate::normalize::{Sample, Statistics};
 use crate::random::{Purpose, generator, normal};
 use crate::shape::TaskShape;
@@ -46,11 +47,27 @@ impl PolicyKind {
     }
 }
 
+/// The pretrained files that a policy begins from, as its settings ask for them.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Pretrained<'a> {
+    /// An encoder's checkpoint, for `finetune` and for policies with `initial_weights` encoder.
+    pub encoder: Option<&'a [u8]>,
+    /// The safetensors file that `image_weights` names.
+    pub image_weights: Option<&'a [u8]>,
+}
+
+impl<'a> Pretrained<'a> {
+    /// An encoder's checkpoint alone.
+    #[must_use]
+    pub fn encoder(encoder: &'a [u8]) -> Self {
+        Self { encoder: Some(encoder), image_weights: None }
+    }
+}
+
 /// The inputs from which a policy is made.
 pub(super) struct PolicyInit<'a> {
     pub(super) shape: &'a TaskShape,
-    /// A pretrained encoder's checkpoint.
-    pub(super) encoder: Option<&'a [u8]>,
+    pub(super) pretrained: Pretrained<'a>,
     /// The steps that the training learns from.
     pub(super) sample: &'a Sample<'a>,
     pub(super) spec: &'a TrainSpec,
@@ -58,9 +75,20 @@ pub(super) struct PolicyInit<'a> {
 }
 
 impl PolicyInit<'_> {
-    /// The statistics of a policy from scratch, for a model that predicts images of `target` a side.
-    pub(super) fn statistics(&self, target: u32) -> Statistics {
-        Statistics::measure(self.shape, self.sample, target, self.device)
+    /// The statistics of a policy from scratch.
+    pub(super) fn statistics(&self, model: &ModelSpec) -> Statistics {
+        let target = Size::of(model.preset).target;
+        Statistics::measure(self.shape, self.sample, target, self.device).for_image_encoder(model.image_encoder)
+    }
+
+    /// Gives the image encoders among the `parameters` of a policy from scratch, already drawn, the weights that they
+    /// begin with.
+    pub(super) fn give_image_weights(
+        &self,
+        model: &ModelSpec,
+        parameters: &[(String, Tensor)],
+    ) -> Result<(), LearnError> {
+        image_weights::give(model.image_encoder, parameters, self.pretrained.image_weights)
     }
 
     /// The policy's own settings.

@@ -19,6 +19,7 @@ mod tf_bc;
 mod train;
 mod validation;
 
+pub use kind::Pretrained;
 pub use serve::Policy;
 pub use session::{Observed, PolicySession};
 pub use train::train_policy;

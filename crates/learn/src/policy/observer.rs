@@ -9,7 +9,7 @@ pub(super) use images::{ImageTokens, ImagesSpec};
 
 use std::collections::BTreeMap;
 
-use gleaner_core::{Group as _, InitialWeights, ModelSpec, ObserverSpec, Setting};
+use gleaner_core::{Group as _, ImageWeightsSpec, InitialWeights, ModelSpec, ObserverSpec, Setting};
 use tch::nn::{self, VarStore};
 use tch::{Device, Tensor};
 
@@ -50,7 +50,8 @@ pub(super) struct Encoded {
 
 /// The settings of every such policy.
 pub(super) fn schema() -> Vec<Setting> {
-    [ModelSpec::schema_of_one_step(), ObserverSpec::schema(), HistorySpec::schema()].concat()
+    let observer = [ObserverSpec::schema(), HistorySpec::schema()].concat();
+    [ModelSpec::schema_of_one_step(), ImageWeightsSpec::schema(), observer].concat()
 }
 
 /// The size of the model; its history is that which the policy sees.
@@ -98,7 +99,7 @@ impl Observer {
     pub(super) fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> Result<Self, LearnError> {
         let ObserverSpec { initial_weights, .. } = from.chosen().read()?;
         let statistics = match initial_weights {
-            InitialWeights::Random => from.statistics(Size::of(info.model.preset).target),
+            InitialWeights::Random => from.statistics(&info.model),
             InitialWeights::Encoder => finetune::pretrained(from)?.statistics,
         };
         Self::build(info, statistics, from.device)
@@ -141,12 +142,13 @@ impl Observer {
         parameters
     }
 
-    /// Draws every weight, after all layers are added, and takes those of the encoder if the policy begins from one.
+    /// Draws every weight, after all layers are added, and takes those of the encoder, or of its images' encoder, if
+    /// the policy begins from one.
     pub(super) fn draw(&self, from: &PolicyInit<'_>, info: &CheckpointInfo) -> Result<(), LearnError> {
         weights::draw(&self.parameters(), info.model.keypoint_gain, from.spec.run.seed);
         let ObserverSpec { initial_weights, .. } = from.chosen().read()?;
         if initial_weights == InitialWeights::Random {
-            return Ok(());
+            return from.give_image_weights(&info.model, &self.parameters());
         }
         let (_, named) = checkpoint::read(finetune::encoder(from)?, CheckpointKind::Encoder)?;
         match &self.backbone {

@@ -41,7 +41,7 @@ gleaner_core::settings! {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let statistics = from.statistics(Size::of(info.model.preset).target);
+    let statistics = from.statistics(&info.model);
     let policy = Perceptron::new(info, statistics, from.device)?;
     weights::draw(&policy.parameters(), 1.0, from.spec.run.seed);
     Ok(Box::new(policy))

@@ -7,13 +7,14 @@ mod every_kind;
 mod finetune;
 mod gradients;
 mod identity;
+mod image_weights;
 mod switches;
 
 use tch::Device;
 
 use super::find;
 use super::kind::{PolicyInit, PolicyModel};
-use super::{Observed, Policy, train_policy};
+use super::{Observed, Policy, Pretrained, train_policy};
 use crate::History;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::error::LearnError;
@@ -53,7 +54,7 @@ fn chosen(form: &str) -> Chosen {
 fn encoder(steps: u64) -> Vec<u8> {
     let data = toy::experts(4, 12);
     let spec = toy::pretrain_spec(steps);
-    pretrain(&toy::shape(), &data, &spec, None, &mut Silent).unwrap()
+    pretrain(&toy::shape(), &data, &spec, None, None, &mut Silent).unwrap()
 }
 
 /// Segments 2 … 8 of a failure of ten steps.
@@ -77,7 +78,13 @@ pub(super) fn untrained(form: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel
 fn untrained_with(spec: &TrainSpec, data: &[&Trajectory]) -> Box<dyn PolicyModel> {
     let (encoder, shape) = (encoder(1), toy::shape());
     let sample = Sample::every(&shape, data);
-    let from = PolicyInit { shape: &shape, encoder: Some(&encoder), sample: &sample, spec, device: Device::Cpu };
+    let from = PolicyInit {
+        shape: &shape,
+        pretrained: Pretrained::encoder(&encoder),
+        sample: &sample,
+        spec,
+        device: Device::Cpu,
+    };
     let kind = find(&spec.policy.name).unwrap();
     let info = CheckpointInfo {
         format_version: FORMAT_VERSION,

@@ -2,20 +2,20 @@
 //! data. The comparison with it shows the value of pretraining.
 
 use gleaner_core::kinds::Needs;
-use gleaner_core::{Group as _, ModelSpec};
+use gleaner_core::{Group as _, ImageWeightsSpec, ModelSpec};
 
 use super::finetune::{self, CausalTransformer, HistorySpec};
 use super::kind::{NewPolicy, PolicyInit, PolicyKind};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
-use crate::model::{Network, Size};
+use crate::model::Network;
 
 pub(super) const KIND: PolicyKind = PolicyKind {
     name: "tf_bc",
     title: "TF-BC",
     about: "The transformer of finetune from scratch, without pretraining.",
     needs: Needs { encoder: false, history: true, images: true, all_episodes: false },
-    settings: || [ModelSpec::schema(), HistorySpec::schema()].concat(),
+    settings: || [ModelSpec::schema(), ImageWeightsSpec::schema(), HistorySpec::schema()].concat(),
     model,
     init,
     load: finetune::load,
@@ -26,7 +26,8 @@ fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let statistics = from.statistics(Size::of(info.model.preset).target);
+    let statistics = from.statistics(&info.model);
     let network = Network::new(from.shape, info.model, statistics, from.spec.run.seed, from.device);
+    from.give_image_weights(&info.model, &network.parameters())?;
     Ok(Box::new(CausalTransformer { network, history: from.chosen().read()? }))
 }

@@ -7,7 +7,7 @@ use gleaner_core::{FinishedWeights, TrainSpec};
 use tch::Tensor;
 
 use super::find;
-use super::kind::{PolicyInit, PolicyModel};
+use super::kind::{PolicyInit, PolicyModel, Pretrained};
 use super::shares::shares;
 use super::source::{Draw, Source};
 use super::validation;
@@ -25,8 +25,8 @@ use crate::weighting::{self, Weighting};
 type Policy = Box<dyn PolicyModel>;
 
 /// Trains a policy on the `experts` (D_e) and the `kept` segments (D_f) and returns its checkpoint.
-/// `finetune` starts from the pretrained `encoder`, and without kept segments it is SSDF-base; the other policies start
-/// from scratch, unless their `initial_weights` are the encoder's.
+/// `finetune` starts from the `pretrained` encoder, and without kept segments it is SSDF-base; the other policies start
+/// from scratch, unless their `initial_weights` are the encoder's or their image encoder has given weights.
 ///
 /// Each step takes the mean over a batch of expert segments and λ times the mean of weight · loss over a batch of kept
 /// ones. `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`, `loss_expert`, `loss_kept` (before λ; only with
@@ -39,7 +39,7 @@ type Policy = Box<dyn PolicyModel>;
 /// cannot be used, [`LearnError::Cancelled`], [`LearnError::Diverged`], and errors of the tensor library.
 pub fn train_policy(
     shape: &TaskShape,
-    encoder: Option<&[u8]>,
+    pretrained: Pretrained<'_>,
     experts: &[Trajectory],
     kept: &[WeightedSegments],
     spec: &TrainSpec,
@@ -61,7 +61,7 @@ pub fn train_policy(
         let sources = Sources::new(shape, experts, kept, spec)?;
         let sample = sources.sample();
         let device = device::open(spec.run.device, spec.threads)?;
-        let from = PolicyInit { shape, encoder, sample: &sample, spec, device };
+        let from = PolicyInit { shape, pretrained, sample: &sample, spec, device };
         let training = match begin(&from, resume)? {
             Resumed::Finished(bytes) => return Ok(bytes),
             Resumed::Unfinished(training) => training,

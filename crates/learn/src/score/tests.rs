@@ -20,7 +20,8 @@ pub(super) fn spec_of(scorer: &str, changed: &[(&str, serde_json::Value)]) -> Sc
 /// An encoder of the toy task.
 pub(super) fn encoder() -> Vec<u8> {
     static ENCODER: OnceLock<Vec<u8>> = OnceLock::new();
-    let train = || pretrain(&toy::shape(), &toy::experts(3, 10), &toy::pretrain_spec(3), None, &mut Silent).unwrap();
+    let train =
+        || pretrain(&toy::shape(), &toy::experts(3, 10), &toy::pretrain_spec(3), None, None, &mut Silent).unwrap();
     ENCODER.get_or_init(train).clone()
 }
 

@@ -9,9 +9,11 @@ use crate::failure::Failure;
 pub(super) fn perform(work: &mut Work, spec: PretrainSpec) -> Result<Made, Failure> {
     let spec = PretrainSpec { threads: Some(work.threads), ..spec };
     let (shape, resume) = (work.episodes().shape(), work.resume()?);
+    let weights = work.image_weights(&spec.image_weights)?;
     let all = [work.inputs.experts.as_slice(), work.inputs.imperfect.as_slice()].concat();
     let data = work.episodes().trajectories(&all)?;
     work.monitor.phase("pretraining");
-    let bytes = gleaner_learn::pretrain(&shape, &data, &spec, resume.as_deref(), &mut work.monitor)?;
+    let (weights, resume) = (weights.as_deref(), resume.as_deref());
+    let bytes = gleaner_learn::pretrain(&shape, &data, &spec, weights, resume, &mut work.monitor)?;
     Ok(Made::Encoder { checkpoint: work.keep(&bytes)? })
 }

@@ -1,6 +1,7 @@
 //! Training: a policy by behaviour cloning of experts and kept segments.
 
 use gleaner_core::{TrainSpec, order::needs_encoder, work::Made};
+use gleaner_learn::{LearnError, Pretrained};
 
 use super::Work;
 use crate::failure::Failure;
@@ -10,10 +11,13 @@ pub(super) fn perform(work: &mut Work, spec: TrainSpec) -> Result<Made, Failure>
     let spec = TrainSpec { threads: Some(work.threads), ..spec };
     let (shape, resume) = (work.episodes().shape(), work.resume()?);
     let encoder = if needs_encoder(&spec) { Some(work.input("encoder", work.inputs.encoder.as_ref())?) } else { None };
+    let named = spec.image_weights().map_err(LearnError::from)?;
+    let weights = work.image_weights(&named)?;
     let experts = work.episodes().trajectories(&work.inputs.experts)?;
     let kept = work.episodes().weighted(&work.inputs.kept)?;
     work.monitor.phase("training");
     let (resume, monitor) = (resume.as_deref(), &mut work.monitor);
-    let bytes = gleaner_learn::train_policy(&shape, encoder.as_deref(), &experts, &kept, &spec, resume, monitor)?;
+    let pretrained = Pretrained { encoder: encoder.as_deref(), image_weights: weights.as_deref() };
+    let bytes = gleaner_learn::train_policy(&shape, pretrained, &experts, &kept, &spec, resume, monitor)?;
     Ok(Made::Policy { checkpoint: work.keep(&bytes)?, kind: spec.policy.name.clone() })
 }

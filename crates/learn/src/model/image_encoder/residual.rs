@@ -1,10 +1,10 @@
-//! A residual network over one camera's images: the blocks of ResNet (He et al. 2016) with group norm in place of batch
-//! norm, so that an output does not depend on the batch. Plain layers and their shapes.
+//! A residual network over one camera's images: the blocks of ResNet with group norm in place of batch norm, so that an
+//! output does not depend on the batch. Must not depend on given weights, which fit `resnet` alone.
 
 use gleaner_core::Preset;
-use tch::Tensor;
 use tch::nn::{self, Module};
 
+use super::blocks::{self, Names, Norm, Style};
 use super::{GROUPS, LARGE};
 
 /// A stage halves the images while they have more places than this.
@@ -20,47 +20,8 @@ fn layout(preset: Preset) -> (i64, [usize; 4]) {
     }
 }
 
-/// Makes the norm of a number of channels.
-type Norm<'a> = &'a dyn Fn(nn::Path<'_>, i64) -> Box<dyn Module>;
-
 fn group_norm(path: nn::Path<'_>, channels: i64) -> Box<dyn Module> {
     Box::new(nn::group_norm(path, GROUPS, channels, Default::default()))
-}
-
-/// Two convolutions beside a shortcut.
-#[derive(Debug)]
-struct Block {
-    convolutions: [nn::Conv2D; 2],
-    norms: [Box<dyn Module>; 2],
-    /// Where the size changes.
-    shortcut: Option<(nn::Conv2D, Box<dyn Module>)>,
-}
-
-impl Block {
-    fn new(path: &nn::Path<'_>, [inputs, outputs, stride]: [i64; 3], norm: Norm<'_>) -> Self {
-        let shortcut = (stride != 1 || inputs != outputs).then(|| {
-            (convolution(&(path / "shortcut"), [inputs, outputs, 1, stride]), norm(path / "shortcut_norm", outputs))
-        });
-        Self {
-            convolutions: [
-                convolution(&(path / "conv_0"), [inputs, outputs, 3, stride]),
-                convolution(&(path / "conv_1"), [outputs, outputs, 3, 1]),
-            ],
-            norms: [norm(path / "norm_0", outputs), norm(path / "norm_1", outputs)],
-            shortcut,
-        }
-    }
-}
-
-impl Module for Block {
-    fn forward(&self, x: &Tensor) -> Tensor {
-        let inner = self.norms[0].forward(&self.convolutions[0].forward(x)).relu();
-        let inner = self.norms[1].forward(&self.convolutions[1].forward(&inner));
-        match &self.shortcut {
-            None => (inner + x).relu(),
-            Some((convolution, norm)) => (inner + norm.forward(&convolution.forward(x))).relu(),
-        }
-    }
 }
 
 /// The network for images of `channels` and of this height and width; and the channels, height and width of its output.
@@ -68,49 +29,26 @@ pub(super) fn network(path: &nn::Path<'_>, preset: Preset, size: [i64; 3]) -> (n
     network_of(path, preset, size, &group_norm)
 }
 
-fn network_of(
-    path: &nn::Path<'_>,
-    preset: Preset,
-    [channels, mut height, mut width]: [i64; 3],
-    norm: Norm<'_>,
-) -> (nn::SequentialT, [i64; 3]) {
-    let (mut inputs, blocks) = layout(preset);
-    let halved = |side: i64| (side + 1) / 2;
-    let large = height.max(width) > i64::from(LARGE);
-    let stem = if large { [channels, inputs, 7, 2] } else { [channels, inputs, 3, 1] };
-    let stem_norm = norm(path / "stem_norm", inputs);
-    let mut stages = nn::seq_t().add(convolution(&(path / "stem"), stem));
-    stages = stages.add_fn(move |x| stem_norm.forward(x).relu());
-    if large {
-        (height, width) = (halved(halved(height)), halved(halved(width)));
-        stages = stages.add_fn(|x| x.max_pool2d([3, 3], [2, 2], [1, 1], [1, 1], false));
-    }
-    for (stage, blocks) in blocks.into_iter().enumerate() {
-        let outputs = if stage == 0 { inputs } else { 2 * inputs };
-        let mut stride = 1;
-        if stage > 0 && height * width > PLACES {
-            stride = 2;
-            (height, width) = (halved(height), halved(width));
-        }
-        for block in 0..blocks {
-            let (from, stride) = if block == 0 { (inputs, stride) } else { (outputs, 1) };
-            stages = stages.add(Block::new(&(path / "stage" / stage / block), [from, outputs, stride], norm));
-        }
-        inputs = outputs;
-    }
-    (stages, [inputs, height, width])
-}
-
-fn convolution(path: &nn::Path<'_>, [inputs, outputs, kernel, stride]: [i64; 4]) -> nn::Conv2D {
-    let config = nn::ConvConfig { stride, padding: kernel / 2, bias: false, ..Default::default() };
-    nn::conv2d(path, inputs, outputs, kernel, config)
+fn network_of(path: &nn::Path<'_>, preset: Preset, size: [i64; 3], norm: Norm<'_>) -> (nn::SequentialT, [i64; 3]) {
+    let (channels, blocks) = layout(preset);
+    let [_, height, width] = size;
+    let names = Names {
+        stem: ["stem", "stem_norm"],
+        block: |path, stage, block| path / "stage" / stage / block,
+        convolutions: ["conv_0", "conv_1"],
+        norms: ["norm_0", "norm_1"],
+        shortcut: |path| [path / "shortcut", path / "shortcut_norm"],
+    };
+    let shrinking_stem = height.max(width) > i64::from(LARGE);
+    let style = Style { channels, blocks, norm, shrinking_stem, halves: |places| places > PLACES, names };
+    blocks::network(path, &style, size)
 }
 
 #[cfg(test)]
 mod tests {
     use gleaner_core::Words as _;
     use tch::nn::{ModuleT as _, VarStore};
-    use tch::{Device, Kind};
+    use tch::{Device, Kind, Tensor};
 
     use super::*;
 

@@ -54,7 +54,9 @@ fn act_ensembles_its_chunks_or_executes_one_after_the_other() {
         let mut spec = spec("act", 1);
         spec.policy = spec.policy.with(Family::Policy, "chunk_execution", execution).unwrap();
         spec.policy = spec.policy.with(Family::Policy, "execute_length", 3).unwrap();
-        let bytes = train_policy(&toy::shape(), None, &toy::experts(2, 8), &[], &spec, None, &mut Silent).unwrap();
+        let bytes =
+            train_policy(&toy::shape(), Pretrained::default(), &toy::experts(2, 8), &[], &spec, None, &mut Silent)
+                .unwrap();
         let policy = Policy::load(&bytes).unwrap();
         let mut session = policy.session(1);
         let lengths = [0.1, 0.5, 0.9, 0.2].map(|place| {

@@ -11,7 +11,8 @@ fn train(optim: OptimSpec, resume: Option<&[u8]>) -> (Vec<u8>, Recorder) {
     let mut spec = TrainSpec { optim, validation_share: 0.5, ..spec("bc", 6) };
     spec.run.checkpoint_every = 2;
     let mut monitor = Recorder::default();
-    let bytes = train_policy(&toy::shape(), None, &toy::experts(4, 12), &[], &spec, resume, &mut monitor);
+    let bytes =
+        train_policy(&toy::shape(), Pretrained::default(), &toy::experts(4, 12), &[], &spec, resume, &mut monitor);
     (bytes.unwrap(), monitor)
 }
 
@@ -83,6 +84,7 @@ fn an_accumulated_step_has_the_mean_loss_of_its_batches() {
 #[test]
 fn the_best_weights_of_one_expert_are_refused() {
     let spec = TrainSpec { optim: finishing(FinishedWeights::Best), validation_share: 0.5, ..spec("bc", 2) };
-    let error = train_policy(&toy::shape(), None, &toy::experts(1, 6), &[], &spec, None, &mut Silent).unwrap_err();
+    let error = train_policy(&toy::shape(), Pretrained::default(), &toy::experts(1, 6), &[], &spec, None, &mut Silent)
+        .unwrap_err();
     assert!(error.to_string().starts_with("experts: has one episode, but finished_weights best "), "{error}");
 }

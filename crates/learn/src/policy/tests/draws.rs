@@ -23,7 +23,8 @@ fn trained(kind: &str, steps: u64, execute: u64) -> Policy {
     if DRAWING.contains(&kind) {
         spec.policy = spec.policy.with(Family::Policy, "execute_length", execute).unwrap();
     }
-    let bytes = train_policy(&toy::shape(), None, &two_modes(), &[], &spec, None, &mut Silent).unwrap();
+    let bytes =
+        train_policy(&toy::shape(), Pretrained::default(), &two_modes(), &[], &spec, None, &mut Silent).unwrap();
     Policy::load(&bytes).unwrap()
 }
 

@@ -8,7 +8,15 @@ fn train(spec: &TrainSpec, resume: Option<&[u8]>) -> (Vec<u8>, Recorder) {
     let encoder = (spec.policy.name == "finetune").then(|| encoder(2));
     let mut monitor = Recorder::default();
     let (experts, kept) = (toy::experts(4, 12), kept(0.9));
-    let bytes = train_policy(&toy::shape(), encoder.as_deref(), &experts, &kept, spec, resume, &mut monitor);
+    let bytes = train_policy(
+        &toy::shape(),
+        Pretrained { encoder: encoder.as_deref(), ..Pretrained::default() },
+        &experts,
+        &kept,
+        spec,
+        resume,
+        &mut monitor,
+    );
     (bytes.unwrap(), monitor)
 }
 
@@ -72,7 +80,15 @@ fn a_checkpoint_of_another_policy_or_size_is_refused() {
     let policy = chosen("act").with(Family::Policy, "chunk_length", 5).unwrap();
     let longer = TrainSpec { policy, ..often };
     let unfinished = &straight.checkpoints[0].1;
-    let error = train_policy(&toy::shape(), None, &toy::experts(4, 12), &[], &longer, Some(unfinished), &mut Silent);
+    let error = train_policy(
+        &toy::shape(),
+        Pretrained::default(),
+        &toy::experts(4, 12),
+        &[],
+        &longer,
+        Some(unfinished),
+        &mut Silent,
+    );
     assert!(error.unwrap_err().to_string().starts_with("spec: "));
     assert!(Policy::load(&bytes).is_ok());
 }
@@ -101,7 +117,7 @@ fn sessions_in_one_pass_get_what_each_gets_alone() {
 #[test]
 fn every_policy_looks_at_the_image() {
     let (shape, experts) = (toy::shape(), toy::experts(300, 6));
-    let encoder = pretrain(&shape, &experts[..80], &toy::pretrain_spec(40), None, &mut Silent).unwrap();
+    let encoder = pretrain(&shape, &experts[..80], &toy::pretrain_spec(40), None, None, &mut Silent).unwrap();
     for kind in forms().filter(looks) {
         // What removes noise has to learn it at every time, and a grid which of its places matter, from more of them.
         let (steps, learning_rate, experts) = match kind {
@@ -113,7 +129,8 @@ fn every_policy_looks_at_the_image() {
             let mut monitor = Recorder::default();
             let mut spec = spec(kind, steps);
             spec.optim.learning_rate = learning_rate;
-            let bytes = train_policy(&shape, Some(&encoder), experts, &[], &spec, None, &mut monitor).unwrap();
+            let bytes =
+                train_policy(&shape, Pretrained::encoder(&encoder), experts, &[], &spec, None, &mut monitor).unwrap();
             let policy = Policy::load(&bytes).unwrap();
             let squares = [[0.1, 0.8], [0.9, 0.2], [0.2, 0.2]];
             (squares.map(|square| final_distance(&policy, square, 12)), monitor.metrics)
@@ -150,7 +167,16 @@ fn statistics_do_not_depend_on_rejected_steps() {
                 kept[0].trajectory.frames = std::sync::Arc::new(frames);
             }
             let encoder = encoder.as_deref();
-            train_policy(&toy::shape(), encoder, &toy::experts(4, 12), &kept, &spec, None, &mut Silent).unwrap()
+            train_policy(
+                &toy::shape(),
+                Pretrained { encoder, ..Pretrained::default() },
+                &toy::experts(4, 12),
+                &kept,
+                &spec,
+                None,
+                &mut Silent,
+            )
+            .unwrap()
         };
         assert!(trained(0.0) == trained(100.0), "{kind}");
     }
@@ -166,7 +192,16 @@ fn an_action_value_that_never_changed_in_training_is_returned_exactly() {
             expert.action.chunks_mut(2).for_each(|action| action[1] = 0.25);
         }
         let spec = spec(kind, 2);
-        let bytes = train_policy(&toy::shape(), encoder.as_deref(), &experts, &[], &spec, None, &mut Silent).unwrap();
+        let bytes = train_policy(
+            &toy::shape(),
+            Pretrained { encoder: encoder.as_deref(), ..Pretrained::default() },
+            &experts,
+            &[],
+            &spec,
+            None,
+            &mut Silent,
+        )
+        .unwrap();
         let policy = Policy::load(&bytes).unwrap();
         let mut history = History::new(policy.segment_length());
         let embedding = policy.embed(&[&toy::frame(0.2, 0.7)]).unwrap().remove(0);
@@ -184,9 +219,17 @@ fn actions_are_within_the_task_s_ranges() {
             crate::TaskShape { ranges: [Within(-0.01, 0.02), Binary(-1.0, 1.0)].into_iter().collect(), ..toy::shape() };
         let spec = TrainSpec { policy: chosen(kind), ..toy::train_spec(2) };
         let encoder = (kind == "finetune")
-            .then(|| pretrain(&shape, &toy::experts(2, 8), &toy::pretrain_spec(1), None, &mut Silent).unwrap());
-        let bytes =
-            train_policy(&shape, encoder.as_deref(), &toy::experts(3, 8), &[], &spec, None, &mut Silent).unwrap();
+            .then(|| pretrain(&shape, &toy::experts(2, 8), &toy::pretrain_spec(1), None, None, &mut Silent).unwrap());
+        let bytes = train_policy(
+            &shape,
+            Pretrained { encoder: encoder.as_deref(), ..Pretrained::default() },
+            &toy::experts(3, 8),
+            &[],
+            &spec,
+            None,
+            &mut Silent,
+        )
+        .unwrap();
         let policy = Policy::load(&bytes).unwrap();
         let mut history = History::new(policy.segment_length());
         let embedding = policy.embed(&[&toy::frame(0.9, 0.1)]).unwrap().remove(0);
@@ -203,8 +246,16 @@ fn the_loss_on_experts_that_are_held_out_is_reported_and_they_have_no_influence(
         let spec = TrainSpec { validation_share: 0.25, ..spec(kind, 3) };
         let train = |experts: &[Trajectory]| {
             let mut monitor = Recorder::default();
-            let bytes =
-                train_policy(&toy::shape(), encoder.as_deref(), experts, &[], &spec, None, &mut monitor).unwrap();
+            let bytes = train_policy(
+                &toy::shape(),
+                Pretrained { encoder: encoder.as_deref(), ..Pretrained::default() },
+                experts,
+                &[],
+                &spec,
+                None,
+                &mut monitor,
+            )
+            .unwrap();
             (bytes, monitor.metrics)
         };
         let experts = toy::experts(4, 8);

@@ -8,7 +8,8 @@ use crate::shape::TaskShape;
 
 fn finetune(encoder: &[u8], kept: &[WeightedSegments], spec: &TrainSpec) -> (Vec<u8>, Recorder) {
     let mut monitor = Recorder::default();
-    let bytes = train_policy(&toy::shape(), Some(encoder), &toy::experts(4, 12), kept, spec, None, &mut monitor);
+    let bytes =
+        train_policy(&toy::shape(), Pretrained::encoder(encoder), &toy::experts(4, 12), kept, spec, None, &mut monitor);
     (bytes.unwrap(), monitor)
 }
 
@@ -135,7 +136,7 @@ fn bad_training_input_is_named() {
     let experts = toy::experts(2, 6);
     let spec = toy::train_spec(1);
     let train = |experts: &[Trajectory], kept: &[WeightedSegments], shape: &TaskShape| {
-        let result = train_policy(shape, Some(&encoder), experts, kept, &spec, None, &mut Silent);
+        let result = train_policy(shape, Pretrained::encoder(&encoder), experts, kept, &spec, None, &mut Silent);
         result.unwrap_err().to_string()
     };
     let shape = toy::shape();
@@ -148,7 +149,8 @@ fn bad_training_input_is_named() {
     other.action = 1;
     let experts = experts.map_action(1);
     assert!(train(&experts, &[], &other).starts_with("shape: "));
-    let none = train_policy(&shape, None, &toy::experts(2, 6), &[], &spec, None, &mut Silent).unwrap_err();
+    let none =
+        train_policy(&shape, Pretrained::default(), &toy::experts(2, 6), &[], &spec, None, &mut Silent).unwrap_err();
     assert!(none.to_string().starts_with("encoder: "), "{none}");
 }
 

@@ -29,7 +29,7 @@ fn train(spec: &TrainSpec, resume: Option<&[u8]>) -> (Vec<u8>, Recorder) {
     let encoder = encoder(2);
     let mut monitor = Recorder::default();
     let (experts, kept) = (toy::experts(4, 12), kept(0.9));
-    let bytes = train_policy(&toy::shape(), Some(&encoder), &experts, &kept, spec, resume, &mut monitor);
+    let bytes = train_policy(&toy::shape(), Pretrained::encoder(&encoder), &experts, &kept, spec, resume, &mut monitor);
     (bytes.unwrap(), monitor)
 }
 
@@ -118,14 +118,26 @@ fn settings_that_the_encoder_does_not_have_and_a_missing_encoder_are_refused() {
     let message = |switches, encoder: Option<&[u8]>| {
         let spec = switched("bc", switches, 1);
         let experts = toy::experts(2, 8);
-        train_policy(&toy::shape(), encoder, &experts, &[], &spec, None, &mut Silent).unwrap_err().to_string()
+        train_policy(
+            &toy::shape(),
+            Pretrained { encoder, ..Pretrained::default() },
+            &experts,
+            &[],
+            &spec,
+            None,
+            &mut Silent,
+        )
+        .unwrap_err()
+        .to_string()
     };
     let encoder = encoder(1);
     let other = message(("encoder", 2), Some(&encoder));
     assert!(other.starts_with("history_steps: is 2, the encoder was pretrained with a segment_length of 3"), "{other}");
     assert!(message(("encoder", 0), None).starts_with("encoder: is missing"));
     let spec = switched(GRID, ("random", 3), 1);
-    let refused = train_policy(&toy::shape(), None, &toy::experts(2, 8), &[], &spec, None, &mut Silent).unwrap_err();
+    let refused =
+        train_policy(&toy::shape(), Pretrained::default(), &toy::experts(2, 8), &[], &spec, None, &mut Silent)
+            .unwrap_err();
     let expected =
         "image_tokens: is grid, which shows the newest step alone, but history_steps is 3; use 0, or embedding";
     assert_eq!(refused.to_string(), expected);
@@ -133,7 +145,9 @@ fn settings_that_the_encoder_does_not_have_and_a_missing_encoder_are_refused() {
         let mut spec = switched("bc", ("encoder", 0), 1);
         spec.policy = spec.policy.with(Family::Policy, name, value).unwrap();
         let experts = toy::experts(2, 8);
-        let refused = train_policy(&toy::shape(), Some(&encoder), &experts, &[], &spec, None, &mut Silent).unwrap_err();
+        let refused =
+            train_policy(&toy::shape(), Pretrained::encoder(&encoder), &experts, &[], &spec, None, &mut Silent)
+                .unwrap_err();
         assert!(refused.to_string().starts_with(&format!("{name}: is not the encoder's")), "{refused}");
     }
 }
