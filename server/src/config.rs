@@ -152,6 +152,11 @@ pub struct JobsConfig {
     /// gives them a share.
     #[arg(long, env = "GLEANER_WORKER_IDLE", default_value_t = true, action = clap::ArgAction::Set, value_name = "BOOL")]
     pub worker_idle: bool,
+    /// Folder of pretrained weights that jobs name by `image_weights`: safetensors files of up to 256 MiB, as
+    /// `scripts/convert_resnet.py` writes them. A job gets a copy when it is submitted. Without a folder such jobs are
+    /// rejected.
+    #[arg(long, env = "GLEANER_IMAGE_WEIGHTS_DIR", value_name = "DIR")]
+    pub image_weights_dir: Option<PathBuf>,
     /// End a job's attempt when its worker has not reported for this many seconds. Lower values detect stuck workers
     /// sooner but end attempts on a machine that is overloaded.
     #[arg(long, env = "GLEANER_WORKER_SILENCE_SECONDS", default_value_t = 120, value_name = "SECONDS")]
@@ -189,7 +194,20 @@ impl ServeConfig {
         self.telemetry.validate(self.access.tls_cert.is_some())?;
         self.limits.recordings.validate()?;
         self.maintenance.validate()?;
+        self.jobs.validate()?;
         self.policies.validate()
+    }
+}
+
+impl JobsConfig {
+    fn validate(&self) -> Result<(), String> {
+        match &self.image_weights_dir {
+            Some(folder) if !folder.is_dir() => Err(format!(
+                "--image-weights-dir: {} is not a folder; create it, or leave the flag out",
+                folder.display()
+            )),
+            Some(_) | None => Ok(()),
+        }
     }
 }
 
@@ -238,6 +256,7 @@ mod tests {
             ("--policy-spin-us", "100001"),
             ("--session-idle-seconds", "0"),
             ("--drain-seconds", "3601"),
+            ("--image-weights-dir", "/dev/null"),
         ] {
             let problem = serve(&[flag, value]).validate().unwrap_err();
             assert!(problem.contains(flag), "{problem}");

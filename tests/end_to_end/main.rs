@@ -30,6 +30,7 @@ mod experiment;
 mod file_limit;
 mod full_disk;
 mod hostile_text;
+mod image_weights;
 mod importing;
 mod inference;
 mod load;

@@ -5,6 +5,7 @@
 mod assignment;
 mod attempt;
 mod chain;
+mod image_weights;
 mod input_episodes;
 mod kinds;
 mod lease;

@@ -49,9 +49,10 @@ impl Jobs {
             }
         }
         let plan = Plan { once: true, ..again.plan };
-        let first = self.queue(&plan).await?.into_iter().next();
+        let jobs = plan.jobs.len();
+        let first = self.queue(plan).await?.into_iter().next();
         let first = first.ok_or_else(|| Error::internal("queueing a retry", "the new job has no row"))?;
-        tracing::info!(job.id = %id, again.id = %first.id, jobs = plan.jobs.len(), "a job is tried again");
+        tracing::info!(job.id = %id, again.id = %first.id, jobs, "a job is tried again");
         Ok(first)
     }
 }

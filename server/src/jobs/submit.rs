@@ -21,8 +21,8 @@ impl Jobs {
     ///
     /// # Errors
     /// NotFound for a missing object; Invalid for one that belongs to another task; Precondition when the snapshot
-    /// would lack a role, or when the job of an input failed; Exists when the key belongs to a job with another
-    /// order; Exhausted when the disk is nearly full.
+    /// would lack a role, when the job of an input failed, or when the server lacks the image weights; Exists when the
+    /// key belongs to a job with another order; Exhausted when the disk is nearly full.
     pub(crate) async fn submit(&self, task: &TaskId, order: JobOrder, queueing: Queueing) -> Result<Job> {
         if let Some(job) = self.known(task, &order, &queueing.key).await? {
             return Ok(job);
@@ -41,7 +41,7 @@ impl Jobs {
             needs: resolved.maker.into_iter().chain(needs).collect(),
             keyed,
         };
-        match self.queue(&Plan { jobs: vec![job], ..Plan::default() }).await {
+        match self.queue(Plan { jobs: vec![job], ..Plan::default() }).await {
             Ok(mut queued) => queued.pop().ok_or_else(|| Error::internal("queueing a job", "the new job has no row")),
             // Another caller queued the same work in the meantime.
             Err(error) if error.kind() == Kind::Exists => self.known(task, &order, &key).await?.ok_or(error),
@@ -85,11 +85,15 @@ impl Jobs {
         let snapshot = self.snapshot(task, "pipeline.pretrain.snapshot_id", named, &pipeline.rule).await?;
         let plan = Plan { start, ..chain(task, pipeline, &snapshot, priority) };
         let dataset = plan.datasets.first().map(|dataset| dataset.id.clone());
-        Ok((self.queue(&plan).await?, dataset))
+        Ok((self.queue(plan).await?, dataset))
     }
 
-    pub(super) async fn queue(&self, plan: &Plan) -> Result<Vec<Job>> {
-        let queued = self.0.store.insert_plan(plan).await?;
+    pub(super) async fn queue(&self, plan: Plan) -> Result<Vec<Job>> {
+        // Blobs of weights stay until the jobs that need them have rows.
+        let naming = self.0.blobs.naming().await;
+        let plan = self.with_stored_weights(plan).await?;
+        let queued = self.0.store.insert_plan(&plan).await?;
+        drop(naming);
         for job in &queued {
             tracing::info!(job.id = %job.id, job.kind = job.spec.kind().as_str(), task.id = %job.task_id, "queued");
         }

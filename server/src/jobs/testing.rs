@@ -1,6 +1,9 @@
 //! Fixtures for the tests of this module: a queue without workers over a fresh database.
 
-use std::sync::{Arc, atomic::AtomicU64};
+use std::{
+    path::Path,
+    sync::{Arc, atomic::AtomicU64},
+};
 
 use clap::Parser as _;
 use tempfile::TempDir;
@@ -43,7 +46,16 @@ impl Bench {
         let bench = Self::new().await;
         bench.jobs.stop().await;
         let blobs = bench.blobs().sparing(100).playing(free);
-        let jobs = start_with(&bench.dir, &bench.store, blobs).await;
+        let jobs = start_with(&bench.dir, &bench.store, blobs, &[]).await;
+        Self { jobs, ..bench }
+    }
+
+    /// A task with both episodes, on a server with this folder of image weights.
+    pub(super) async fn with_image_weights(folder: &Path) -> Self {
+        let bench = Self::new().await;
+        bench.jobs.stop().await;
+        let folder = ["--image-weights-dir", folder.to_str().unwrap()];
+        let jobs = start_with(&bench.dir, &bench.store, bench.blobs(), &folder).await;
         Self { jobs, ..bench }
     }
 
@@ -62,12 +74,13 @@ impl Bench {
 
 /// A queue over this folder and database.
 pub(super) async fn start(dir: &TempDir, store: &Store) -> Jobs {
-    start_with(dir, store, Blobs::open(dir.path()).unwrap()).await
+    start_with(dir, store, Blobs::open(dir.path()).unwrap(), &[]).await
 }
 
-async fn start_with(dir: &TempDir, store: &Store, blobs: Blobs) -> Jobs {
+async fn start_with(dir: &TempDir, store: &Store, blobs: Blobs, flags: &[&str]) -> Jobs {
     let data = dir.path().to_str().unwrap();
-    let cli = Cli::try_parse_from(["gleaner-server", "serve", "--workers", "0", "--data-dir", data]).unwrap();
+    let serve = ["gleaner-server", "serve", "--workers", "0", "--data-dir", data];
+    let cli = Cli::try_parse_from(serve.iter().chain(flags)).unwrap();
     let Command::Serve(config) = cli.command else { panic!("not serve") };
     Jobs::start(&Arc::new(*config), store.clone(), blobs, "127.0.0.1:1".parse().unwrap()).await.unwrap()
 }

@@ -10,11 +10,15 @@ use crate::{domain::id::BlobId, error::Result};
 /// The one list of the columns that name blobs: the blob, the row that needs it, and its size where the row has it.
 macro_rules! named_blobs {
     () => {
+        // The setting `image_weights` ends in the digest of a blob, which is needed until its job has ended.
         "select recording as blob, id as needed_by, size_bytes from episodes where purged_at is null \
          union all select checkpoint, id, null from encoders \
          union all select checkpoint, id, null from policies \
          union all select blob, export_id || ' (its file ' || name || ')', size_bytes from export_files \
-         union all select checkpoint, id || ' (to resume from)', null from jobs where checkpoint is not null"
+         union all select checkpoint, id || ' (to resume from)', null from jobs where checkpoint is not null \
+         union all select substr(weights, -64), id || ' (to begin with)', null from \
+         (select id, case when json_valid(spec) then json_extract(spec, '$.spec.image_weights') end as weights \
+          from jobs where state in ('queued', 'running')) where substr(weights, -65, 1) = '@'"
     };
 }
 
