@@ -46,11 +46,16 @@ test-python: .libtorch $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install -q 'client/python[test]'
 	cd client/python && ../../$(PYTHON_ENV)/bin/pytest
 
+# Scripts outside the package, by their paths from there.
+LONE_SCRIPTS = ../../scripts/convert_resnet.py ../../crates/learn/src/model/image_encoder/resnet/reference.py
 lint-python: $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install -q 'client/python[test,lint]'
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml ../../crates/recording/differential
+	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check --config pyproject.toml $(LONE_SCRIPTS)
+	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml $(LONE_SCRIPTS)
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy
+	cd client/python && ../../$(PYTHON_ENV)/bin/mypy $(LONE_SCRIPTS)
 
 # Damaged recordings read by gleaner and by the `mcap` library for Python: refused, equal, or different with a finding.
 # The short form takes seconds; `differential-test` has 50,000 mutants. MUTANTS=, SEED= set their number and seed;
