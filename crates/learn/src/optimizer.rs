@@ -84,15 +84,20 @@ impl AdamW {
         }
     }
 
-    /// Moves the parameters by their gradients as step number `step` (from 0) at `rate`, those of an image encoder at
-    /// `image_rate_factor` times it. Returns the global gradient norm before clipping; parameters stay unchanged if it
-    /// is not finite.
+    /// Moves the parameters by their gradients as [`AdamW::apply`] does. Returns the global gradient norm before
+    /// clipping; parameters stay unchanged if it is not finite.
     pub(crate) fn step(&mut self, step: u64, rate: f64, spec: &OptimSpec) -> f64 {
-        let _no_grad = no_grad_guard();
-        let norm = self.gradient_norm(spec.image_rate_factor > 0.0);
-        if !norm.is_finite() {
-            return norm;
+        let norm = self.gradient_norm(spec).map_or(0.0, |norm| norm.double_value(&[]));
+        if norm.is_finite() {
+            self.apply(step, rate, norm, spec);
         }
+        norm
+    }
+
+    /// Moves the parameters by their gradients, whose norm is `norm`, as step number `step` (from 0) at `rate`, those
+    /// of an image encoder at `image_rate_factor` times it.
+    pub(crate) fn apply(&mut self, step: u64, rate: f64, norm: f64, spec: &OptimSpec) {
+        let _no_grad = no_grad_guard();
         let scale = (spec.clip_norm / norm.max(f64::MIN_POSITIVE)).min(1.0);
         let count = i32::try_from(step + 1).unwrap_or(i32::MAX);
         let [first, second] = BETA.map(|beta| 1.0 - beta.powi(count));
@@ -117,11 +122,13 @@ impl AdamW {
             let spread = (&slot.square / second).sqrt() + EPSILON;
             let _ = slot.parameter.g_sub_(&(&slot.mean * (rate / first) / spread));
         }
-        norm
     }
 
-    /// Of all parameters, or without those of a frozen image encoder.
-    fn gradient_norm(&self, with_images: bool) -> f64 {
+    /// The global gradient norm, a scalar of doubles on the parameters' device, without the parameters of a frozen image
+    /// encoder; `None` if no parameter has a gradient.
+    pub(crate) fn gradient_norm(&self, spec: &OptimSpec) -> Option<Tensor> {
+        let _no_grad = no_grad_guard();
+        let with_images = spec.image_rate_factor > 0.0;
         let squares: Vec<Tensor> = self
             .slots
             .iter()
@@ -130,10 +137,7 @@ impl AdamW {
             .filter(Tensor::defined)
             .map(|gradient| gradient.square().sum(Kind::Double))
             .collect();
-        if squares.is_empty() {
-            return 0.0;
-        }
-        Tensor::stack(&squares, 0).sum(Kind::Double).sqrt().double_value(&[])
+        (!squares.is_empty()).then(|| Tensor::stack(&squares, 0).sum(Kind::Double).sqrt())
     }
 }
 

@@ -138,10 +138,9 @@ pub(crate) fn pretrain_loss(
     number: u64,
 ) -> Loss {
     let passes = Passes::new(network, batch, spec.run.seed, number);
-    let losses: Vec<(&str, Tensor)> = objectives.iter().map(|each| (each.metric, (each.loss)(&passes))).collect();
-    let total: Tensor = losses.iter().map(|(_, loss)| loss).sum();
-    let parts = losses.iter().map(|(name, loss)| (*name, loss.double_value(&[])));
-    Loss { parts: parts.collect(), total }
+    let losses: Vec<(&'static str, Tensor)> =
+        objectives.iter().map(|each| (each.metric, (each.loss)(&passes))).collect();
+    Loss { total: losses.iter().map(|(_, loss)| loss).sum(), parts: losses }
 }
 
 #[cfg(test)]

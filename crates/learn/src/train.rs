@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use tch::Tensor;
+use tch::{Device, Kind, Tensor, no_grad_guard};
 
 use crate::checkpoint::{self, CheckpointInfo};
 use crate::error::LearnError;
@@ -54,8 +54,8 @@ pub(crate) type Metrics = Vec<(&'static str, f64)>;
 pub(crate) struct Loss {
     /// The scalar to minimise.
     pub(crate) total: Tensor,
-    /// Its terms, for the metrics.
-    pub(crate) parts: Metrics,
+    /// Its terms, scalars, for the metrics.
+    pub(crate) parts: Vec<(&'static str, Tensor)>,
 }
 
 /// A model that the loop trains.
@@ -197,25 +197,26 @@ impl<N: Learner> Training<N> {
         metrics
     }
 
-    /// One step of the optimiser, by the mean gradient of its batches.
+    /// One step of the optimiser, by the mean gradient of its batches. Its numbers are read from the device at once.
     fn step(&mut self, loss: &dyn Fn(&N, u64) -> Loss) -> Result<Metrics, LearnError> {
         let begin = Instant::now();
         let step = self.info.step;
         let rate = self.optim.learning_rate_at(step);
         self.optimizer.zero_grad();
-        let mut metrics: Metrics = Vec::new();
         let batches = self.optim.gradient_accumulation;
+        let mut sums = Sums::default();
         for batch in 0..u64::from(batches) {
             let loss = loss(&self.network, step * u64::from(batches) + batch);
             let total = loss.total / f64::from(batches);
             total.backward();
-            let parts = loss.parts.into_iter().map(|(name, value)| (name, value / f64::from(batches)));
-            add(&mut metrics, [("loss", total.double_value(&[]))].into_iter().chain(parts));
+            sums.add("loss", &total, 1.0);
+            loss.parts.iter().for_each(|(name, part)| sums.add(name, part, batches.into()));
         }
-        let norm = self.optimizer.step(step, rate, &self.optim);
+        let (norm, mut metrics) = sums.read(self.optimizer.gradient_norm(&self.optim));
         if !(norm.is_finite() && metrics.first().is_some_and(|(_, loss)| loss.is_finite())) {
             return Err(LearnError::Diverged { step });
         }
+        self.optimizer.apply(step, rate, norm, &self.optim);
         self.info.step += 1;
         self.finished.after_step(self.info.step);
         metrics.extend([
@@ -240,12 +241,37 @@ impl<N: Learner> Training<N> {
     }
 }
 
-/// Adds `parts` to the sums of the same names.
-fn add(sums: &mut Metrics, parts: impl Iterator<Item = (&'static str, f64)>) {
-    for (name, value) in parts {
-        match sums.iter_mut().find(|(known, _)| *known == name) {
-            Some((_, sum)) => *sum += value,
-            None => sums.push((name, value)),
+/// The values of a step's batches that are still on the device.
+#[derive(Default)]
+struct Sums {
+    /// Name, scalar, and its divisor.
+    values: Vec<(&'static str, Tensor, f64)>,
+}
+
+impl Sums {
+    /// Adds `value / divisor` to the sum of this name.
+    fn add(&mut self, name: &'static str, value: &Tensor, divisor: f64) {
+        self.values.push((name, value.detach(), divisor));
+    }
+
+    /// The gradient norm (0 without one) and the sums, by one copy: reading a number waits for the device.
+    fn read(self, norm: Option<Tensor>) -> (f64, Metrics) {
+        let _no_grad = no_grad_guard();
+        let scalars = norm.iter().chain(self.values.iter().map(|(_, value, _)| value));
+        let scalars: Vec<Tensor> = scalars.map(|scalar| scalar.to_kind(Kind::Double)).collect();
+        let mut read = vec![0f64; scalars.len()];
+        if !read.is_empty() {
+            Tensor::stack(&scalars, 0).to_device(Device::Cpu).copy_data(&mut read, scalars.len());
         }
+        let mut read = read.into_iter();
+        let norm = norm.map_or(0.0, |_| read.next().unwrap_or(f64::NAN));
+        let mut sums = Metrics::new();
+        for ((name, _, divisor), value) in self.values.into_iter().zip(read) {
+            match sums.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, sum)) => *sum += value / divisor,
+                None => sums.push((name, value / divisor)),
+            }
+        }
+        (norm, sums)
     }
 }

@@ -157,14 +157,14 @@ impl<'a> Sources<'a> {
     fn loss(&self, policy: &dyn PolicyModel, spec: &TrainSpec, batch: u64) -> Loss {
         let draw = |purposes| Draw { seed: spec.run.seed, batch, purposes };
         let (expert, losses) = self.experts.loss(policy, spec, &draw(EXPERT), Tensor::shallow_clone);
-        let mut parts = vec![("loss_expert", expert.double_value(&[]))];
-        let of_expert = losses.parts.iter().map(|(name, each)| (*name, each.mean(None).double_value(&[])));
+        let mut parts = vec![("loss_expert", expert.shallow_clone())];
+        let of_expert = losses.parts.iter().map(|(name, each)| (*name, each.mean(None)));
         parts.extend(of_expert);
         if self.kept.segments.is_empty() {
             return Loss { total: expert, parts };
         }
         let (kept, _) = self.kept.loss(policy, spec, &draw(KEPT), |qualities| self.weighting.weights(qualities));
-        parts.push(("loss_kept", kept.double_value(&[])));
+        parts.push(("loss_kept", kept.shallow_clone()));
         Loss { total: expert + kept * self.weighting.lambda, parts }
     }
 }
