@@ -9,6 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor};
 
 use crate::batch::{Batch, int, rows};
+use crate::device::send;
 use crate::normalize::Standard;
 use crate::random::normal;
 use gleaner_core::Augmentation;
@@ -88,7 +89,7 @@ fn shift(images: &Tensor, changes: &[Change]) -> Tensor {
         let from = changes.iter().flat_map(|change| (0..side).map(|at| (at - change.shift[axis]).clamp(0, side - 1)));
         let mut place = [size[0], 1, 1, 1];
         place[dimension] = side;
-        let from = Tensor::from_slice(&from.collect::<Vec<i64>>()).view(place).to_device(images.device());
+        let from = send(&Tensor::from_slice(&from.collect::<Vec<i64>>()).view(place), images.device());
         images = images.gather(int(dimension), &from.expand(size.as_slice(), false), false);
     }
     images
@@ -98,7 +99,7 @@ fn shift(images: &Tensor, changes: &[Change]) -> Tensor {
 fn jitter(images: &Tensor, changes: &[Change]) -> Tensor {
     let each = |value: fn(&Change) -> f32| {
         let values: Vec<f32> = changes.iter().map(value).collect();
-        Tensor::from_slice(&values).view([-1, 1, 1, 1]).to_device(images.device())
+        send(&Tensor::from_slice(&values).view([-1, 1, 1, 1]), images.device())
     };
     let colour = images.narrow(1, 0, COLOURS);
     let mean = colour.mean_dim([1i64, 2, 3].as_slice(), true, Kind::Float);

@@ -2,10 +2,18 @@
 //! library.
 
 use std::hint::black_box;
-use std::sync::Once;
+use std::io;
+use std::sync::mpsc::channel;
+use std::sync::{Mutex, Once, PoisonError};
+use std::thread::{Builder, Scope};
+
+use tch::Tensor;
 
 use crate::error::LearnError;
 use gleaner_core::Device;
+
+/// Held while the number of threads changes.
+static THREADS: Mutex<()> = Mutex::new(());
 
 /// Just under the largest value of glibc's dynamic threshold.
 const KEPT: usize = (32 << 20) - (64 << 10);
@@ -14,6 +22,7 @@ const KEPT: usize = (32 << 20) - (64 << 10);
 ///
 /// Serve with one thread per model: a second thread on busy cores costs more than it gains.
 pub fn set_threads(threads: u32) {
+    let _changing = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
     tch::set_num_threads(i32::try_from(threads.max(1)).unwrap_or(i32::MAX));
 }
 
@@ -28,6 +37,39 @@ pub(crate) fn open(device: Device, threads: Option<u32>) -> Result<tch::Device, 
         Device::Cuda if tch::Cuda::is_available() => Ok(tch::Device::Cuda(0)),
         Device::Cuda => Err(LearnError::invalid("device", "is cuda, but no CUDA device is usable here; use cpu")),
     }
+}
+
+/// Starts a thread in `scope` whose tensor operations run on that thread alone, whatever the number of intra-op threads
+/// of the process.
+///
+/// # Errors
+/// The system's, if it starts no further thread.
+pub(crate) fn spawn_single<'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    work: impl FnOnce() + Send + 'scope,
+) -> io::Result<()> {
+    let _changing = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
+    let threads = tch::get_num_threads();
+    let (started, wait) = channel::<()>();
+    let single = move || {
+        tch::set_num_threads(1);
+        drop(started);
+        work();
+    };
+    Builder::new().name("batches".to_owned()).spawn_scoped(scope, single)?;
+    // The number is that of the thread which sets it, and of all that start later.
+    let _ended = wait.recv();
+    tch::set_num_threads(threads);
+    Ok(())
+}
+
+/// A `tensor` in main memory, sent to `device`. To CUDA it is copied from page-locked memory without waiting for the
+/// device; the library keeps that memory until the copy is complete, and later operations wait for the copy.
+pub(crate) fn send(tensor: &Tensor, device: tch::Device) -> Tensor {
+    if !device.is_cuda() {
+        return tensor.to_device(device);
+    }
+    tensor.pin_memory(device).to_device_(device, tensor.kind(), true, false)
 }
 
 /// Makes the C library retain freed memory for the next tensor, up to twice [`KEPT`] for each thread's heap.

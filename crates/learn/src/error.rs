@@ -50,6 +50,11 @@ pub enum LearnError {
         /// The monitor's error.
         message: String,
     },
+    /// The system started no thread to assemble batches.
+    #[error(
+        "no thread could be started to assemble batches: {0}; run fewer jobs at once or raise the limit on threads"
+    )]
+    Thread(std::io::Error),
     /// The tensor library failed: out of memory, or a defect here.
     #[error("tensor library: {0}")]
     Torch(String),
@@ -62,7 +67,9 @@ impl LearnError {
             Self::Version { .. } | Self::Checkpoint(_) => Error::precondition(self.to_string()),
             Self::Invalid { ref field, ref message } => Error::invalid(field, message),
             Self::Cancelled => Error::cancelled(self.to_string()),
-            Self::Diverged { .. } | Self::Monitor { .. } | Self::Torch(_) => Error::internal(doing, self),
+            Self::Diverged { .. } | Self::Monitor { .. } | Self::Thread(_) | Self::Torch(_) => {
+                Error::internal(doing, self)
+            }
         }
     }
 

@@ -33,6 +33,7 @@
 //! # }
 //! ```
 
+mod ahead;
 mod augment;
 mod batch;
 mod checkpoint;

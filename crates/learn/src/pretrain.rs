@@ -11,7 +11,7 @@ use crate::checkpoint::{self, CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::model::{Network, Size, image_weights};
-use crate::normalize::{FeatureScale, Sample, Statistics};
+use crate::normalize::{FeatureScale, Sample, Standard, Statistics};
 use crate::objective::{self, Objective, Passes, features_view};
 use crate::random::{Purpose, generator};
 use crate::score::last_steps;
@@ -27,7 +27,8 @@ const SCALE_SEGMENTS: usize = 4096;
 ///
 /// `image_weights` is the safetensors file that the setting of that name names. `resume` is a checkpoint that the
 /// monitor stored; on the CPU, with the same number of threads, the resumed run gives the same bytes as an
-/// uninterrupted one. Metrics: `loss`, `loss_mtp`, `loss_tr`, `loss_aa`, `grad_norm`, `learning_rate`, `ms_per_step`.
+/// uninterrupted one. Metrics: `loss`, `loss_mtp`, `loss_tr`, `loss_aa`, `grad_norm`, `learning_rate`, `ms_per_step`,
+/// `waited_share` (of the step's time, waiting for its batches).
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Cancelled`], [`LearnError::Diverged`],
@@ -55,12 +56,14 @@ pub fn pretrain(
             Resumed::Finished(bytes) => return Ok(bytes),
             Resumed::Unfinished(training) => training,
         };
-        let segments = Segments::every(shape, &data);
-        let loss = |network: &Network, number| {
-            let batch = draw(network, &data, &segments, spec, number);
+        let (network, segments) = (training.network(), Segments::every(shape, &data));
+        let standard = network.statistics.proprioception.shared();
+        let source = Source { shape, data: &data, segments: &segments, spec, device: network.device(), standard };
+        let draw = move |number| (source.draw(number), number);
+        let loss = |network: &Network, (batch, number): (Batch, u64)| {
             pretrain_loss(&objectives, network, &batch, spec, number)
         };
-        let finished = training.run(spec.run.checkpoint_every, &loss, &|_, _| Vec::new(), monitor)?;
+        let finished = training.run(spec.run.checkpoint_every, draw, &loss, &|_, _| Vec::new(), monitor)?;
         with_feature_scale(&finished, &data, spec)
     })
 }
@@ -118,15 +121,27 @@ fn begin(
     Ok(Resumed::Unfinished(Box::new(Training::start(network, info, &spec.optim))))
 }
 
-/// The training batch of this number.
-fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &PretrainSpec, number: u64) -> Batch {
-    let mut rng = generator(spec.run.seed, Purpose::Batch, number);
-    let drawn = segments.draw(&mut rng, spec.optim.batch, spec.optim.stretch);
-    let window = spec.model.window();
-    let mut batch = Batch::collect(&network.shape, data, &drawn, window, network.device());
-    let standard = &network.statistics.proprioception;
-    augment(&mut batch, &spec.augmentation, standard, &mut generator(spec.run.seed, Purpose::Augmentation, number));
-    batch
+/// The episodes that batches are drawn from, with what their thread needs to know of the network.
+struct Source<'a> {
+    shape: &'a TaskShape,
+    data: &'a [&'a Trajectory],
+    segments: &'a Segments,
+    spec: &'a PretrainSpec,
+    device: tch::Device,
+    /// That of the proprioception.
+    standard: Standard,
+}
+
+impl Source<'_> {
+    /// The training batch of this number.
+    fn draw(&self, number: u64) -> Batch {
+        let (seed, optim) = (self.spec.run.seed, &self.spec.optim);
+        let drawn = self.segments.draw(&mut generator(seed, Purpose::Batch, number), optim.batch, optim.stretch);
+        let mut batch = Batch::collect(self.shape, self.data, &drawn, self.spec.model.window(), self.device);
+        let mut rng = generator(seed, Purpose::Augmentation, number);
+        augment(&mut batch, &self.spec.augmentation, &self.standard, &mut rng);
+        batch
+    }
 }
 
 /// The sum of the objectives' losses.
@@ -149,6 +164,7 @@ mod tests {
     use crate::checkpoint::inspect;
     use crate::toy::{self, Recorder};
     use crate::train::Silent;
+    use gleaner_core::Augmentation;
 
     #[test]
     fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
@@ -168,6 +184,31 @@ mod tests {
         assert_eq!(result, again);
         let finished = pretrain(&shape, &data, &spec, None, Some(&result), &mut Silent).unwrap();
         assert_eq!(result, finished);
+    }
+
+    #[test]
+    fn a_run_equals_one_whose_batches_are_assembled_when_due() {
+        let (shape, data) = (toy::shape(), toy::experts(3, 12));
+        let augmentation = Augmentation { shift_pixels: 2, proprioception_noise: 0.1, ..Augmentation::default() };
+        let mut spec = PretrainSpec { augmentation, ..toy::pretrain_spec(4) };
+        spec.optim.gradient_accumulation = 2;
+        let mut ahead = Recorder::default();
+        let finished = pretrain(&shape, &data, &spec, None, None, &mut ahead).unwrap();
+
+        let data: Vec<&Trajectory> = data.iter().collect();
+        let Resumed::Unfinished(training) = begin(&shape, &data, &spec, (None, None)).unwrap() else {
+            panic!("finished")
+        };
+        let segments = Segments::every(&shape, &data);
+        let standard = training.network().statistics.proprioception.shared();
+        let device = tch::Device::Cpu;
+        let source = Source { shape: &shape, data: &data, segments: &segments, spec: &spec, device, standard };
+        let objectives = objective::find(&spec.objectives).unwrap();
+        let loss = |network: &Network, number| pretrain_loss(&objectives, network, &source.draw(number), &spec, number);
+        let (mut numbers, mut due) = (0.., Recorder::default());
+        let mut next = || Ok(numbers.next().unwrap());
+        let bytes = training.take_steps(9, &mut next, &loss, &|_, _| Vec::new(), &mut due).unwrap();
+        assert_eq!((ahead.losses, finished), (due.losses, with_feature_scale(&bytes, &data, &spec).unwrap()));
     }
 
     #[test]

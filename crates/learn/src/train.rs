@@ -1,16 +1,22 @@
 //! The training loop that pretraining and policies share: step, report, checkpoint, resume. Independent of the loss.
 
+mod sums;
+
 use std::collections::BTreeMap;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use tch::{Device, Kind, Tensor, no_grad_guard};
+use tch::Tensor;
 
+use crate::ahead::{Next, ahead};
 use crate::checkpoint::{self, CheckpointInfo};
 use crate::error::LearnError;
 use crate::finished::Finished;
 use crate::model::Network;
 use crate::optimizer::AdamW;
 use gleaner_core::OptimSpec;
+use sums::Sums;
+
+pub(crate) use sums::Metrics;
 
 /// Receives progress and checkpoints of a job, and may request a stop.
 pub trait Monitor {
@@ -46,9 +52,6 @@ impl Monitor for Silent {
 
 /// The name of the loss on experts that are held out.
 pub(crate) const LOSS_VALIDATION: &str = "loss_validation";
-
-/// Named values of one step.
-pub(crate) type Metrics = Vec<(&'static str, f64)>;
 
 /// The loss of one batch.
 pub(crate) struct Loss {
@@ -148,13 +151,34 @@ impl<N: Learner> Training<N> {
         Ok(Resumed::Unfinished(Box::new(training)))
     }
 
-    /// Takes the remaining steps and returns the finished checkpoint, without optimiser state. `report` gives
-    /// further metrics of the network after a number of steps. When it is asked to
-    /// stop, it stores its present state.
-    pub(crate) fn run(
+    /// The learner.
+    pub(crate) fn network(&self) -> &N {
+        &self.network
+    }
+
+    /// Takes the remaining steps and returns the finished checkpoint, without optimiser state. `assemble` gives the
+    /// batch of a number, from 0 at the first step on, and runs on a thread of its own, ahead of the steps. `report`
+    /// gives further metrics of the network after a number of steps. When it is asked to stop, it stores its present
+    /// state.
+    pub(crate) fn run<B: Send>(
+        self,
+        checkpoint_every: u32,
+        assemble: impl Fn(u64) -> B + Send,
+        loss: &dyn Fn(&N, B) -> Loss,
+        report: &dyn Fn(&N, u64) -> Metrics,
+        monitor: &mut dyn Monitor,
+    ) -> Result<Vec<u8>, LearnError> {
+        let per_step = u64::from(self.optim.gradient_accumulation);
+        let numbers = self.info.step * per_step..self.optim.steps * per_step;
+        ahead(numbers, assemble, |next| self.take_steps(checkpoint_every, next, loss, report, monitor))
+    }
+
+    /// As [`Training::run`], with the batches of `next`.
+    pub(crate) fn take_steps<B>(
         mut self,
         checkpoint_every: u32,
-        loss: &dyn Fn(&N, u64) -> Loss,
+        next: Next<'_, B>,
+        loss: &dyn Fn(&N, B) -> Loss,
         report: &dyn Fn(&N, u64) -> Metrics,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, LearnError> {
@@ -167,7 +191,7 @@ impl<N: Learner> Training<N> {
                 }
                 return Err(LearnError::Cancelled);
             }
-            let mut metrics = self.step(loss)?;
+            let mut metrics = self.step(next, loss)?;
             let done = self.info.step;
             metrics.extend(self.report(report));
             monitor.progress(done, steps, &metrics);
@@ -198,19 +222,22 @@ impl<N: Learner> Training<N> {
     }
 
     /// One step of the optimiser, by the mean gradient of its batches. Its numbers are read from the device at once.
-    fn step(&mut self, loss: &dyn Fn(&N, u64) -> Loss) -> Result<Metrics, LearnError> {
-        let begin = Instant::now();
+    fn step<B>(&mut self, next: Next<'_, B>, loss: &dyn Fn(&N, B) -> Loss) -> Result<Metrics, LearnError> {
+        let (begin, mut waited) = (Instant::now(), Duration::ZERO);
         let step = self.info.step;
         let rate = self.optim.learning_rate_at(step);
         self.optimizer.zero_grad();
-        let batches = self.optim.gradient_accumulation;
+        let batches = f64::from(self.optim.gradient_accumulation);
         let mut sums = Sums::default();
-        for batch in 0..u64::from(batches) {
-            let loss = loss(&self.network, step * u64::from(batches) + batch);
-            let total = loss.total / f64::from(batches);
+        for _ in 0..self.optim.gradient_accumulation {
+            let due = Instant::now();
+            let batch = next()?;
+            waited += due.elapsed();
+            let loss = loss(&self.network, batch);
+            let total = loss.total / batches;
             total.backward();
             sums.add("loss", &total, 1.0);
-            loss.parts.iter().for_each(|(name, part)| sums.add(name, part, batches.into()));
+            loss.parts.iter().for_each(|(name, part)| sums.add(name, part, batches));
         }
         let (norm, mut metrics) = sums.read(self.optimizer.gradient_norm(&self.optim));
         if !(norm.is_finite() && metrics.first().is_some_and(|(_, loss)| loss.is_finite())) {
@@ -219,10 +246,12 @@ impl<N: Learner> Training<N> {
         self.optimizer.apply(step, rate, norm, &self.optim);
         self.info.step += 1;
         self.finished.after_step(self.info.step);
+        let took = begin.elapsed().as_secs_f64();
         metrics.extend([
             ("grad_norm", norm),
             ("learning_rate", rate),
-            ("ms_per_step", begin.elapsed().as_secs_f64() * 1e3),
+            ("ms_per_step", took * 1e3),
+            ("waited_share", waited.as_secs_f64() / took.max(f64::MIN_POSITIVE)),
         ]);
         Ok(metrics)
     }
@@ -241,37 +270,5 @@ impl<N: Learner> Training<N> {
     }
 }
 
-/// The values of a step's batches that are still on the device.
-#[derive(Default)]
-struct Sums {
-    /// Name, scalar, and its divisor.
-    values: Vec<(&'static str, Tensor, f64)>,
-}
-
-impl Sums {
-    /// Adds `value / divisor` to the sum of this name.
-    fn add(&mut self, name: &'static str, value: &Tensor, divisor: f64) {
-        self.values.push((name, value.detach(), divisor));
-    }
-
-    /// The gradient norm (0 without one) and the sums, by one copy: reading a number waits for the device.
-    fn read(self, norm: Option<Tensor>) -> (f64, Metrics) {
-        let _no_grad = no_grad_guard();
-        let scalars = norm.iter().chain(self.values.iter().map(|(_, value, _)| value));
-        let scalars: Vec<Tensor> = scalars.map(|scalar| scalar.to_kind(Kind::Double)).collect();
-        let mut read = vec![0f64; scalars.len()];
-        if !read.is_empty() {
-            Tensor::stack(&scalars, 0).to_device(Device::Cpu).copy_data(&mut read, scalars.len());
-        }
-        let mut read = read.into_iter();
-        let norm = norm.map_or(0.0, |_| read.next().unwrap_or(f64::NAN));
-        let mut sums = Metrics::new();
-        for ((name, _, divisor), value) in self.values.into_iter().zip(read) {
-            match sums.iter_mut().find(|(known, _)| *known == name) {
-                Some((_, sum)) => *sum += value / divisor,
-                None => sums.push((name, value / divisor)),
-            }
-        }
-        (norm, sums)
-    }
-}
+#[cfg(test)]
+mod tests;

@@ -12,7 +12,7 @@ pub(crate) enum Failure {
     Cancelled,
     /// The input or the settings are wrong: every attempt would fail in the same way.
     Permanent(String),
-    /// Memory, disk or a defect: another attempt may succeed.
+    /// Memory, disk, threads or a defect: another attempt may succeed.
     Retryable(String),
 }
 
@@ -25,7 +25,7 @@ impl From<LearnError> for Failure {
             | LearnError::Checkpoint(_)
             | LearnError::Version { .. }
             | LearnError::Diverged { .. } => Self::Permanent(message),
-            LearnError::Monitor { .. } | LearnError::Torch(_) => Self::Retryable(message),
+            LearnError::Monitor { .. } | LearnError::Thread(_) | LearnError::Torch(_) => Self::Retryable(message),
         }
     }
 }
@@ -66,6 +66,8 @@ mod tests {
         assert!(matches!(&diverged, Failure::Permanent(message) if message.contains("step 3")), "{diverged:?}");
         let memory = Failure::from(LearnError::Torch("not enough memory".into()));
         assert_eq!(memory, Failure::Retryable("tensor library: not enough memory".into()));
+        let threads = Failure::from(LearnError::Thread(std::io::ErrorKind::WouldBlock.into()));
+        assert!(matches!(&threads, Failure::Retryable(message) if message.contains("run fewer jobs")), "{threads:?}");
         assert_eq!(Failure::from(LearnError::Cancelled), Failure::Cancelled);
         assert!(matches!(Failure::from(Error::invalid("task", "is wrong")), Failure::Permanent(_)));
         assert!(matches!(Failure::from(Error::internal("reading", "disk")), Failure::Retryable(_)));

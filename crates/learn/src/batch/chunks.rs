@@ -3,6 +3,7 @@
 use tch::{Device, Tensor};
 
 use super::{Segment, Windows, int};
+use crate::device::send;
 use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
@@ -38,7 +39,7 @@ impl Chunks {
         }
         let size = [-1, int(length), int(shape.action)];
         Self {
-            action: Tensor::from_slice(&action).view(size).to_device(device),
+            action: send(&Tensor::from_slice(&action).view(size), device),
             counted: Windows::grid(&counted, &size[..2], device),
         }
     }

@@ -3,6 +3,7 @@
 use tch::{Device, Kind, Tensor};
 
 use super::int;
+use crate::device::send;
 use crate::shape::{CameraShape, TaskShape};
 
 /// Per camera `[N, C, H, W]` of the N `frames`, each `shape.frame_bytes()` long.
@@ -25,11 +26,8 @@ fn camera_images(camera: &CameraShape, images: &[&[u8]], device: Device) -> Tens
     for image in images {
         colour.extend_from_slice(&image[..split]);
     }
-    let colour = Tensor::from_data_size(&colour, &[count, height, width, 3], Kind::Uint8)
-        .to_device(device)
-        .to_kind(Kind::Float)
-        .permute([0, 3, 1, 2])
-        / 255.0;
+    let colour = Tensor::from_data_size(&colour, &[count, height, width, 3], Kind::Uint8);
+    let colour = send(&colour, device).to_kind(Kind::Float).permute([0, 3, 1, 2]) / 255.0;
     if !camera.depth {
         return colour.contiguous();
     }
@@ -38,7 +36,7 @@ fn camera_images(camera: &CameraShape, images: &[&[u8]], device: Device) -> Tens
         .flat_map(|image| image[split..].as_chunks::<2>().0)
         .map(|bytes| squash(u16::from_le_bytes(*bytes)))
         .collect();
-    let depth = Tensor::from_slice(&depth).view([count, 1, height, width]).to_device(device);
+    let depth = send(&Tensor::from_slice(&depth).view([count, 1, height, width]), device);
     Tensor::cat(&[colour, depth], 1)
 }
 

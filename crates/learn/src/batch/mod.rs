@@ -13,6 +13,7 @@ pub(crate) use windows::Windows;
 
 use tch::{Device, Tensor};
 
+use crate::device::send;
 use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
@@ -58,7 +59,7 @@ impl Batch {
             proprioception,
             action: rows(&action, shape.action, device),
             windows,
-            weight: Tensor::from_slice(&weight).to_device(device),
+            weight: send(&Tensor::from_slice(&weight), device),
             episodes: steps.iter().map(|(trajectory, _)| *trajectory).collect(),
         }
     }
@@ -66,7 +67,7 @@ impl Batch {
 
 /// `values` as `[values.len() / width, width]`.
 pub(crate) fn rows(values: &[f32], width: usize, device: Device) -> Tensor {
-    Tensor::from_slice(values).view([-1, int(width)]).to_device(device)
+    send(&Tensor::from_slice(values).view([-1, int(width)]), device)
 }
 
 /// A tensor's values, row-major.

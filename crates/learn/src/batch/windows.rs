@@ -6,6 +6,7 @@ use std::collections::HashMap;
 use tch::{Device, Tensor};
 
 use super::{Segment, int};
+use crate::device::send;
 
 /// Layout of W windows of L steps over N steps.
 pub(crate) struct Windows {
@@ -41,7 +42,7 @@ impl Windows {
             }
         }
         let windows = Self {
-            index: Tensor::from_slice(&index).to_device(device),
+            index: send(&Tensor::from_slice(&index), device),
             valid: Self::grid(&valid_places, &[-1, int(length)], device),
             valid_places,
             length,
@@ -53,7 +54,7 @@ impl Windows {
     pub(crate) fn in_order(valid_places: Vec<bool>, length: usize, device: Device) -> Self {
         let index: Vec<i64> = (0..valid_places.len()).map(int).collect();
         Self {
-            index: Tensor::from_slice(&index).to_device(device),
+            index: send(&Tensor::from_slice(&index), device),
             valid: Self::grid(&valid_places, &[-1, int(length)], device),
             valid_places,
             length,
@@ -83,7 +84,7 @@ impl Windows {
 
     /// Truth values as a tensor of `size`.
     pub(crate) fn grid(values: &[bool], size: &[i64], device: Device) -> Tensor {
-        Tensor::from_slice(values).view(size).to_device(device)
+        send(&Tensor::from_slice(values).view(size), device)
     }
 }
 

@@ -46,6 +46,11 @@ pub(crate) struct Statistics {
 }
 
 impl Standard {
+    /// The same statistics for another thread.
+    pub(crate) fn shared(&self) -> Self {
+        Self { mean: self.mean.shallow_clone(), deviation: self.deviation.shallow_clone() }
+    }
+
     /// Standardises `x`.
     pub(crate) fn apply(&self, x: &Tensor) -> Tensor {
         (x - &self.mean) / &self.deviation

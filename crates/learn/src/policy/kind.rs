@@ -149,6 +149,23 @@ pub(super) struct PolicyInfo<'a> {
     pub(super) width: usize,
 }
 
+impl<'a> PolicyInfo<'a> {
+    /// The form of its batches.
+    pub(super) fn form(&self) -> Form<'a> {
+        Form { shape: self.shape, device: self.device, window: self.window, chunk: self.chunk }
+    }
+}
+
+/// The form of a policy's batches, without tensors, so that a thread of its own can assemble them.
+pub(super) struct Form<'a> {
+    pub(super) shape: &'a TaskShape,
+    pub(super) device: Device,
+    /// Steps of history, l + 1.
+    pub(super) window: usize,
+    /// Actions predicted at once, k.
+    pub(super) chunk: usize,
+}
+
 /// The input of a policy: windows over N steps whose images are embedded.
 pub(super) struct PolicyInput {
     /// `[N, width]`, see [`PolicyInfo::width`].

@@ -122,7 +122,7 @@ mod tests {
         let policy = untrained("perceptron", &[&one]);
         let loss = |data| {
             let source = Source { segments: crate::batch::Segments::every(&toy::shape(), &[data]), data: vec![data] };
-            let (batch, wanted) = source.collect(policy.as_ref(), source.segments.all());
+            let (batch, wanted) = source.collect(&policy.info().form(), source.segments.all());
             let mut noise = generator(1, Purpose::Style, 0);
             values(&mean_loss(policy.as_ref(), batch, None, &wanted, &mut noise).1.each)
         };

@@ -1,14 +1,17 @@
-//! A source of training batches, and the mean loss of a batch drawn from it. Independent of the policy.
+//! A source of training batches, which a thread of its own assembles, and the mean loss of a batch drawn from it.
+//! Independent of the policy.
 
 use gleaner_core::TrainSpec;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
-use super::kind::{Losses, PolicyInput, PolicyModel};
+use super::kind::{Form, Losses, PolicyInput, PolicyModel};
 use crate::augment::augment;
 use crate::batch::{Batch, Chunks, Segment, Segments, Windows};
+use crate::normalize::Standard;
 use crate::random::{Purpose, generator};
+use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
 /// Episodes and the segments of them that count.
@@ -24,32 +27,66 @@ pub(super) struct Draw {
     pub(super) purposes: [Purpose; 3],
 }
 
-impl Source<'_> {
-    /// Mean of weight · −log P over a batch drawn from this source, and its terms; `weigh` gives the weights.
-    pub(super) fn loss(
-        &self,
-        policy: &dyn PolicyModel,
-        spec: &TrainSpec,
-        draw: &Draw,
-        weigh: impl Fn(&Tensor) -> Tensor,
-    ) -> (Tensor, Losses) {
-        let [mut segments, mut images, mut noise] =
-            draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.batch));
-        let drawn = self.segments.draw(&mut segments, spec.optim.batch, spec.optim.stretch);
-        let (mut batch, wanted) = self.collect(policy, &drawn);
+/// What a policy and its settings say of its training batches.
+pub(super) struct Assembly<'a> {
+    form: Form<'a>,
+    /// That of the proprioception.
+    standard: Standard,
+    history_dropout: f64,
+    spec: &'a TrainSpec,
+}
+
+impl<'a> Assembly<'a> {
+    /// For `policy`, whose task has this `shape`.
+    pub(super) fn new(policy: &dyn PolicyModel, shape: &'a TaskShape, spec: &'a TrainSpec) -> Self {
+        let info = policy.info();
+        let (device, window, chunk) = (info.device, info.window, info.chunk);
+        Self {
+            form: Form { shape, device, window, chunk },
+            standard: info.statistics.proprioception.shared(),
+            history_dropout: policy.history_dropout(),
+            spec,
+        }
+    }
+}
+
+/// A batch of one source, ready for its loss.
+pub(super) struct Assembled {
+    batch: Batch,
+    wanted: Chunks,
+    /// As [`PolicyInput::hidden`].
+    hidden: Option<Tensor>,
+    /// For the random parts of the loss.
+    noise: ChaCha8Rng,
+}
+
+impl Assembled {
+    /// Mean of weight · −log P, and its terms; `weigh` gives the weights of the segments' qualities.
+    pub(super) fn loss(self, policy: &dyn PolicyModel, weigh: impl Fn(&Tensor) -> Tensor) -> (Tensor, Losses) {
+        let Self { mut batch, wanted, hidden, mut noise } = self;
         batch.weight = weigh(&batch.weight);
-        augment(&mut batch, &spec.augmentation, &policy.info().statistics.proprioception, &mut images);
-        let hidden = hide_past(&batch.windows, policy.history_dropout(), &mut noise);
         mean_loss(policy, batch, hidden, &wanted, &mut noise)
     }
+}
 
-    /// The input of `policy` for `drawn` segments, and its targets.
-    pub(super) fn collect(&self, policy: &dyn PolicyModel, drawn: &[Segment]) -> (Batch, Chunks) {
-        let info = policy.info();
-        let batch = Batch::collect(info.shape, &self.data, drawn, info.window, info.device);
-        let runs = drawn.iter().map(|segment| (*segment, self.segments.run(segment, info.chunk)));
+impl Source<'_> {
+    /// A batch drawn from this source.
+    pub(super) fn assemble(&self, of: &Assembly<'_>, draw: &Draw) -> Assembled {
+        let [mut segments, mut images, mut noise] =
+            draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.batch));
+        let drawn = self.segments.draw(&mut segments, of.spec.optim.batch, of.spec.optim.stretch);
+        let (mut batch, wanted) = self.collect(&of.form, &drawn);
+        augment(&mut batch, &of.spec.augmentation, &of.standard, &mut images);
+        let hidden = hide_past(&batch.windows, of.history_dropout, &mut noise);
+        Assembled { batch, wanted, hidden, noise }
+    }
+
+    /// The steps of `drawn` segments, and their actions to predict.
+    pub(super) fn collect(&self, form: &Form<'_>, drawn: &[Segment]) -> (Batch, Chunks) {
+        let batch = Batch::collect(form.shape, &self.data, drawn, form.window, form.device);
+        let runs = drawn.iter().map(|segment| (*segment, self.segments.run(segment, form.chunk)));
         let runs: Vec<(Segment, usize)> = runs.collect();
-        let wanted = Chunks::collect(info.shape, &self.data, &runs, info.chunk, info.device);
+        let wanted = Chunks::collect(form.shape, &self.data, &runs, form.chunk, form.device);
         (batch, wanted)
     }
 }

@@ -9,7 +9,7 @@ use tch::Tensor;
 use super::find;
 use super::kind::{PolicyInit, PolicyModel, Pretrained};
 use super::shares::shares;
-use super::source::{Draw, Source};
+use super::source::{Assembled, Assembly, Draw, Source};
 use super::validation;
 use crate::batch::Segments;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
@@ -30,9 +30,10 @@ type Policy = Box<dyn PolicyModel>;
 ///
 /// Each step takes the mean over a batch of expert segments and λ times the mean of weight · loss over a batch of kept
 /// ones. `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`, `loss_expert`, `loss_kept` (before λ; only with
-/// kept segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`;
-/// twenty times `loss_validation`, if a share of the experts is held out; of the last step also what the policy looks
-/// at: `share_images`, `share_camera_N`, `share_proprioception`, `share_history`.
+/// kept segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`,
+/// `waited_share` (of the step's time, waiting for its batches); twenty times `loss_validation`, if a share of the
+/// experts is held out; of the last step also what the policy looks at: `share_images`, `share_camera_N`,
+/// `share_proprioception`, `share_history`.
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for an encoder that
@@ -66,9 +67,11 @@ pub fn train_policy(
             Resumed::Finished(bytes) => return Ok(bytes),
             Resumed::Unfinished(training) => training,
         };
-        let loss = |policy: &Policy, batch| sources.loss(policy.as_ref(), spec, batch);
+        let (sources, assembly) = (&sources, Assembly::new(training.network().as_ref(), shape, spec));
+        let assemble = move |number| sources.assemble(&assembly, spec.run.seed, number);
+        let loss = |policy: &Policy, batches| sources.loss(policy.as_ref(), batches);
         let report = |policy: &Policy, done| sources.report(policy.as_ref(), spec, done);
-        training.run(spec.run.checkpoint_every, &loss, &report, monitor)
+        training.run(spec.run.checkpoint_every, assemble, &loss, &report, monitor)
     })
 }
 
@@ -154,16 +157,19 @@ impl<'a> Sources<'a> {
         Sample::of_segments(&sources)
     }
 
-    fn loss(&self, policy: &dyn PolicyModel, spec: &TrainSpec, batch: u64) -> Loss {
-        let draw = |purposes| Draw { seed: spec.run.seed, batch, purposes };
-        let (expert, losses) = self.experts.loss(policy, spec, &draw(EXPERT), Tensor::shallow_clone);
+    /// The batch of experts of this number, and that of kept segments if there are any.
+    fn assemble(&self, assembly: &Assembly<'_>, seed: u64, batch: u64) -> (Assembled, Option<Assembled>) {
+        let of = |source: &Source<'_>, purposes| source.assemble(assembly, &Draw { seed, batch, purposes });
+        let kept = (!self.kept.segments.is_empty()).then(|| of(&self.kept, KEPT));
+        (of(&self.experts, EXPERT), kept)
+    }
+
+    fn loss(&self, policy: &dyn PolicyModel, (expert, kept): (Assembled, Option<Assembled>)) -> Loss {
+        let (expert, losses) = expert.loss(policy, Tensor::shallow_clone);
         let mut parts = vec![("loss_expert", expert.shallow_clone())];
-        let of_expert = losses.parts.iter().map(|(name, each)| (*name, each.mean(None)));
-        parts.extend(of_expert);
-        if self.kept.segments.is_empty() {
-            return Loss { total: expert, parts };
-        }
-        let (kept, _) = self.kept.loss(policy, spec, &draw(KEPT), |qualities| self.weighting.weights(qualities));
+        parts.extend(losses.parts.iter().map(|(name, each)| (*name, each.mean(None))));
+        let Some(kept) = kept else { return Loss { total: expert, parts } };
+        let (kept, _) = kept.loss(policy, |qualities| self.weighting.weights(qualities));
         parts.push(("loss_kept", kept.shallow_clone()));
         Loss { total: expert + kept * self.weighting.lambda, parts }
     }

@@ -46,7 +46,7 @@ pub(super) fn loss(policy: &dyn PolicyModel, held_out: &Source<'_>, seed: u64) -
     let mut rng = generator(seed, Purpose::Validation, 1);
     let (mut sum, mut count) = (0.0, 0.0);
     for chunk in measured.chunks(CHUNK) {
-        let (batch, wanted) = held_out.collect(policy, chunk);
+        let (batch, wanted) = held_out.collect(&policy.info().form(), chunk);
         #[expect(clippy::cast_precision_loss, reason = "at most a chunk")]
         let size = chunk.len() as f64;
         sum += mean_loss(policy, batch, None, &wanted, &mut rng).0.double_value(&[]) * size;

@@ -161,7 +161,7 @@ fn every_policys_gradients_agree_with_finite_differences() {
         let policy = untrained(kind, &[&data]);
         to_double(&policy.parameters());
         let loss = || {
-            let (batch, mut wanted) = source.collect(policy.as_ref(), &source.segments.all()[1..4]);
+            let (batch, mut wanted) = source.collect(&policy.info().form(), &source.segments.all()[1..4]);
             wanted.action = wanted.action.to_kind(Kind::Double);
             let mut noise = generator(1, Purpose::Style, 0);
             mean_loss(policy.as_ref(), double(batch), None, &wanted, &mut noise).0

@@ -28,7 +28,7 @@ fn weights_of_one_are_behaviour_cloning_on_the_union() {
         // One generator for both batches and one for the union: the same noise, in the same order.
         let mut noises = [generator(3, Purpose::Style, 0), generator(3, Purpose::Style, 0)];
         let loss = |source: &Source<'_>, noise: &mut rand_chacha::ChaCha8Rng| {
-            let (batch, wanted) = source.collect(policy.as_ref(), source.segments.all());
+            let (batch, wanted) = source.collect(&policy.info().form(), source.segments.all());
             mean_loss(policy.as_ref(), batch, None, &wanted, noise).0.double_value(&[])
         };
         let lambda = 10.0 / 14.0;

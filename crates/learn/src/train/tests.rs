@@ -1,0 +1,121 @@
+//! The loop on a line y = a x + b: its batches, its end by a stop or a failure, and its metrics.
+
+use gleaner_core::{ModelSpec, Values};
+use tch::Device;
+
+use super::*;
+use crate::batch::rows;
+use crate::checkpoint::{CheckpointKind, FORMAT_VERSION};
+use crate::error::guard;
+use crate::random::{Purpose, generator, normal};
+use crate::toy::{self, Recorder};
+
+/// a and b, `[1, 2]`.
+struct Line(Tensor);
+
+impl Learner for Line {
+    fn from_named(_: &CheckpointInfo, named: &BTreeMap<String, Tensor>, _: Device) -> Result<Self, LearnError> {
+        Ok(Self(named["line"].copy().set_requires_grad(true)))
+    }
+
+    fn parameters(&self) -> Vec<(String, Tensor)> {
+        vec![("line".to_owned(), self.0.shallow_clone())]
+    }
+
+    fn named(&self) -> Vec<(String, Tensor)> {
+        self.parameters()
+    }
+}
+
+fn info() -> CheckpointInfo {
+    CheckpointInfo {
+        format_version: FORMAT_VERSION,
+        kind: CheckpointKind::Encoder,
+        step: 0,
+        finished: false,
+        shape: toy::shape(),
+        model: ModelSpec::default(),
+        policy: None,
+        settings: Values::new(),
+        spec: "{}".to_owned(),
+    }
+}
+
+fn optim() -> OptimSpec {
+    OptimSpec { gradient_accumulation: 3, ..toy::optim(6) }
+}
+
+fn start() -> Training<Line> {
+    Training::start(Line(rows(&[0.5, 0.0], 2, Device::Cpu).set_requires_grad(true)), info(), &optim())
+}
+
+/// Values of x, `[8, 1]`.
+fn batch(number: u64) -> Tensor {
+    rows(&normal(&mut generator(1, Purpose::Batch, number), 8), 1, Device::Cpu)
+}
+
+/// The squared error to y = 2 x − 1.
+fn loss(line: &Line, x: Tensor) -> Loss {
+    let error = line.0.select(1, 0) * &x + line.0.select(1, 1) - (x * 2.0 - 1.0);
+    Loss { parts: vec![("mean_error", error.mean(None))], total: error.square().mean(None) }
+}
+
+fn run(
+    training: Training<Line>,
+    assemble: impl Fn(u64) -> Tensor + Send,
+    monitor: &mut Recorder,
+) -> Result<Vec<u8>, LearnError> {
+    training.run(100, assemble, &loss, &|_, _| Vec::new(), monitor)
+}
+
+#[test]
+fn a_stopped_run_resumes_at_its_next_batch() {
+    let mut straight = Recorder::default();
+    let finished = run(start(), batch, &mut straight).unwrap();
+    for after in 1..6 {
+        let mut stopped = Recorder { stop_after: Some(after), ..Recorder::default() };
+        assert!(matches!(run(start(), batch, &mut stopped), Err(LearnError::Cancelled)));
+        let resumed = Training::<Line>::resume(&stopped.checkpoints[0].1, &info(), &optim(), Device::Cpu).unwrap();
+        let Resumed::Unfinished(training) = resumed else { panic!("finished after {after} steps") };
+        let mut rest = Recorder::default();
+        assert_eq!(run(*training, batch, &mut rest).unwrap(), finished);
+        assert_eq!([stopped.losses, rest.losses].concat(), straight.losses);
+    }
+}
+
+#[test]
+fn a_batch_that_cannot_be_assembled_ends_the_run_at_its_step_with_its_error() {
+    let assemble = |number| {
+        assert!(number != 7, "batch 7 has no room");
+        batch(number)
+    };
+    let mut monitor = Recorder::default();
+    let message = run(start(), assemble, &mut monitor).unwrap_err().to_string();
+    assert!(message.ends_with("batch 7 has no room"), "{message}");
+    assert_eq!(monitor.losses.len(), 2, "batches 6, 7 and 8 are of the third step");
+}
+
+#[test]
+fn a_run_that_fails_ends_with_batches_still_to_come() {
+    let fails = |_: &Line, _: Tensor| -> Loss { panic!("of the loss") };
+    let run_of = || start().run(100, batch, &fails, &|_, _| Vec::new(), &mut Recorder::default());
+    assert!(guard(run_of).unwrap_err().to_string().ends_with("of the loss"));
+    let diverges = |number| batch(number) * if number < 6 { 1.0 } else { f64::NAN };
+    let diverged = run(start(), diverges, &mut Recorder::default());
+    assert!(matches!(diverged, Err(LearnError::Diverged { step: 2 })), "{diverged:?}");
+}
+
+#[test]
+fn metrics_are_means_over_the_batches_of_a_step() {
+    let mut monitor = Recorder::default();
+    run(start(), batch, &mut monitor).unwrap();
+    let line = Line(rows(&[0.5, 0.0], 2, Device::Cpu));
+    let each: Vec<Loss> = (0..3).map(|number| loss(&line, batch(number))).collect();
+    let mean = |value: &dyn Fn(&Loss) -> f64| each.iter().map(value).sum::<f64>() / 3.0;
+    let first = &monitor.metrics[0];
+    assert!((first["loss"] - mean(&|loss| loss.total.double_value(&[]))).abs() < 1e-6, "{first:?}");
+    assert!((first["mean_error"] - mean(&|loss| loss.parts[0].1.double_value(&[]))).abs() < 1e-6, "{first:?}");
+    let waited = monitor.metric("waited_share");
+    assert!(waited.len() == 6 && waited.iter().all(|share| (0.0..1.0).contains(share)), "{waited:?}");
+    assert!(waited[0] > 0.0, "the first batch is not assembled before the first step");
+}
