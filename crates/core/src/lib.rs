@@ -81,8 +81,8 @@ pub use secret::Secret;
 pub use settings::{Group, Word, Words};
 pub use spec::{
     ActionToken, Augmentation, Chosen, Device, EvaluateSpec, FinishedWeights, ImageEncoder, ImageWeights,
-    ImageWeightsSpec, InitialWeights, ModelSpec, NormaliserKind, ObserverSpec, OptimSpec, Preset, PretrainSpec,
-    RateSchedule, RunSpec, ScoreSpec, TrainSpec, job_kinds, jobs, schema_of,
+    ImageWeightsSpec, InitialWeights, ModelSpec, NormaliserKind, ObserverSpec, OptimSpec, Precision, Preset,
+    PretrainSpec, RateSchedule, RunSpec, ScoreSpec, TrainSpec, job_kinds, jobs, schema_of,
 };
 pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 

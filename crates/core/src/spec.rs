@@ -13,7 +13,7 @@ pub use chosen::Chosen;
 pub use evaluate::EvaluateSpec;
 pub use groups::{
     ActionToken, Augmentation, Device, FinishedWeights, ImageEncoder, InitialWeights, ModelSpec, ObserverSpec,
-    OptimSpec, Preset, RateSchedule, RunSpec,
+    OptimSpec, Precision, Preset, RateSchedule, RunSpec,
 };
 pub use image_weights::{ImageWeights, ImageWeightsSpec};
 pub use pretrain::PretrainSpec;

@@ -48,6 +48,7 @@ mod normalize;
 mod objective;
 mod optimizer;
 mod policy;
+mod precision;
 mod pretrain;
 mod random;
 mod score;

@@ -13,6 +13,7 @@ use crate::error::LearnError;
 use crate::finished::Finished;
 use crate::model::Network;
 use crate::optimizer::AdamW;
+use crate::precision;
 use gleaner_core::OptimSpec;
 use sums::Sums;
 
@@ -233,7 +234,7 @@ impl<N: Learner> Training<N> {
             let due = Instant::now();
             let batch = next()?;
             waited += due.elapsed();
-            let loss = loss(&self.network, batch);
+            let loss = precision::with(self.optim.precision, || loss(&self.network, batch));
             let total = loss.total / batches;
             total.backward();
             sums.add("loss", &total, 1.0);

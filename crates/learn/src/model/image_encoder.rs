@@ -14,6 +14,7 @@ use tch::{Tensor, nn::Module};
 use gleaner_core::{ImageEncoder as Kind, ModelSpec};
 
 use super::Size;
+use super::layers::Convolution;
 use crate::batch::int;
 use crate::shape::{CameraShape, TaskShape};
 
@@ -149,9 +150,8 @@ fn convolutions(
 /// Convolution, group norm and ReLU. A side of any length shrinks to ceil(side / stride).
 fn add_stage(stages: nn::SequentialT, path: &nn::Path<'_>, [inputs, outputs, stride]: [i64; 3]) -> nn::SequentialT {
     let kernel = if stride == 4 { 5 } else { 3 };
-    let config = nn::ConvConfig { stride, padding: kernel / 2, bias: false, ..Default::default() };
     stages
-        .add(nn::conv2d(path / "conv", inputs, outputs, kernel, config))
+        .add(Convolution::new(path / "conv", [inputs, outputs, kernel, stride]))
         .add(nn::group_norm(path / "norm", GROUPS, outputs, Default::default()))
         .add_fn(Tensor::relu)
 }

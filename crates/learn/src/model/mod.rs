@@ -4,6 +4,7 @@
 mod heads;
 mod image_encoder;
 pub(crate) mod image_weights;
+mod layers;
 mod size;
 mod tokens;
 mod transformer;

@@ -8,6 +8,7 @@ mod finetune;
 mod gradients;
 mod identity;
 mod image_weights;
+mod precision;
 mod switches;
 
 use tch::Device;

@@ -4,6 +4,8 @@
 use tch::Tensor;
 use tch::nn::{self, Module};
 
+use crate::model::layers::Convolution;
+
 /// Stages of a network; each has twice the channels of the one before.
 const STAGES: usize = 4;
 
@@ -38,10 +40,10 @@ pub(super) struct Names {
 /// Two convolutions beside a shortcut.
 #[derive(Debug)]
 struct Block {
-    convolutions: [nn::Conv2D; 2],
+    convolutions: [Convolution; 2],
     norms: [Box<dyn Module>; 2],
     /// Where the size changes.
-    shortcut: Option<(nn::Conv2D, Box<dyn Module>)>,
+    shortcut: Option<(Convolution, Box<dyn Module>)>,
 }
 
 impl Block {
@@ -49,13 +51,13 @@ impl Block {
         let Style { names, norm, .. } = style;
         let shortcut = (stride != 1 || inputs != outputs).then(|| {
             let [of_convolution, of_norm] = (names.shortcut)(path);
-            (convolution(&of_convolution, [inputs, outputs, 1, stride]), norm(of_norm, outputs))
+            (Convolution::new(of_convolution, [inputs, outputs, 1, stride]), norm(of_norm, outputs))
         });
         let [first, second] = names.convolutions;
         Self {
             convolutions: [
-                convolution(&(path / first), [inputs, outputs, 3, stride]),
-                convolution(&(path / second), [outputs, outputs, 3, 1]),
+                Convolution::new(path / first, [inputs, outputs, 3, stride]),
+                Convolution::new(path / second, [outputs, outputs, 3, 1]),
             ],
             norms: names.norms.map(|name| norm(path / name, outputs)),
             shortcut,
@@ -85,7 +87,7 @@ pub(super) fn network(
     let stem = if style.shrinking_stem { [channels, inputs, 7, 2] } else { [channels, inputs, 3, 1] };
     let [of_convolution, of_norm] = style.names.stem;
     let norm = (style.norm)(path / of_norm, inputs);
-    let mut stages = nn::seq_t().add(convolution(&(path / of_convolution), stem));
+    let mut stages = nn::seq_t().add(Convolution::new(path / of_convolution, stem));
     stages = stages.add_fn(move |x| norm.forward(x).relu());
     if style.shrinking_stem {
         (height, width) = (halved(halved(height)), halved(halved(width)));
@@ -105,9 +107,4 @@ pub(super) fn network(
         inputs = outputs;
     }
     (stages, [inputs, height, width])
-}
-
-fn convolution(path: &nn::Path<'_>, [inputs, outputs, kernel, stride]: [i64; 4]) -> nn::Conv2D {
-    let config = nn::ConvConfig { stride, padding: kernel / 2, bias: false, ..Default::default() };
-    nn::conv2d(path, inputs, outputs, kernel, config)
 }

@@ -5,19 +5,20 @@ use tch::Tensor;
 use tch::nn::{self, Module};
 
 use crate::model::Size;
+use crate::model::layers::Linear;
 
 /// Attention with several heads.
 pub(super) struct MultiHead {
     heads: i64,
-    query: nn::Linear,
-    key_value: nn::Linear,
-    out: nn::Linear,
+    query: Linear,
+    key_value: Linear,
+    out: Linear,
 }
 
 impl MultiHead {
     pub(super) fn new(path: &nn::Path<'_>, size: &Size) -> Self {
         let d = size.width;
-        let linear = |name: &str, to| nn::linear(path / name, d, to, Default::default());
+        let linear = |name: &str, to| Linear::new(path / name, d, to);
         Self {
             heads: size.heads,
             query: linear("query", d),
@@ -55,14 +56,14 @@ pub(super) struct Block {
     before_attention: nn::LayerNorm,
     attention: MultiHead,
     before_mlp: nn::LayerNorm,
-    up: nn::Linear,
-    down: nn::Linear,
+    up: Linear,
+    down: Linear,
 }
 
 impl Block {
     pub(super) fn new(path: &nn::Path<'_>, size: &Size) -> Self {
         let d = size.width;
-        let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
+        let linear = |name: &str, from, to| Linear::new(path / name, from, to);
         let norm = |name: &str| nn::layer_norm(path / name, vec![d], Default::default());
         Self {
             before_attention: norm("attention_norm"),

@@ -35,6 +35,7 @@ fn every_course_gives_other_weights_and_resumes_bit_for_bit() {
         OptimSpec { gradient_accumulation: 3, ..toy::optim(6) },
         OptimSpec { rate_schedule: gleaner_core::RateSchedule::Constant, ..toy::optim(6) },
         OptimSpec { image_rate_factor: 0.5, ..toy::optim(6) },
+        OptimSpec { precision: gleaner_core::Precision::Bf16, ..toy::optim(6) },
     ] {
         let (result, straight) = train(optim, None);
         assert_ne!(weights(&result), weights(&plain), "{optim:?}");
