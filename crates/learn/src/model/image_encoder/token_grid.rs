@@ -123,8 +123,10 @@ mod tests {
             let tokens = grid.forward(&stages.forward(&shape.cameras.iter().map(image).collect::<Vec<_>>()));
             assert_eq!(tokens.size(), [2, grid.tokens(), 64]);
             let counts: Vec<i64> = grid.cameras.iter().map(|camera| camera.position.size()[0]).collect();
-            assert!(counts.iter().all(|count| (8..=64).contains(count)), "{image_encoder:?}: {counts:?}");
-            assert_eq!(counts[..3], [64, counts[1], 64], "{image_encoder:?}");
+            assert!(counts.iter().all(|count| (1..=64).contains(count)), "{image_encoder:?}: {counts:?}");
+            // The maps of a ResNet have a 32nd of each side.
+            let of_ends = if stages.sizes().next() == Some([512, 1, 1]) { [1, 16] } else { [64, 64] };
+            assert_eq!([counts[0], counts[2]], of_ends, "{image_encoder:?}: {counts:?}");
         }
     }
 
