@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use rand::RngExt;
 
-use crate::random::{Purpose, generator};
+use crate::random::{Purpose, generator, normal};
 use crate::shape::{CameraShape, TaskShape};
 use crate::trajectory::Trajectory;
 use gleaner_core::{ModelSpec, OptimSpec, PretrainSpec, RunSpec, TrainSpec};
@@ -64,6 +64,12 @@ pub(crate) fn episode(id: &str, seed: u64, steps: usize, expert: bool) -> Trajec
 
 pub(crate) fn experts(count: u64, steps: usize) -> Vec<Trajectory> {
     (0..count).map(|seed| episode(&format!("expert {seed}"), seed, steps, true)).collect()
+}
+
+/// N(0, 1) of this size.
+pub(crate) fn numbers(size: &[i64], seed: u64) -> tch::Tensor {
+    let count = usize::try_from(size.iter().product::<i64>()).unwrap();
+    tch::Tensor::from_slice(&normal(&mut generator(seed, Purpose::Batch, 0), count)).view(size)
 }
 
 pub(crate) fn optim(steps: u64) -> OptimSpec {

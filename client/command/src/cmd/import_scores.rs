@@ -15,8 +15,9 @@ use crate::table::facts;
 pub(crate) struct ImportScoresArgs {
     /// Id of the snapshot that was scored.
     snapshot: String,
-    /// Path of the scores: CSV or Parquet with the columns episode (an id, or the file name or BLAKE3 digest of a recording), step
-    /// (counted from 0) and q (0 to 1), for every step of every imperfect episode. Scores of experts are optional.
+    /// Path of the scores: CSV or Parquet with the columns episode (an id, or the file name or BLAKE3 digest of a
+    /// recording), step (counted from 0) and q (0 to 1), for every step of every imperfect episode. Scores of experts are
+    /// optional.
     file: PathBuf,
     /// What made the scores, shown with the run.
     #[arg(long, default_value = "", hide_default_value = true)]

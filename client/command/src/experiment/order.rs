@@ -11,11 +11,12 @@ use gleaner_sim::AgentKind;
 use super::cell::RuleSettings;
 use super::stage::Work;
 
-/// The input of a stage: the kind of the result and its id.
+/// The input of a stage: the kind of the result, its id, and that of the result it was made of.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Input<'a> {
     pub(crate) kind: &'a str,
     pub(crate) id: &'a str,
+    pub(crate) before: Option<&'a str>,
 }
 
 /// A stage's job, `None` for the stages without one.
@@ -75,7 +76,7 @@ mod tests {
     #[test]
     fn a_policy_trains_on_the_input_of_its_stage() {
         let data = |kind: &str| {
-            let input = Input { kind, id: "x_1" };
+            let input = Input { kind, id: "x_1", before: None };
             let work = Work::Train { settings: Values::new() };
             let Some(Spec::Train(spec)) = job(&work, input, "pick_cube", Device::Cuda) else {
                 panic!("not a training")

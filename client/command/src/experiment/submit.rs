@@ -7,7 +7,7 @@ use gleaner_proto::v1::{
     CreateDatasetRequest, CreateSnapshotRequest, GetScoreRunRequest, GetSnapshotRequest, JobSpec, Role,
     SubmitJobRequest,
 };
-use tonic::Code;
+use tonic::{Code, Status};
 
 use super::cell::RuleSettings;
 use super::file::Experiment;
@@ -64,16 +64,27 @@ impl<'a> Submitter<'a> {
     pub(crate) async fn submit(mut self, graph: &Graph) -> Result<Submitted> {
         let mut submitted = Submitted::with_capacity(graph.stages.len());
         for stage in &graph.stages {
-            if stage.work == Work::Marks {
-                submitted.push(self.marks(graph, &submitted, stage).await?);
-                continue;
-            }
-            let input = stage.input.map(|index| (graph.stages[index].work.kind(), &submitted[index]));
+            let input = stage.input.map(|index| {
+                let submitted = if stage.work == Work::Marks {
+                    // They are imported at once, so what they are imported with has to be there.
+                    stage_result(&submitted, index)
+                } else {
+                    submitted[index].as_ref().map_err(Clone::clone)
+                };
+                (index, submitted)
+            });
+            let kind = |index: usize| graph.stages[index].work.kind();
             let result = match input {
                 Some((_, Err(Gap::NotYet))) => Err(Gap::NotYet),
-                Some((kind, Err(Gap::Failed(problem)))) => Err(Gap::Failed(format!("its {kind} failed: {problem}"))),
-                Some((kind, Ok(result))) => self.stage(stage, Input { kind, id: &result.id }).await?,
-                None => self.stage(stage, Input { kind: "", id: "" }).await?,
+                Some((index, Err(Gap::Failed(problem)))) => {
+                    Err(Gap::Failed(format!("its {} failed: {problem}", kind(index))))
+                }
+                Some((index, Ok(result))) => {
+                    let before = graph.stages[index].input.and_then(|before| submitted[before].as_ref().ok());
+                    let before = before.map(|before| before.id.as_str());
+                    self.stage(stage, Input { kind: kind(index), id: &result.id, before }).await?
+                }
+                None => self.stage(stage, Input { kind: "", id: "", before: None }).await?,
             };
             submitted.push(result);
         }
@@ -85,7 +96,8 @@ impl<'a> Submitter<'a> {
             Work::Given { origin } => Ok(StageResult { id: origin.id().to_owned(), job: None }),
             Work::Snapshot { rule, .. } => self.snapshot(&stage.key, rule).await,
             Work::Dataset { selection } => self.dataset(input.id, selection_to_proto(*selection)).await,
-            Work::Pretrain { .. } | Work::Score { .. } | Work::Marks | Work::Train { .. } | Work::Evaluate { .. } => {
+            Work::Marks => self.marks(&job_key(stage, input.id), input).await,
+            Work::Pretrain { .. } | Work::Score { .. } | Work::Train { .. } | Work::Evaluate { .. } => {
                 self.job(stage, input).await
             }
         };
@@ -111,25 +123,10 @@ impl<'a> Submitter<'a> {
         Ok(StageResult { id, job: None })
     }
 
-    /// The marks of a snapshot's imperfect episodes as scores, with the encoder that they are imported for, if any.
-    async fn marks(
-        &mut self,
-        graph: &Graph,
-        submitted: &Submitted,
-        stage: &Stage,
-    ) -> Result<std::result::Result<StageResult, Gap>> {
+    /// The marks of a snapshot's imperfect episodes as scores; the input is the snapshot, or an encoder made of it.
+    async fn marks(&mut self, key: &str, input: Input<'_>) -> Result<StageResult> {
         let Made { state, recordings, .. } = present(self.made.as_mut(), "recordings with marks")?;
-        let index = present(stage.input, "an input of the marks")?;
-        let input = match stage_result(submitted, index) {
-            Ok(result) => &result.id,
-            Err(gap) => return Ok(Err(gap)),
-        };
-        let before = &graph.stages[index];
-        let (snapshot, encoder) = match before.input.map(|snapshot| stage_result(submitted, snapshot)) {
-            None => (input.as_str(), ""),
-            Some(Ok(snapshot)) => (snapshot.id.as_str(), input.as_str()),
-            Some(Err(gap)) => return Ok(Err(gap)),
-        };
+        let (snapshot, encoder) = input.before.map_or((input.id, ""), |snapshot| (snapshot, input.id));
         let request = GetSnapshotRequest { snapshot_id: snapshot.to_owned() };
         let episodes = self.client.snapshots().get_snapshot(request).await?.into_inner().episodes;
         let imperfect = episodes.into_iter().filter(|episode| episode.role() == Role::Imperfect);
@@ -141,8 +138,8 @@ impl<'a> Submitter<'a> {
         });
         let scored = scored.collect::<Result<_>>()?;
         let run = self.client.import_scores(snapshot, MARKS, encoder, scored).await?;
-        state.remember_run(&job_key(stage, input), &run.id)?;
-        Ok(Ok(StageResult { id: run.id, job: None }))
+        state.remember_run(key, &run.id)?;
+        Ok(StageResult { id: run.id, job: None })
     }
 
     async fn dataset(&self, run: &str, selection: gleaner_proto::v1::Selection) -> Result<StageResult> {
@@ -164,16 +161,6 @@ impl<'a> Submitter<'a> {
     }
 }
 
-/// The imported score run that an earlier run made, if this server has it.
-pub(crate) async fn known_run(client: &Client, state: &State, key: &str) -> Result<Option<StageResult>> {
-    let Some(id) = state.run(key) else { return Ok(None) };
-    match client.scores().get_score_run(GetScoreRunRequest { score_run_id: id.to_owned() }).await {
-        Ok(_) => Ok(Some(StageResult { id: id.to_owned(), job: None })),
-        Err(status) if status.code() == Code::NotFound => Ok(None),
-        Err(status) => Err(status.into()),
-    }
-}
-
 /// What a stage's job is called on the server. The input's id is beside the stage: when a failed input is made again,
 /// what works on it is new as well.
 pub(crate) fn job_key(stage: &Stage, input: &str) -> String {
@@ -183,8 +170,20 @@ pub(crate) fn job_key(stage: &Stage, input: &str) -> String {
 /// The snapshot that an earlier run made, if this server has it.
 pub(crate) async fn known_snapshot(client: &Client, state: &State, key: &str) -> Result<Option<StageResult>> {
     let Some(id) = state.snapshot(key) else { return Ok(None) };
-    match client.snapshots().get_snapshot(GetSnapshotRequest { snapshot_id: id.to_owned() }).await {
-        Ok(_) => Ok(Some(StageResult { id: id.to_owned(), job: None })),
+    let request = GetSnapshotRequest { snapshot_id: id.to_owned() };
+    known(id, client.snapshots().get_snapshot(request).await.map(drop))
+}
+
+/// The imported score run that an earlier run made, if this server has it.
+pub(crate) async fn known_run(client: &Client, state: &State, key: &str) -> Result<Option<StageResult>> {
+    let Some(id) = state.run(key) else { return Ok(None) };
+    let request = GetScoreRunRequest { score_run_id: id.to_owned() };
+    known(id, client.scores().get_score_run(request).await.map(drop))
+}
+
+fn known(id: &str, reply: std::result::Result<(), Status>) -> Result<Option<StageResult>> {
+    match reply {
+        Ok(()) => Ok(Some(StageResult { id: id.to_owned(), job: None })),
         // Another server, or its data are gone.
         Err(status) if status.code() == Code::NotFound => Ok(None),
         Err(status) => Err(status.into()),

@@ -114,7 +114,7 @@ mod tests {
         let scoring = ScoreSpec::from_values(&given(json!({"normaliser": "quantile"}))).unwrap().values();
         let sent = |index: usize| {
             let stage = &graph.stages[index];
-            let input = Input { kind: kinds[stage.input.unwrap()], id: "input" };
+            let input = Input { kind: kinds[stage.input.unwrap()], id: "input", before: None };
             let (settings, data) = match order::job(&stage.work, input, "pick_cube", device).unwrap() {
                 Spec::Pretrain(spec) => (spec.settings, None),
                 Spec::Score(spec) => (spec.settings, None),

@@ -58,12 +58,7 @@ mod tests {
 
     use super::*;
     use crate::model::weights;
-
-    fn numbers(size: [i64; 3], seed: u64) -> Tensor {
-        let count = usize::try_from(size.iter().product::<i64>()).unwrap();
-        let mut rng = crate::random::generator(seed, crate::random::Purpose::Batch, 0);
-        Tensor::from_slice(&crate::random::normal(&mut rng, count)).view(size)
-    }
+    use crate::toy;
 
     fn difference(a: &Tensor, b: &Tensor) -> f64 {
         (a - b).abs().max().double_value(&[])
@@ -75,7 +70,7 @@ mod tests {
         let size = Size::of(Preset::Tiny);
         let decoder = Decoder::new(&store.root(), &size);
         weights::draw(&weights::sorted(&store), 1.0, 1);
-        let (tokens, memory) = (numbers([2, 3, 64], 1), numbers([2, 5, 64], 2));
+        let (tokens, memory) = (toy::numbers(&[2, 3, 64], 1), toy::numbers(&[2, 5, 64], 2));
         let plain = decoder.forward(&tokens, &memory);
         assert_eq!(plain.size(), [2, 3, 64]);
         let changed = |place: &dyn Fn() -> [Tensor; 2]| {

@@ -57,14 +57,9 @@ mod tests {
 
     use super::*;
     use crate::model::{TokenGrid, weights};
-    use crate::random::{Purpose, generator, normal};
+    use crate::toy;
 
     const LENGTHS: Lengths = Lengths { proprioception: 3, action: 2, chunk: 4, latent: 5 };
-
-    fn numbers(size: &[i64]) -> Tensor {
-        let count = usize::try_from(size.iter().product::<i64>()).unwrap();
-        Tensor::from_slice(&normal(&mut generator(1, Purpose::Batch, 0), count)).view(size)
-    }
 
     /// The largest change of a chunk.
     fn moved(a: &Tensor, b: &Tensor) -> f64 {
@@ -78,7 +73,11 @@ mod tests {
         let decoder = GridDecoder::new(&(store.root() / "decoder"), LENGTHS, &size);
         let grid = TokenGrid::new(&(store.root() / "grid"), [[4, 8, 8], [4, 5, 7]].into_iter(), size.width);
         weights::draw(&weights::sorted(&store), 1.0, 1);
-        let (maps, m, z) = ([numbers(&[1, 4, 8, 8]), numbers(&[1, 4, 5, 7])], numbers(&[1, 3]), numbers(&[1, 5]));
+        let (maps, m, z) = (
+            [toy::numbers(&[1, 4, 8, 8], 1), toy::numbers(&[1, 4, 5, 7], 1)],
+            toy::numbers(&[1, 3], 1),
+            toy::numbers(&[1, 5], 1),
+        );
         let tokens = grid.forward(&maps);
         let act = |tokens: &Tensor, m: &Tensor, z: &Tensor| decoder.forward(&tokens.flatten(1, 2), m, z);
         let plain = act(&tokens, &m, &z);
