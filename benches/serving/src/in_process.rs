@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use gleaner_learn::{History, Policy, set_threads};
 use gleaner_proto::v1::Observation;
-use gleaner_recording::{PixelFormat, decode_color};
+use gleaner_recording::{PictureSizes, PixelFormat, decode_color};
 
 use crate::Result;
 use crate::load::{quantile, times};
@@ -65,7 +65,7 @@ impl InProcess {
 fn decode(observation: &Observation) -> Result<Vec<u8>> {
     let mut pixels = Vec::new();
     for image in observation.cameras.iter().filter_map(|camera| camera.color.as_ref()) {
-        pixels.extend(decode_color(&image.data, PixelFormat::Jpeg, SIDE, SIDE)?);
+        pixels.extend(decode_color(&image.data, PixelFormat::Jpeg, &PictureSizes::new(SIDE, SIDE))?);
     }
     Ok(pixels)
 }

@@ -33,7 +33,8 @@ pub enum Images {
 
 /// The task.
 pub fn task() -> TaskSpec {
-    let camera = |name: &str| CameraSpec { name: name.to_owned(), height: SIDE, width: SIDE, depth: false };
+    let camera =
+        |name: &str| CameraSpec { name: name.to_owned(), height: SIDE, width: SIDE, depth: false, recorded: None };
     let mut spec = TaskSpec {
         name: "serving".to_owned(),
         rate_hz: 20.0,

@@ -49,6 +49,7 @@ pub mod live;
 pub mod looks;
 pub mod observation;
 pub mod order;
+mod picture_sizes;
 pub mod policy;
 pub mod printable;
 mod report;
@@ -75,6 +76,7 @@ pub mod arguments;
 pub mod proto;
 
 pub use error::{Error, Result};
+pub use picture_sizes::{Crop, PictureSizes, RecordedSize};
 pub use report::{Finding, FindingCode, Report, Severity, TopicReport};
 pub use schema::{Problem, Setting, Shape, Values};
 pub use secret::Secret;

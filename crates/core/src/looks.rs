@@ -49,7 +49,7 @@ mod tests {
             metric("share_camera_7", 0.3),
             metric("share_proprioception", 0.9),
         ];
-        let camera = |name: &str| CameraSpec { name: name.into(), height: 8, width: 8, depth: false };
+        let camera = |name: &str| CameraSpec { name: name.into(), height: 8, width: 8, depth: false, recorded: None };
         let found = looks(&metrics, &[camera("top"), camera("hand")]);
         let found: Vec<(&str, f64)> = found.iter().map(|look| (look.input.as_str(), look.share)).collect();
         assert_eq!(found, [("images", 0.4), ("camera hand", 0.1), ("camera_7", 0.3), ("proprioception", 0.9)]);

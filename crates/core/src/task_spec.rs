@@ -6,6 +6,8 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
+use crate::picture_sizes::{PictureSizes, RecordedSize};
+
 /// The content of a task's steps (cameras, proprioception, action, rate) and its place in recordings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -40,13 +42,23 @@ pub struct TaskSpec {
 pub struct CameraSpec {
     /// The camera's name, unique within the task.
     pub name: String,
-    /// Image height in pixels.
+    /// Height in pixels of a step's picture.
     pub height: u32,
-    /// Image width in pixels.
+    /// Width in pixels of a step's picture.
     pub width: u32,
     /// Whether a depth image comes with each color image.
     #[serde(default)]
     pub depth: bool,
+    /// The size of its pictures in recordings and observations, if it is not that of a step.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recorded: Option<RecordedSize>,
+}
+
+impl CameraSpec {
+    /// The sizes of its pictures.
+    pub fn sizes(&self) -> PictureSizes {
+        PictureSizes { height: self.height, width: self.width, recorded: self.recorded }
+    }
 }
 
 /// One named group of numbers in the proprioception or the action.

@@ -174,7 +174,7 @@ mod tests {
             step: 3,
             finished: false,
             shape: TaskShape {
-                cameras: vec![CameraShape { name: "top".into(), height: 16, width: 16, depth: false }],
+                cameras: vec![CameraShape { name: "top".into(), height: 16, width: 16, depth: false, recorded: None }],
                 proprioception: 2,
                 action: 1,
                 ranges: gleaner_core::action::ActionRanges::default(),

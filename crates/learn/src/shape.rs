@@ -1,7 +1,7 @@
 //! The shape of one step of a task: its cameras, proprioception and action.
 
 use gleaner_core::action::ActionRanges;
-use gleaner_core::{Augmentation, CameraSpec, TaskSpec};
+use gleaner_core::{Augmentation, CameraSpec, PictureSizes, RecordedSize, TaskSpec};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{LearnError, within};
@@ -42,6 +42,9 @@ pub struct CameraShape {
     /// Whether a depth image of the same size follows the colour image.
     #[serde(default)]
     pub depth: bool,
+    /// The size of the images that robots send, if it is another: what was cropped and resized for training is for serving.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recorded: Option<RecordedSize>,
 }
 
 impl CameraShape {
@@ -53,6 +56,11 @@ impl CameraShape {
     /// Channels of the model's input: 3, or 4 with depth.
     pub(crate) fn channels(&self) -> usize {
         if self.depth { 4 } else { 3 }
+    }
+
+    /// The sizes of its images, as they are sent and as the model reads them.
+    pub fn sizes(&self) -> PictureSizes {
+        PictureSizes { height: self.height, width: self.width, recorded: self.recorded }
     }
 
     /// Bytes of one image: `H*W*3` of RGB, then `H*W*2` of depth if there is any.
@@ -75,6 +83,7 @@ impl From<&TaskSpec> for TaskShape {
             height: camera.height,
             width: camera.width,
             depth: camera.depth,
+            recorded: camera.recorded,
         };
         Self {
             cameras: spec.cameras.iter().map(camera).collect(),

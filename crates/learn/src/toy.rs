@@ -17,7 +17,7 @@ pub(crate) const SIDE: u32 = 16;
 
 pub(crate) fn shape() -> TaskShape {
     TaskShape {
-        cameras: vec![CameraShape { name: "top".into(), height: SIDE, width: SIDE, depth: true }],
+        cameras: vec![CameraShape { name: "top".into(), height: SIDE, width: SIDE, depth: true, recorded: None }],
         proprioception: 3,
         action: 2,
         ranges: gleaner_core::action::ActionRanges::default(),

@@ -164,7 +164,7 @@ mod tests {
 
     fn shape() -> TaskShape {
         TaskShape {
-            cameras: vec![CameraShape { name: "top".into(), height: 8, width: 8, depth: true }],
+            cameras: vec![CameraShape { name: "top".into(), height: 8, width: 8, depth: true, recorded: None }],
             proprioception: 2,
             action: 1,
             ranges: gleaner_core::action::ActionRanges::default(),

@@ -45,7 +45,7 @@ fn look(message: &Value<'_>, path: &str) {
         let _ = path.numbers(message, &mut numbers);
         let _ = path.numbers_by_name(message, &["a".to_owned(), "b".to_owned()], &mut numbers);
     }
-    let camera = CameraSpec { name: "c".to_owned(), height: 8, width: 8, depth: true };
+    let camera = CameraSpec { name: "c".to_owned(), height: 8, width: 8, depth: true, recorded: None };
     for channel in [Channel::Color, Channel::Depth] {
         if let Ok(pixels) = picture::decode(message, channel, &camera) {
             assert_eq!(pixels.len(), channel.bytes(&camera));

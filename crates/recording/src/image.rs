@@ -3,12 +3,15 @@
 //! Every size is checked before memory is reserved for it, and memory follows the size that is wanted. This module does
 //! not depend on messages or topics.
 
+mod fit;
 mod raw;
 
 use std::io::Cursor;
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits};
+
+use gleaner_core::PictureSizes;
 
 use crate::error::RecordingError;
 
@@ -37,11 +40,12 @@ pub enum PixelFormat {
     Auto,
 }
 
-/// Decodes a color image to height × width × 3 bytes of RGB.
+/// Decodes a color image to the pixels of a step, height × width × 3 bytes of RGB, cropped and resized if it has the
+/// recorded size.
 ///
 /// # Errors
 /// [`RecordingError::WrongSize`] or [`RecordingError::BrokenImage`].
-pub fn decode_color(bytes: &[u8], format: PixelFormat, height: u32, width: u32) -> Result<Vec<u8>, RecordingError> {
+pub fn decode_color(bytes: &[u8], format: PixelFormat, sizes: &PictureSizes) -> Result<Vec<u8>, RecordingError> {
     let codec = match format {
         PixelFormat::Jpeg => Some(ImageFormat::Jpeg),
         PixelFormat::Png => Some(ImageFormat::Png),
@@ -52,16 +56,21 @@ pub fn decode_color(bytes: &[u8], format: PixelFormat, height: u32, width: u32) 
         PixelFormat::Auto => codec_of(bytes),
     };
     match codec {
-        Some(codec) => Ok(decode(bytes, codec, height, width)?.into_rgb8().into_raw()),
-        None => exact(bytes, pixels(height, width)?.saturating_mul(3), "8-bit RGB").map(<[u8]>::to_vec),
+        Some(codec) => {
+            let image = decode(bytes, codec, sizes)?;
+            let found = (image.height(), image.width());
+            fit::color(image.into_rgb8().into_raw(), found, sizes)
+        }
+        None => fit::color(bytes.to_vec(), raw_size(bytes, 3, sizes)?, sizes),
     }
 }
 
-/// Decodes a depth image to height × width 16-bit little-endian millimetres.
+/// Decodes a depth image to the pixels of a step, height × width 16-bit little-endian millimetres, cropped and resized if
+/// it has the recorded size.
 ///
 /// # Errors
 /// [`RecordingError::WrongSize`] or [`RecordingError::BrokenImage`].
-pub fn decode_depth(bytes: &[u8], format: PixelFormat, height: u32, width: u32) -> Result<Vec<u8>, RecordingError> {
+pub fn decode_depth(bytes: &[u8], format: PixelFormat, sizes: &PictureSizes) -> Result<Vec<u8>, RecordingError> {
     let bytes = if format == PixelFormat::Auto { without_ros_prefix(bytes) } else { bytes };
     match format {
         PixelFormat::Jpeg | PixelFormat::Rgb8 => {
@@ -73,12 +82,13 @@ pub fn decode_depth(bytes: &[u8], format: PixelFormat, height: u32, width: u32) 
         PixelFormat::Auto if bytes.starts_with(PNG_MAGIC) => {}
         PixelFormat::Png => {}
         PixelFormat::Depth16 | PixelFormat::Auto => {
-            return exact(bytes, pixels(height, width)?.saturating_mul(2), "16-bit depth").map(<[u8]>::to_vec);
+            return fit::depth(bytes.to_vec(), raw_size(bytes, 2, sizes)?, sizes);
         }
     }
-    let image = decode(bytes, ImageFormat::Png, height, width)?;
+    let image = decode(bytes, ImageFormat::Png, sizes)?;
+    let found = (image.height(), image.width());
     if let DynamicImage::ImageLuma16(image) = image {
-        return Ok(image.into_raw().into_iter().flat_map(u16::to_le_bytes).collect());
+        return fit::depth(image.into_raw().into_iter().flat_map(u16::to_le_bytes).collect(), found, sizes);
     }
     let found = image.color();
     Err(broken(format!("the depth PNG has {found:?} pixels; save it as 16-bit gray in millimetres")))
@@ -118,7 +128,7 @@ pub(crate) fn codec_name(bytes: &[u8]) -> Option<&'static str> {
 }
 
 /// Checks the size in the header first, so that a false size reserves no memory.
-fn decode(bytes: &[u8], codec: ImageFormat, height: u32, width: u32) -> Result<DynamicImage, RecordingError> {
+fn decode(bytes: &[u8], codec: ImageFormat, sizes: &PictureSizes) -> Result<DynamicImage, RecordingError> {
     let fixable = |error: image::ImageError| broken(format!("{error}; record it again or as JPEG or PNG"));
     // The decoder silently fills the missing part of a truncated JPEG with gray.
     if codec == ImageFormat::Jpeg && !bytes.windows(2).rev().any(|marker| marker == [0xff, 0xd9]) {
@@ -126,21 +136,28 @@ fn decode(bytes: &[u8], codec: ImageFormat, height: u32, width: u32) -> Result<D
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), codec);
     let mut limits = Limits::default();
-    let pixels = u64::from(height) * u64::from(width);
+    let pixels = [sizes.recorded(), sizes.step()].map(|(height, width)| u64::from(height) * u64::from(width));
+    let pixels = pixels[0].max(pixels[1]);
     limits.max_alloc = Some(pixels.saturating_mul(BYTES_PER_PIXEL).saturating_add(BYTES_ASIDE));
     reader.limits(limits);
     let decoder = reader.into_decoder().map_err(fixable)?;
     let (found_width, found_height) = decoder.dimensions();
-    check_size((height, width), (found_height, found_width))?;
+    fit::check_size(sizes, (found_height, found_width))?;
     DynamicImage::from_decoder(decoder).map_err(fixable)
 }
 
-/// Compares (height, width) pairs.
-fn check_size(wanted: (u32, u32), found: (u32, u32)) -> Result<(), RecordingError> {
-    if wanted == found {
-        return Ok(());
-    }
-    Err(RecordingError::WrongSize { height: wanted.0, width: wanted.1, found_height: found.0, found_width: found.1 })
+/// The (height, width) of raw pixels: the recorded one or that of a step, whichever has as many bytes.
+pub(crate) fn raw_size(bytes: &[u8], pixel_bytes: u64, sizes: &PictureSizes) -> Result<(u32, u32), RecordingError> {
+    let length = |(height, width): (u32, u32)| (u64::from(height) * u64::from(width)).saturating_mul(pixel_bytes);
+    let found = u64::try_from(bytes.len()).unwrap_or(u64::MAX);
+    let fits = [sizes.recorded(), sizes.step()].into_iter().find(|size| length(*size) == found);
+    fits.ok_or_else(|| {
+        let what = if pixel_bytes == 3 { "8-bit RGB" } else { "16-bit depth" };
+        broken(format!(
+            "{found} bytes are neither JPEG, PNG nor WebP, and {what} of this size has {}; send one of these",
+            length(sizes.recorded())
+        ))
+    })
 }
 
 fn exact<'a>(bytes: &'a [u8], length: usize, what: &str) -> Result<&'a [u8], RecordingError> {

@@ -75,8 +75,8 @@ mod write;
 
 // What the functions here take and return.
 pub use gleaner_core::{
-    Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Finding, FindingCode, Mapping, Report, Severity,
-    TaskSpec, TopicReport,
+    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Finding, FindingCode, Mapping, PictureSizes,
+    RecordedSize, Report, Severity, TaskSpec, TopicReport,
 };
 
 pub use error::RecordingError;

@@ -22,7 +22,7 @@ pub(crate) enum Channel {
 }
 
 impl Channel {
-    /// Bytes of one decoded image.
+    /// Bytes of one image of a step.
     pub(crate) fn bytes(self, camera: &CameraSpec) -> usize {
         let pixels = (camera.height as usize).saturating_mul(camera.width as usize);
         match self {
@@ -32,9 +32,9 @@ impl Channel {
     }
 }
 
-/// Decodes the image that a message holds, at the size of the camera.
+/// Decodes the image that a message holds to the pixels of a step.
 pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec) -> Result<Vec<u8>, RecordingError> {
-    let (height, width) = (camera.height, camera.width);
+    let sizes = &camera.sizes();
     let data = &*data(message)?;
     if let Some(encoding) = message.text("encoding") {
         let size = |name| message.number(name).and_then(whole).ok_or_else(|| not_an_image(message));
@@ -47,15 +47,15 @@ pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec)
             data,
         };
         return match channel {
-            Channel::Color => raw_color(image, height, width),
-            Channel::Depth => raw_depth(image, height, width),
+            Channel::Color => raw_color(image, sizes),
+            Channel::Depth => raw_depth(image, sizes),
         };
     }
     let format = message.text("format").ok_or_else(|| not_an_image(message))?;
     // The compression is detected from the bytes, because drivers fill in any format.
     let decoded = match channel {
-        Channel::Color => decode_color(data, PixelFormat::Auto, height, width),
-        Channel::Depth => decode_depth(data, PixelFormat::Auto, height, width),
+        Channel::Color => decode_color(data, PixelFormat::Auto, sizes),
+        Channel::Depth => decode_depth(data, PixelFormat::Auto, sizes),
     };
     decoded.map_err(|mut error| {
         if let RecordingError::BrokenImage { problem } = &mut error {
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     fn camera() -> CameraSpec {
-        CameraSpec { name: "c".into(), height: 1, width: 2, depth: true }
+        CameraSpec { name: "c".into(), height: 1, width: 2, depth: true, recorded: None }
     }
 
     fn raw(encoding: &'static str, data: &'static [u8]) -> Value<'static> {

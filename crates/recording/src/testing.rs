@@ -13,7 +13,7 @@ pub(crate) fn arm() -> TaskSpec {
     TaskSpec {
         name: "arm".into(),
         rate_hz: 10.0,
-        cameras: vec![CameraSpec { name: "front".into(), height: 8, width: 16, depth: true }],
+        cameras: vec![CameraSpec { name: "front".into(), height: 8, width: 16, depth: true, recorded: None }],
         proprioception: vec![FieldSpec::new("joint_position", 2), FieldSpec::new("tool", 1)],
         action: vec![FieldSpec::new("command", 2)],
         alignment: Alignment::default(),

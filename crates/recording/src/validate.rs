@@ -8,7 +8,7 @@ use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
 use crate::limits::Limits;
 use crate::path::Path;
-use gleaner_core::{FieldSource, FieldSpec, Mapping, TaskSpec};
+use gleaner_core::{CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 
 /// Most cameras, fields of one kind, and mappings.
 const MAX_CAMERAS: usize = 16;
@@ -60,12 +60,14 @@ pub fn validate(spec: &TaskSpec) -> Result<(), RecordingError> {
 pub fn validate_within(spec: &TaskSpec, limits: &Limits) -> Result<(), RecordingError> {
     validate(spec)?;
     for (i, camera) in spec.cameras.iter().enumerate() {
-        let pixels = u64::from(camera.height) * u64::from(camera.width);
-        if pixels > limits.image_pixels {
-            return wrong(
-                format!("cameras[{i}]"),
-                format!("{pixels} pixels are more than the limit of {}; use smaller images", limits.image_pixels),
-            );
+        for (part, (height, width)) in [("", camera.sizes().step()), (".recorded", camera.sizes().recorded())] {
+            let pixels = u64::from(height) * u64::from(width);
+            if pixels > limits.image_pixels {
+                return wrong(
+                    format!("cameras[{i}]{part}"),
+                    format!("{pixels} pixels are more than the limit of {}; use smaller images", limits.image_pixels),
+                );
+            }
         }
     }
     Ok(())
@@ -81,17 +83,46 @@ fn check_cameras(spec: &TaskSpec) -> Result<(), RecordingError> {
                 "give each camera a name of its own, of the characters a-z A-Z 0-9 _ - .",
             );
         }
-        for (side, size) in [("height", camera.height), ("width", camera.width)] {
-            if size == 0 || size > MAX_IMAGE_SIDE {
-                return wrong(
-                    format!("cameras[{i}].{side}"),
-                    format!("{size} pixels is outside 1 to {MAX_IMAGE_SIDE}"),
-                );
-            }
-        }
+        check_sides(&format!("cameras[{i}]"), camera.sizes().step())?;
+        check_recorded(&format!("cameras[{i}].recorded"), camera)?;
     }
     if frame_bytes_per_step(spec) > MAX_STEP_BYTES {
         return wrong("cameras", "all images of a step together exceed 1 GiB; use smaller images");
+    }
+    Ok(())
+}
+
+fn check_sides(at: &str, (height, width): (u32, u32)) -> Result<(), RecordingError> {
+    for (side, size) in [("height", height), ("width", width)] {
+        if size == 0 || size > MAX_IMAGE_SIDE {
+            return wrong(format!("{at}.{side}"), format!("{size} pixels is outside 1 to {MAX_IMAGE_SIDE}"));
+        }
+    }
+    Ok(())
+}
+
+fn check_recorded(at: &str, camera: &CameraSpec) -> Result<(), RecordingError> {
+    let Some(recorded) = camera.recorded else { return Ok(()) };
+    check_sides(at, (recorded.height, recorded.width))?;
+    let pixels = |(height, width)| u64::from(height) * u64::from(width);
+    let (step, whole) = (camera.sizes().step(), camera.sizes().recorded());
+    if pixels(step) == pixels(whole) && step != whole {
+        let problem = "has as many pixels as a step, so that raw pictures of the two cannot be told apart; give the step \
+                       another size";
+        return wrong(at, problem);
+    }
+    let Some(crop) = recorded.crop else { return Ok(()) };
+    let ranges = [("height", crop.top, crop.height, recorded.height), ("width", crop.left, crop.width, recorded.width)];
+    for (side, first, length, all) in ranges {
+        if length == 0 || u64::from(first) + u64::from(length) > u64::from(all) {
+            let problem =
+                format!("{length} pixels from {first} on are not within the {all} recorded; give a part of them");
+            return wrong(format!("{at}.crop.{side}"), problem);
+        }
+    }
+    if step == whole && (crop.height, crop.width) != whole {
+        let problem = "a step of the recorded size cannot show a part of it; give the step another size";
+        return wrong(format!("{at}.crop"), problem);
     }
     Ok(())
 }

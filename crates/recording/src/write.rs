@@ -164,10 +164,10 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         let camera = &self.spec.cameras[at];
         let (rgb, rest) = frames.split_at(Channel::Color.bytes(camera));
         let (depth, rest) = rest.split_at(if camera.depth { Channel::Depth.bytes(camera) } else { 0 });
-        let jpeg = images::jpeg(camera, rgb)?;
+        let (jpeg, size) = (images::jpeg(camera, rgb)?, camera.sizes().step());
         self.image(at, Channel::Color, stamp_ns, images::Kept::Compressed("jpeg", &jpeg))?;
         if !depth.is_empty() {
-            self.image(at, Channel::Depth, stamp_ns, images::Kept::Raw(depth))?;
+            self.image(at, Channel::Depth, stamp_ns, images::Kept::Raw(size, depth))?;
         }
         Ok(rest)
     }

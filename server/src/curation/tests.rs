@@ -1,7 +1,7 @@
 //! Curation over a fresh database and real frame caches.
 
 use gleaner_recording::{
-    CameraSpec, Episode as Decoded, FieldSpec, PixelFormat, TaskSpec, decode_color, frame_bytes_per_step,
+    CameraSpec, Episode as Decoded, FieldSpec, PictureSizes, PixelFormat, TaskSpec, decode_color, frame_bytes_per_step,
 };
 use tempfile::TempDir;
 
@@ -34,7 +34,7 @@ async fn lab(spec: &TaskSpec) -> Lab {
 }
 
 fn camera(name: &str, depth: bool) -> CameraSpec {
-    CameraSpec { name: name.into(), height: 16, width: 16, depth }
+    CameraSpec { name: name.into(), height: 16, width: 16, depth, recorded: None }
 }
 
 /// Two cameras, two fields of proprioception.
@@ -70,13 +70,13 @@ async fn a_frame_is_the_recorded_step() {
     let episode = recorded(&lab, 20).await;
     for (step, name) in [(0, "front"), (7, "wrist"), (19, "front")] {
         let jpeg = lab.curation.frame(&episode.id, view(step, name)).await.unwrap();
-        let pixels = decode_color(&jpeg, PixelFormat::Jpeg, 16, 16).unwrap();
+        let pixels = decode_color(&jpeg, PixelFormat::Jpeg, &PictureSizes::new(16, 16)).unwrap();
         let expected = u8::try_from(step * 10).unwrap();
         assert!(pixels.iter().all(|pixel| pixel.abs_diff(expected) <= 2), "step {step} of {name}");
     }
     let small = FrameView { size: Some(8), depth: true, ..view(3, "front") };
     let jpeg = lab.curation.frame(&episode.id, small).await.unwrap();
-    assert!(decode_color(&jpeg, PixelFormat::Jpeg, 8, 8).is_ok());
+    assert!(decode_color(&jpeg, PixelFormat::Jpeg, &PictureSizes::new(8, 8)).is_ok());
 }
 
 #[tokio::test]

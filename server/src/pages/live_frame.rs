@@ -1,7 +1,7 @@
 //! The camera images of running sessions, in a format for browsers.
 
 use bytes::Bytes;
-use gleaner_recording::encode_jpeg;
+use gleaner_recording::{PictureSizes, PixelFormat, decode_color, encode_jpeg};
 
 use crate::{
     domain::{
@@ -15,7 +15,7 @@ use crate::{
 /// Good enough to see the robot's motion.
 const QUALITY: u8 = 80;
 
-/// The last image of a session's camera, and its content type.
+/// The last image of a session's camera as it was sent, a raw one as a step shows it, and its content type.
 ///
 /// # Errors
 /// NotFound, naming the missing session or camera; Invalid when a raw image does not have the size of its camera.
@@ -26,10 +26,10 @@ pub(super) async fn read(services: &Services, session: &SessionId, camera: &str)
     let image = seen.ok_or_else(missing)?;
     let task = services.store.task_by_id(&session.task_id).await?;
     let spec = task.spec.cameras.iter().find(|spec| spec.name == camera).ok_or_else(missing)?;
-    encoded(image, (spec.height, spec.width)).await
+    encoded(image, spec.sizes()).await
 }
 
-async fn encoded(image: Image, (height, width): (u32, u32)) -> Result<(&'static str, Bytes)> {
+async fn encoded(image: Image, sizes: PictureSizes) -> Result<(&'static str, Bytes)> {
     match image.format {
         ImageFormat::Jpeg => Ok(("image/jpeg", image.data)),
         ImageFormat::Png => Ok(("image/png", image.data)),
@@ -37,7 +37,11 @@ async fn encoded(image: Image, (height, width): (u32, u32)) -> Result<(&'static 
         ImageFormat::Any => Ok(("image/jpeg", image.data)),
         ImageFormat::Raw => {
             let doing = "encoding a session's image";
-            let encoded = tokio::task::spawn_blocking(move || encode_jpeg(&image.data, height, width, QUALITY))
+            let encode = move || {
+                let pixels = decode_color(&image.data, PixelFormat::Rgb8, &sizes)?;
+                encode_jpeg(&pixels, sizes.height, sizes.width, QUALITY)
+            };
+            let encoded = tokio::task::spawn_blocking(encode)
                 .await
                 .map_err(|error| Error::internal(doing, error))?
                 .map_err(|error| Error::invalid("camera", error))?;

@@ -51,16 +51,17 @@ pub(super) fn step(shape: &TaskShape, path: &str, observation: &Observation) -> 
     })
 }
 
-/// Appends one camera's pixels: RGB, then depth if it has any.
+/// Appends one camera's pixels of a step: RGB, then depth if it has any.
 fn pixels(into: &mut Vec<u8>, camera: &CameraShape, path: &str, frame: &CameraFrame) -> Result<()> {
-    let (height, width) = (camera.height, camera.width);
+    let sizes = camera.sizes();
     let field = format!("{path}.color");
     let color = present(&field, frame.color.as_ref())?;
     let format = pixel_format(color.format, PixelFormat::Rgb8);
-    if color.format == ImageFormat::Raw && color.data.len() == height as usize * width as usize * 3 {
+    let raw_bytes = camera.height as usize * camera.width as usize * 3;
+    if color.format == ImageFormat::Raw && camera.recorded.is_none() && color.data.len() == raw_bytes {
         into.extend_from_slice(&color.data);
     } else {
-        into.extend(decode_color(&color.data, format, height, width).map_err(|error| Error::invalid(&field, error))?);
+        into.extend(decode_color(&color.data, format, &sizes).map_err(|error| Error::invalid(&field, error))?);
     }
 
     let field = format!("{path}.depth");
@@ -77,7 +78,7 @@ fn pixels(into: &mut Vec<u8>, camera: &CameraShape, path: &str, frame: &CameraFr
         return Err(Error::invalid(&field, "depth cannot be JPEG, which is lossy; send PNG or RAW"));
     }
     let format = pixel_format(depth.format, PixelFormat::Depth16);
-    into.extend(decode_depth(&depth.data, format, height, width).map_err(|error| Error::invalid(&field, error))?);
+    into.extend(decode_depth(&depth.data, format, &sizes).map_err(|error| Error::invalid(&field, error))?);
     Ok(())
 }
 
@@ -136,10 +137,13 @@ pub(super) async fn step_of(shape: Arc<TaskShape>, path: &'static str, observati
     decode(move || step(&shape, path, &observation)).await
 }
 
-/// Whether decoding an observation takes no longer than waking another thread.
+/// Whether decoding an observation takes no longer than waking another thread: nothing to decompress or to resize.
 fn is_quick(shape: &TaskShape, observation: &Observation) -> bool {
     let raw = |image: &Option<Image>| image.as_ref().is_none_or(|image| image.format == ImageFormat::Raw);
-    shape.frame_bytes() <= SMALL && observation.cameras.iter().all(|frame| raw(&frame.color) && raw(&frame.depth))
+    let unchanged = shape.cameras.iter().all(|camera| camera.recorded.is_none());
+    shape.frame_bytes() <= SMALL
+        && unchanged
+        && observation.cameras.iter().all(|frame| raw(&frame.color) && raw(&frame.depth))
 }
 
 /// Runs decoding off the runtime.
@@ -161,7 +165,7 @@ mod tests {
     use crate::error::Kind;
 
     fn shape() -> TaskShape {
-        let camera = |name: &str, depth| CameraShape { name: name.into(), height: 8, width: 16, depth };
+        let camera = |name: &str, depth| CameraShape { name: name.into(), height: 8, width: 16, depth, recorded: None };
         TaskShape {
             cameras: vec![camera("top", true), camera("wrist", false)],
             proprioception: 2,
@@ -208,6 +212,23 @@ mod tests {
         assert!(step.frame[640..].iter().all(|&byte| byte.abs_diff(200) < 8));
     }
 
+    /// Training reads `decode_color`, so equal bytes here mean that a model is served what it was trained on.
+    #[tokio::test]
+    async fn pictures_of_the_recorded_size_become_those_of_a_step() {
+        let recorded = gleaner_recording::RecordedSize { height: 16, width: 40, crop: None };
+        let mut shape = shape();
+        shape.cameras[1].recorded = Some(recorded);
+        let large: Vec<u8> = (0..16 * 40 * 3).map(|at| u8::try_from(at * 7 % 256).unwrap()).collect();
+        let small = decode_color(&large, PixelFormat::Rgb8, &shape.cameras[1].sizes()).unwrap();
+        for sent in [&large, &small] {
+            let mut observation = right();
+            observation.cameras[0].color = raw(sent.clone());
+            assert!(!is_quick(&shape, &observation));
+            let step = step_of(Arc::new(shape.clone()), "observation", observation).await.unwrap();
+            assert_eq!(step.frame[640..], small);
+        }
+    }
+
     #[tokio::test]
     async fn a_few_raw_images_are_decoded_at_once_and_others_off_the_runtime() {
         let of = |shape: TaskShape, observation| step_of(Arc::new(shape), "observation", observation);
@@ -222,7 +243,7 @@ mod tests {
         assert_eq!(of(shape(), compressed).await.unwrap().frame.len(), shape().frame_bytes());
 
         let large = TaskShape {
-            cameras: vec![CameraShape { name: "top".into(), height: 512, width: 512, depth: false }],
+            cameras: vec![CameraShape { name: "top".into(), height: 512, width: 512, depth: false, recorded: None }],
             ..shape()
         };
         let mut observation = right();

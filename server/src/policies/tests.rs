@@ -71,7 +71,7 @@ impl Lab {
 }
 
 fn shape() -> TaskShape {
-    let camera = CameraShape { name: "top".into(), height: 16, width: 16, depth: false };
+    let camera = CameraShape { name: "top".into(), height: 16, width: 16, depth: false, recorded: None };
     TaskShape {
         cameras: vec![camera],
         proprioception: 2,

@@ -86,7 +86,7 @@ fn convert<M: Message + Default, T: Debug>(bytes: &[u8], from_proto: impl Fn(M) 
 }
 
 fn shape() -> TaskShape {
-    let camera = |name: &str, depth| CameraShape { name: name.to_owned(), height: 8, width: 8, depth };
+    let camera = |name: &str, depth| CameraShape { name: name.to_owned(), height: 8, width: 8, depth, recorded: None };
     TaskShape {
         cameras: vec![camera("top", true), camera("wrist", false)],
         proprioception: 2,

@@ -29,6 +29,20 @@ const CASES: &[Case] = &[
         s.cameras = s.cameras.iter().cycle().take(16).cloned().collect();
         s.cameras.iter_mut().enumerate().for_each(|(at, camera)| camera.name = at.to_string());
     }),
+    ("spec.cameras[0].recorded.height: ", |s| s.cameras[0].recorded = recorded(0, 640, None)),
+    ("spec.cameras[1].recorded.width: ", |s| s.cameras[1].recorded = recorded(480, 8193, None)),
+    ("spec.cameras[0].recorded: ", |s| {
+        s.cameras[0].recorded = recorded(s.cameras[0].height * 2, s.cameras[0].width / 2, None);
+    }),
+    ("spec.cameras[0].recorded.crop.height: ", |s| s.cameras[0].recorded = recorded(480, 640, Some([0, 0, 0, 640]))),
+    ("spec.cameras[0].recorded.crop.height: ", |s| {
+        s.cameras[0].recorded = recorded(480, 640, Some([u32::MAX, 0, 480, 640]));
+    }),
+    ("spec.cameras[0].recorded.crop.width: ", |s| s.cameras[0].recorded = recorded(480, 640, Some([0, 1, 480, 640]))),
+    ("spec.cameras[0].recorded.crop: ", |s| {
+        let (height, width) = (s.cameras[0].height, s.cameras[0].width);
+        s.cameras[0].recorded = recorded(height, width, Some([0, 0, height - 1, width]));
+    }),
     ("spec.proprioception: has 257", |s| s.proprioception = vec![s.proprioception[0].clone(); 257]),
     ("spec.proprioception[0].name: ", |s| s.proprioception[0].name = "timestamp".into()),
     ("spec.proprioception[0].size: ", |s| s.proprioception[0].size = 0),
@@ -59,6 +73,12 @@ const CASES: &[Case] = &[
         s.mappings[0].fields[0].names = vec!["a".into(); s.proprioception[0].size as usize + 1];
     }),
 ];
+
+/// A recorded size; the crop is top, left, height and width.
+fn recorded(height: u32, width: u32, crop: Option<[u32; 4]>) -> Option<RecordedSize> {
+    let crop = crop.map(|[top, left, height, width]| Crop { top, left, height, width });
+    Some(RecordedSize { height, width, crop })
+}
 
 #[tokio::test]
 async fn every_invalid_field_of_a_task_is_rejected() {

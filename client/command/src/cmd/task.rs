@@ -130,7 +130,9 @@ async fn show(context: &Context, name: String) -> Result<()> {
 fn describe(task: &Task, spec: &TaskSpec) -> String {
     let cameras = spec.cameras.iter().map(|camera| {
         let kind = if camera.depth { "RGBD" } else { "RGB" };
-        format!("{} {}×{} {kind}", camera.name, camera.height, camera.width)
+        let (height, width) = camera.sizes().recorded();
+        let recorded = camera.recorded.map(|_| format!(" from {height}×{width}")).unwrap_or_default();
+        format!("{} {}×{}{recorded} {kind}", camera.name, camera.height, camera.width)
     });
     let sizes = |fields: &[FieldSpec]| {
         let each = fields.iter().map(|field| format!("{} {}{}", field.name, field.size, range(field)));

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -72,28 +72,31 @@ def _camera(camera: CameraSpec, observation: Observation) -> pb.CameraFrame:
     name = camera.name
     if name not in observation.images:
         raise invalid(f"images.{name}", "is missing; send an image of every camera of the task")
-    shape = (camera.height, camera.width)
+    # The size of recordings, which the server crops and resizes, or that of a step.
+    recorded = camera.recorded if camera.HasField("recorded") else camera
+    sizes = [(recorded.height, recorded.width), (camera.height, camera.width)]
+    colors = [(*size, 3) for size in sizes]
     frame = pb.CameraFrame(
-        camera=name, color=_image(f"images.{name}", observation.images[name], np.dtype(np.uint8), (*shape, 3))
+        camera=name, color=_image(f"images.{name}", observation.images[name], np.dtype(np.uint8), colors)
     )
     if camera.depth:
         if name not in observation.depth:
             raise invalid(f"depth.{name}", "is missing; the task's camera has depth")
-        frame.depth.CopyFrom(_image(f"depth.{name}", observation.depth[name], np.dtype("<u2"), shape))
+        frame.depth.CopyFrom(_image(f"depth.{name}", observation.depth[name], np.dtype("<u2"), sizes))
     elif name in observation.depth:
         raise invalid(f"depth.{name}", "the task's camera has no depth; leave it out")
     return frame
 
 
-def _image(path: str, given: NDArray[Any] | bytes, kind: np.dtype[Any], shape: tuple[int, ...]) -> pb.Image:
+def _image(path: str, given: NDArray[Any] | bytes, kind: np.dtype[Any], shapes: Sequence[tuple[int, ...]]) -> pb.Image:
     if isinstance(given, bytes):
         return pb.Image(data=given)
     array = np.asarray(given)
     # Never converted implicitly: a float image in [0, 1] would turn black, metres would turn to zero.
     if array.dtype != kind:
         raise invalid(path, f"is of {array.dtype}, must be {kind.name}")
-    if array.shape != shape:
-        raise invalid(path, f"is {_times(array.shape)}, the task has {_times(shape)}")
+    if array.shape not in shapes:
+        raise invalid(path, f"is {_times(array.shape)}, the task has {_times(shapes[0])}")
     return pb.Image(format=pb.IMAGE_FORMAT_RAW, data=array.tobytes())
 
 

@@ -4,7 +4,7 @@ use gleaner_proto::v1;
 
 use super::field;
 use crate::{
-    Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec,
+    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Mapping, RecordedSize, TaskSpec,
     error::{Error, Result},
     task::{OutcomeCounts, Task},
 };
@@ -31,8 +31,14 @@ pub fn spec_from_proto(spec: v1::TaskSpec) -> Result<TaskSpec> {
 }
 
 fn camera_from(camera: v1::CameraSpec) -> CameraSpec {
-    let v1::CameraSpec { name, height, width, depth } = camera;
-    CameraSpec { name, height, width, depth }
+    let v1::CameraSpec { name, height, width, depth, recorded } = camera;
+    CameraSpec { name, height, width, depth, recorded: recorded.map(recorded_from) }
+}
+
+fn recorded_from(recorded: v1::RecordedSize) -> RecordedSize {
+    let v1::RecordedSize { height, width, crop } = recorded;
+    let crop = crop.map(|v1::Crop { top, left, height, width }| Crop { top, left, height, width });
+    RecordedSize { height, width, crop }
 }
 
 fn field_from(field: v1::FieldSpec) -> FieldSpec {
@@ -105,8 +111,14 @@ pub fn spec_to_proto(spec: TaskSpec) -> v1::TaskSpec {
 }
 
 fn camera_to(camera: CameraSpec) -> v1::CameraSpec {
-    let CameraSpec { name, height, width, depth } = camera;
-    v1::CameraSpec { name, height, width, depth }
+    let CameraSpec { name, height, width, depth, recorded } = camera;
+    v1::CameraSpec { name, height, width, depth, recorded: recorded.map(recorded_to) }
+}
+
+fn recorded_to(recorded: RecordedSize) -> v1::RecordedSize {
+    let RecordedSize { height, width, crop } = recorded;
+    let crop = crop.map(|Crop { top, left, height, width }| v1::Crop { top, left, height, width });
+    v1::RecordedSize { height, width, crop }
 }
 
 fn field_to(field: FieldSpec) -> v1::FieldSpec {
@@ -147,7 +159,17 @@ pub(crate) mod tests {
         TaskSpec {
             name: "reach".into(),
             rate_hz: 10.0,
-            cameras: vec![CameraSpec { name: "front".into(), height: 4, width: 6, depth: true }],
+            cameras: vec![CameraSpec {
+                name: "front".into(),
+                height: 4,
+                width: 6,
+                depth: true,
+                recorded: Some(RecordedSize {
+                    height: 8,
+                    width: 16,
+                    crop: Some(Crop { top: 1, left: 2, height: 6, width: 12 }),
+                }),
+            }],
             proprioception: vec![FieldSpec::new("joint_position", 2)],
             action: vec![FieldSpec {
                 minimum: Some(-1.0),

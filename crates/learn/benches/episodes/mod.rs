@@ -10,7 +10,7 @@ const STEPS: usize = 100;
 
 /// A model and a task with two cameras of `side` pixels a side.
 pub(crate) fn sizes(preset: Preset, side: u32, depth: bool) -> (ModelSpec, TaskShape) {
-    let camera = |name: &str| CameraShape { name: name.into(), height: side, width: side, depth };
+    let camera = |name: &str| CameraShape { name: name.into(), height: side, width: side, depth, recorded: None };
     let shape = TaskShape {
         cameras: vec![camera("top"), camera("hand")],
         proprioception: 38,

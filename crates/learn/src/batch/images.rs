@@ -53,7 +53,7 @@ mod tests {
 
     #[test]
     fn colour_and_depth_land_in_their_channels() {
-        let camera = |depth| CameraShape { name: "c".into(), height: 1, width: 2, depth };
+        let camera = |depth| CameraShape { name: "c".into(), height: 1, width: 2, depth, recorded: None };
         let shape = TaskShape {
             cameras: vec![camera(false), camera(true)],
             proprioception: 1,

@@ -178,7 +178,7 @@ mod tests {
             sizes.into_iter().flat_map(|size| kinds.clone().map(move |kind| (size, kind)))
         {
             let shape = TaskShape {
-                cameras: vec![CameraShape { name: "c".into(), height, width, depth }],
+                cameras: vec![CameraShape { name: "c".into(), height, width, depth, recorded: None }],
                 proprioception: 1,
                 action: 1,
                 ranges: gleaner_core::action::ActionRanges::default(),

@@ -97,7 +97,8 @@ mod tests {
 
     #[test]
     fn every_bit_is_as_in_the_long_way() {
-        let camera = |name: &str, height, width, depth| CameraShape { name: name.into(), height, width, depth };
+        let camera =
+            |name: &str, height, width, depth| CameraShape { name: name.into(), height, width, depth, recorded: None };
         let shape = TaskShape {
             cameras: vec![camera("a", 16, 48, true), camera("b", 8, 32, false)],
             proprioception: 1,

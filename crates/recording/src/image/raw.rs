@@ -1,6 +1,8 @@
 //! Uncompressed images as cameras send them: pixel encodings, padded rows and byte orders.
 
-use super::{broken, check_size};
+use gleaner_core::PictureSizes;
+
+use super::{broken, fit};
 use crate::error::RecordingError;
 
 /// An uncompressed image, as a message describes it.
@@ -16,9 +18,10 @@ pub(crate) struct RawImage<'a> {
     pub(crate) data: &'a [u8],
 }
 
-/// Converts to height × width × 3 bytes of RGB.
-pub(crate) fn raw_color(image: RawImage<'_>, height: u32, width: u32) -> Result<Vec<u8>, RecordingError> {
-    check_size((height, width), (image.height, image.width))?;
+/// Converts to the pixels of a step, height × width × 3 bytes of RGB.
+pub(crate) fn raw_color(image: RawImage<'_>, sizes: &PictureSizes) -> Result<Vec<u8>, RecordingError> {
+    let found = (image.height, image.width);
+    fit::check_size(sizes, found)?;
     // The bytes of a pixel, and the places of red, green and blue.
     let (bytes, order) = match image.encoding {
         "rgb8" => (3, [0, 1, 2]),
@@ -38,13 +41,14 @@ pub(crate) fn raw_color(image: RawImage<'_>, height: u32, width: u32) -> Result<
             out.extend(order.map(|at| pixel.get(at).copied().unwrap_or_default()));
         }
     }
-    Ok(out)
+    fit::color(out, found, sizes)
 }
 
-/// Converts to height × width 16-bit little-endian millimetres. Metres that are not finite or not above
+/// Converts to the pixels of a step, height × width 16-bit little-endian millimetres. Metres that are not finite or not above
 /// zero become 0, which means no reading.
-pub(crate) fn raw_depth(image: RawImage<'_>, height: u32, width: u32) -> Result<Vec<u8>, RecordingError> {
-    check_size((height, width), (image.height, image.width))?;
+pub(crate) fn raw_depth(image: RawImage<'_>, sizes: &PictureSizes) -> Result<Vec<u8>, RecordingError> {
+    let found = (image.height, image.width);
+    fit::check_size(sizes, found)?;
     let mut out = Vec::new();
     match image.encoding {
         "16UC1" | "mono16" => {
@@ -70,7 +74,7 @@ pub(crate) fn raw_depth(image: RawImage<'_>, height: u32, width: u32) -> Result<
             )));
         }
     }
-    Ok(out)
+    fit::depth(out, found, sizes)
 }
 
 fn millimetres(metres: f32) -> u16 {
@@ -123,35 +127,57 @@ mod tests {
             ("rgba8", &[1, 2, 3, 9, 4, 5, 6, 9]),
             ("bgra8", &[3, 2, 1, 9, 6, 5, 4, 9]),
         ] {
-            assert_eq!(raw_color(image(encoding, 0, data), 2, 1).unwrap(), [1, 2, 3, 4, 5, 6], "{encoding}");
+            assert_eq!(
+                raw_color(image(encoding, 0, data), &PictureSizes::new(2, 1)).unwrap(),
+                [1, 2, 3, 4, 5, 6],
+                "{encoding}"
+            );
         }
-        assert_eq!(raw_color(image("mono8", 1, &[7, 8]), 2, 1).unwrap(), [7, 7, 7, 8, 8, 8]);
+        assert_eq!(raw_color(image("mono8", 1, &[7, 8]), &PictureSizes::new(2, 1)).unwrap(), [7, 7, 7, 8, 8, 8]);
     }
 
     #[test]
     fn padding_is_skipped_even_when_the_last_row_has_none() {
         let padded = [1, 2, 3, 0, 0, 4, 5, 6];
-        assert_eq!(raw_color(image("rgb8", 5, &padded), 2, 1).unwrap(), [1, 2, 3, 4, 5, 6]);
-        assert_eq!(raw_depth(image("16UC1", 4, &[1, 2, 0, 0, 3, 4]), 2, 1).unwrap(), [1, 2, 3, 4]);
+        assert_eq!(raw_color(image("rgb8", 5, &padded), &PictureSizes::new(2, 1)).unwrap(), [1, 2, 3, 4, 5, 6]);
+        assert_eq!(raw_depth(image("16UC1", 4, &[1, 2, 0, 0, 3, 4]), &PictureSizes::new(2, 1)).unwrap(), [1, 2, 3, 4]);
     }
 
     #[test]
     fn depth_becomes_little_endian_millimetres() {
         let big = RawImage { big_endian: true, ..image("16UC1", 2, &[1, 2, 3, 4]) };
-        assert_eq!(raw_depth(big, 2, 1).unwrap(), [2, 1, 4, 3]);
+        assert_eq!(raw_depth(big, &PictureSizes::new(2, 1)).unwrap(), [2, 1, 4, 3]);
         let metres = [1.2345f32.to_le_bytes(), f32::NAN.to_le_bytes()].concat();
-        assert_eq!(raw_depth(image("32FC1", 4, &metres), 2, 1).unwrap(), [1235u16.to_le_bytes(), [0, 0]].concat());
+        assert_eq!(
+            raw_depth(image("32FC1", 4, &metres), &PictureSizes::new(2, 1)).unwrap(),
+            [1235u16.to_le_bytes(), [0, 0]].concat()
+        );
         assert_eq!((millimetres(f32::INFINITY), millimetres(-1.0), millimetres(99.0)), (0, 0, 65535));
     }
 
     #[test]
     fn short_or_unsupported_images_are_errors() {
-        assert!(raw_color(image("rgb8", 3, &[0; 5]), 2, 1).unwrap_err().to_string().contains("need 6 bytes"));
-        assert!(raw_color(image("rgb8", 2, &[0; 9]), 2, 1).is_err());
-        assert!(raw_color(image("yuv422", 2, &[0; 9]), 2, 1).unwrap_err().to_string().contains("yuv422"));
-        assert!(raw_depth(image("rgb8", 3, &[0; 9]), 2, 1).unwrap_err().to_string().contains("16UC1"));
-        assert!(matches!(raw_color(image("rgb8", 3, &[0; 6]), 3, 1), Err(RecordingError::WrongSize { .. })));
+        assert!(
+            raw_color(image("rgb8", 3, &[0; 5]), &PictureSizes::new(2, 1))
+                .unwrap_err()
+                .to_string()
+                .contains("need 6 bytes")
+        );
+        assert!(raw_color(image("rgb8", 2, &[0; 9]), &PictureSizes::new(2, 1)).is_err());
+        assert!(
+            raw_color(image("yuv422", 2, &[0; 9]), &PictureSizes::new(2, 1))
+                .unwrap_err()
+                .to_string()
+                .contains("yuv422")
+        );
+        assert!(
+            raw_depth(image("rgb8", 3, &[0; 9]), &PictureSizes::new(2, 1)).unwrap_err().to_string().contains("16UC1")
+        );
+        assert!(matches!(
+            raw_color(image("rgb8", 3, &[0; 6]), &PictureSizes::new(3, 1)),
+            Err(RecordingError::WrongSize { .. })
+        ));
         let huge = RawImage { height: u32::MAX, width: u32::MAX, ..image("rgb8", u32::MAX, &[0; 9]) };
-        assert!(raw_color(huge, u32::MAX, u32::MAX).is_err());
+        assert!(raw_color(huge, &PictureSizes::new(u32::MAX, u32::MAX)).is_err());
     }
 }

@@ -1,5 +1,6 @@
 //! Tests of the parent module.
 
+use gleaner_core::{Crop, RecordedSize};
 use image::ImageEncoder;
 
 use super::*;
@@ -21,12 +22,12 @@ fn gradient(height: u32, width: u32) -> Vec<u8> {
 fn jpeg_round_trip_is_close_and_png_exact() {
     let rgb = gradient(16, 24);
     let jpeg = encode_jpeg(&rgb, 16, 24, 92).unwrap();
-    let back = decode_color(&jpeg, PixelFormat::Auto, 16, 24).unwrap();
+    let back = decode_color(&jpeg, PixelFormat::Auto, &PictureSizes::new(16, 24)).unwrap();
     let worst = rgb.iter().zip(&back).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
     assert!(back.len() == rgb.len() && worst < 12, "{worst}");
     let png = png(&rgb, 16, 24, ExtendedColorType::Rgb8);
-    assert_eq!(decode_color(&png, PixelFormat::Png, 16, 24).unwrap(), rgb);
-    assert_eq!(decode_color(&rgb, PixelFormat::Auto, 16, 24).unwrap(), rgb);
+    assert_eq!(decode_color(&png, PixelFormat::Png, &PictureSizes::new(16, 24)).unwrap(), rgb);
+    assert_eq!(decode_color(&rgb, PixelFormat::Auto, &PictureSizes::new(16, 24)).unwrap(), rgb);
 }
 
 #[test]
@@ -35,19 +36,21 @@ fn depth_is_exact_raw_and_as_png() {
     let little: Vec<u8> = millimetres.iter().flat_map(|mm| mm.to_le_bytes()).collect();
     let native: Vec<u8> = millimetres.iter().flat_map(|mm| mm.to_ne_bytes()).collect();
     let png = png(&native, 2, 3, ExtendedColorType::L16);
-    assert_eq!(decode_depth(&little, PixelFormat::Depth16, 2, 3).unwrap(), little);
-    assert_eq!(decode_depth(&png, PixelFormat::Auto, 2, 3).unwrap(), little);
+    assert_eq!(decode_depth(&little, PixelFormat::Depth16, &PictureSizes::new(2, 3)).unwrap(), little);
+    assert_eq!(decode_depth(&png, PixelFormat::Auto, &PictureSizes::new(2, 3)).unwrap(), little);
     let with_prefix = [&[0; 12][..], &png].concat();
-    assert_eq!(decode_depth(&with_prefix, PixelFormat::Auto, 2, 3).unwrap(), little);
+    assert_eq!(decode_depth(&with_prefix, PixelFormat::Auto, &PictureSizes::new(2, 3)).unwrap(), little);
 }
 
 #[test]
 fn a_wrong_size_names_both() {
     let jpeg = encode_jpeg(&gradient(16, 24), 16, 24, 92).unwrap();
-    let error = decode_color(&jpeg, PixelFormat::Jpeg, 24, 16).unwrap_err();
+    let error = decode_color(&jpeg, PixelFormat::Jpeg, &PictureSizes::new(24, 16)).unwrap_err();
     assert!(matches!(error, RecordingError::WrongSize { height: 24, width: 16, found_height: 16, found_width: 24 }));
     assert!(error.to_string().contains("16×24") && error.to_string().contains("24×16"));
-    assert!(decode_color(&[0; 10], PixelFormat::Rgb8, 2, 2).unwrap_err().to_string().contains("12"));
+    assert!(
+        decode_color(&[0; 10], PixelFormat::Rgb8, &PictureSizes::new(2, 2)).unwrap_err().to_string().contains("12")
+    );
 }
 
 #[test]
@@ -55,12 +58,20 @@ fn broken_and_mistaken_images_are_errors() {
     let mut jpeg = encode_jpeg(&gradient(16, 24), 16, 24, 92).unwrap();
     for length in [jpeg.len() - 20, 30] {
         jpeg.truncate(length);
-        assert!(matches!(decode_color(&jpeg, PixelFormat::Auto, 16, 24), Err(RecordingError::BrokenImage { .. })));
+        assert!(matches!(
+            decode_color(&jpeg, PixelFormat::Auto, &PictureSizes::new(16, 24)),
+            Err(RecordingError::BrokenImage { .. })
+        ));
     }
-    assert!(decode_color(&[0; 12], PixelFormat::Depth16, 2, 2).is_err());
-    assert!(decode_depth(&[0; 8], PixelFormat::Rgb8, 2, 2).is_err());
+    assert!(decode_color(&[0; 12], PixelFormat::Depth16, &PictureSizes::new(2, 2)).is_err());
+    assert!(decode_depth(&[0; 8], PixelFormat::Rgb8, &PictureSizes::new(2, 2)).is_err());
     let color = png(&gradient(2, 2), 2, 2, ExtendedColorType::Rgb8);
-    assert!(decode_depth(&color, PixelFormat::Auto, 2, 2).unwrap_err().to_string().contains("16-bit gray"));
+    assert!(
+        decode_depth(&color, PixelFormat::Auto, &PictureSizes::new(2, 2))
+            .unwrap_err()
+            .to_string()
+            .contains("16-bit gray")
+    );
     assert!(encode_jpeg(&[0; 3], 2, 2, 90).is_err());
 }
 
@@ -68,5 +79,26 @@ fn broken_and_mistaken_images_are_errors() {
 fn false_image_size_reserves_no_memory() {
     let mut png = png(&gradient(2, 2), 2, 2, ExtendedColorType::Rgb8);
     png[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
-    assert!(decode_color(&png, PixelFormat::Auto, 2, 2).is_err());
+    assert!(decode_color(&png, PixelFormat::Auto, &PictureSizes::new(2, 2)).is_err());
+}
+
+/// A picture of the recorded size, one of a step's size and a raw one of each are the same step.
+#[test]
+fn recorded_pictures_and_those_of_a_step_are_read() {
+    let recorded = RecordedSize { height: 16, width: 24, crop: Some(Crop { top: 0, left: 4, height: 16, width: 16 }) };
+    let sizes = PictureSizes { height: 8, width: 8, recorded: Some(recorded) };
+    let rgb = gradient(16, 24);
+    let step = decode_color(&rgb, PixelFormat::Rgb8, &sizes).unwrap();
+    assert_eq!(step.len(), 8 * 8 * 3);
+    let png = png(&rgb, 16, 24, ExtendedColorType::Rgb8);
+    assert_eq!(decode_color(&png, PixelFormat::Auto, &sizes).unwrap(), step);
+    assert_eq!(decode_color(&step, PixelFormat::Rgb8, &sizes).unwrap(), step);
+    let raw = |height, width, data| RawImage { height, width, encoding: "rgb8", step: 0, big_endian: false, data };
+    assert_eq!(raw_color(raw(16, 24, &rgb), &sizes).unwrap(), step);
+    assert_eq!(raw_color(raw(8, 8, &step), &sizes).unwrap(), step);
+
+    let depth: Vec<u8> = (0..16 * 24_u16).flat_map(u16::to_le_bytes).collect();
+    let small = decode_depth(&depth, PixelFormat::Depth16, &sizes).unwrap();
+    assert_eq!(small[..4], [(24 + 5_u16).to_le_bytes(), (24 + 7_u16).to_le_bytes()].concat());
+    assert_eq!(decode_depth(&small, PixelFormat::Depth16, &sizes).unwrap(), small);
 }

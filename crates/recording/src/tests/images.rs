@@ -9,7 +9,10 @@ use serde_json::{Value, json};
 use super::fixture;
 use super::scene::{Scene, check, read_bytes};
 use crate::testing::arm;
-use crate::{FindingCode, Severity, TaskSpec, encode_jpeg, read_episode};
+use crate::{
+    Crop, FindingCode, PixelFormat, RecordedSize, Severity, TaskSpec, decode_color, decode_depth, encode_jpeg,
+    read_episode,
+};
 
 /// The pixels of a step: red follows the step.
 fn color(step: usize) -> Vec<u8> {
@@ -49,6 +52,27 @@ fn raw_images_in_json_are_base64_text() {
     let reading = scene(6, |step| (raw("rgb8", 3, &color(step)), raw("16UC1", 2, &depth(step)))).read(&task()).unwrap();
     assert_eq!((reading.report.steps, reading.report.findings.as_slice()), (6, &[][..]));
     let expected: Vec<u8> = (0..6).flat_map(|step| [color(step), depth(step)].concat()).collect();
+    assert!(reading.episode.frames().as_ref() == expected);
+}
+
+/// Robots' observations pass `decode_color` and `decode_depth` too, so a policy is served the pixels that it was trained on.
+#[test]
+fn recorded_pictures_become_those_of_a_step() {
+    let mut spec = task();
+    let recorded = RecordedSize { height: 8, width: 16, crop: Some(Crop { top: 1, left: 2, height: 6, width: 12 }) };
+    (spec.cameras[0].height, spec.cameras[0].width, spec.cameras[0].recorded) = (3, 5, Some(recorded));
+    let colors: Vec<Vec<u8>> = (0..4)
+        .map(|step: u8| (0..8 * 16 * 3).map(|at: usize| u8::try_from(at * 5 % 256).unwrap() ^ step).collect())
+        .collect();
+    let reading = scene(4, |step| (raw("rgb8", 3, &colors[step]), raw("16UC1", 2, &depth(step)))).read(&spec).unwrap();
+    assert_eq!(reading.report.findings, []);
+    let sizes = spec.cameras[0].sizes();
+    let of_step = |step: usize| {
+        let color = decode_color(&colors[step], PixelFormat::Rgb8, &sizes).unwrap();
+        [color, decode_depth(&depth(step), PixelFormat::Depth16, &sizes).unwrap()].concat()
+    };
+    let expected: Vec<u8> = (0..4).flat_map(of_step).collect();
+    assert_eq!(expected.len(), 4 * 3 * 5 * 5);
     assert!(reading.episode.frames().as_ref() == expected);
 }
 

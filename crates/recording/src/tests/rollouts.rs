@@ -137,7 +137,7 @@ fn compressed_images_are_kept_byte_for_byte() {
     }
     writer.flush().unwrap();
     let bytes = writer.finish().unwrap().into_inner();
-    let decoded = crate::decode_color(&jpeg, PixelFormat::Jpeg, 8, 16).unwrap();
+    let decoded = crate::decode_color(&jpeg, PixelFormat::Jpeg, &spec.cameras[0].sizes()).unwrap();
     let reading = read(&bytes, &spec).unwrap();
     assert!(reading.episode.frames().as_ref() == [decoded.clone(), decoded, vec![7; 384]].concat());
 }

@@ -26,8 +26,8 @@ pub(super) struct ImageChannels(BTreeMap<(usize, bool, bool), u16>);
 pub(super) enum Kept<'a> {
     /// A file of this format.
     Compressed(&'static str, &'a [u8]),
-    /// Rows of RGB bytes or of 16-bit little-endian millimetres, of the camera's size.
-    Raw(&'a [u8]),
+    /// The (height, width), and rows of RGB bytes or of 16-bit little-endian millimetres.
+    Raw((u32, u32), &'a [u8]),
 }
 
 /// Rows of RGB as JPEG.
@@ -61,14 +61,14 @@ impl<W: Write + Seek> EpisodeWriter<W> {
             Kept::Compressed(format, data) => {
                 CompressedImage { timestamp, data: data.to_vec(), format: format.to_owned(), frame_id }.encode_to_vec()
             }
-            Kept::Raw(data) => {
+            Kept::Raw((height, width), data) => {
                 let (encoding, pixel_bytes) = if color { ("rgb8", 3) } else { ("16UC1", 2) };
                 RawImage {
                     timestamp,
-                    width: camera.width,
-                    height: camera.height,
+                    width,
+                    height,
                     encoding: encoding.to_owned(),
-                    step: camera.width * pixel_bytes,
+                    step: width * pixel_bytes,
                     data: data.to_vec(),
                     frame_id,
                 }

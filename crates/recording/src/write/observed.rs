@@ -6,7 +6,7 @@ use std::io::{Seek, Write};
 use super::EpisodeWriter;
 use super::images::Kept;
 use crate::error::RecordingError;
-use crate::image::{PixelFormat, codec_name, decode_color, decode_depth, without_ros_prefix};
+use crate::image::{PixelFormat, codec_name, decode_color, decode_depth, raw_size, without_ros_prefix};
 use crate::picture::Channel;
 use gleaner_core::CameraSpec;
 
@@ -45,10 +45,10 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     pub fn check(&self, observation: ObservationRef<'_>) -> Result<(), RecordingError> {
         self.check_observation(observation)?;
         for (camera, images) in self.spec.cameras.iter().zip(observation.cameras) {
-            let (height, width) = (camera.height, camera.width);
-            decode_color(images.color.data, images.color.format, height, width)?;
+            let sizes = camera.sizes();
+            decode_color(images.color.data, images.color.format, &sizes)?;
             if let Some(depth) = images.depth {
-                decode_depth(depth.data, depth.format, height, width)?;
+                decode_depth(depth.data, depth.format, &sizes)?;
             }
         }
         Ok(())
@@ -104,12 +104,14 @@ impl<W: Write + Seek> EpisodeWriter<W> {
             return Ok(Kept::Compressed(format, data));
         }
         let camera = &self.spec.cameras[at];
-        let size = kind.bytes(camera);
-        if data.len() != size {
-            let problem = format!("camera {}: {} bytes of raw pixels, its size has {size}", camera.name, data.len());
-            return Err(RecordingError::BrokenImage { problem });
-        }
-        Ok(Kept::Raw(data))
+        let pixel_bytes = if kind == Channel::Color { 3 } else { 2 };
+        let size = raw_size(data, pixel_bytes, &camera.sizes()).map_err(|mut error| {
+            if let RecordingError::BrokenImage { problem } = &mut error {
+                problem.insert_str(0, &format!("camera {}: ", camera.name));
+            }
+            error
+        })?;
+        Ok(Kept::Raw(size, data))
     }
 
     fn check_observation(&self, observation: ObservationRef<'_>) -> Result<(), RecordingError> {

@@ -108,7 +108,8 @@ impl FromStr for Task {
 #[must_use]
 pub fn task_spec(task: Task, config: &SimConfig) -> TaskSpec {
     let size = config.image_size();
-    let camera = |name: &str| CameraSpec { name: name.to_owned(), height: size, width: size, depth: true };
+    let camera =
+        |name: &str| CameraSpec { name: name.to_owned(), height: size, width: size, depth: true, recorded: None };
     let goal = if task.rules().goal_given { GOAL } else { &[] };
     let mut spec = TaskSpec {
         name: task.name().to_owned(),

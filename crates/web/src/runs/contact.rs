@@ -38,7 +38,7 @@ mod tests {
     fn each_segment_links_to_its_step_and_run() {
         let (run, episode_id) = (ScoreRunId::new(), EpisodeId::new());
         let segment = SegmentRef { episode_id: episode_id.clone(), end_step: 17, q: 0.25 };
-        let camera = CameraSpec { name: "front cam".into(), height: 48, width: 64, depth: false };
+        let camera = CameraSpec { name: "front cam".into(), height: 48, width: 64, depth: false, recorded: None };
         let shown = sheet(&run, Some(&camera), std::slice::from_ref(&segment)).into_string();
         assert!(shown.contains(&format!("href=\"/episodes/{episode_id}?run={run}&amp;step=17\"")), "{shown}");
         assert!(

@@ -2,13 +2,14 @@
 
 #![allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests only")]
 
-use gleaner_recording::{Alignment, PixelFormat, decode_color};
+use gleaner_recording::{Alignment, PictureSizes, PixelFormat, decode_color};
 
 use super::*;
 use crate::error::Kind;
 
 fn spec() -> TaskSpec {
-    let camera = |name: &str, height, width, depth| CameraSpec { name: name.into(), height, width, depth };
+    let camera =
+        |name: &str, height, width, depth| CameraSpec { name: name.into(), height, width, depth, recorded: None };
     TaskSpec {
         name: "stack".into(),
         rate_hz: 10.0,
@@ -37,7 +38,7 @@ fn view(camera: &str) -> FrameView {
 
 fn drawn(view: &FrameView, height: u32, width: u32) -> Vec<u8> {
     let jpeg = picture(&spec(), &frame(), view).unwrap();
-    decode_color(&jpeg, PixelFormat::Jpeg, height, width).unwrap()
+    decode_color(&jpeg, PixelFormat::Jpeg, &PictureSizes::new(height, width)).unwrap()
 }
 
 fn assert_near(found: &[u8], expected: &[u8], within: u8) {

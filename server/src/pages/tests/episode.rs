@@ -26,7 +26,7 @@ struct Lab {
 /// Pages over a task with one camera.
 async fn lab() -> Lab {
     let pages = Pages::open(false).await;
-    let camera = CameraSpec { name: "front".into(), height: 16, width: 16, depth: true };
+    let camera = CameraSpec { name: "front".into(), height: 16, width: 16, depth: true, recorded: None };
     let spec = TaskSpec { cameras: vec![camera], ..testing::spec() };
     let task = pages.services.store.insert_task(&spec).await.unwrap();
     Lab { pages, task }

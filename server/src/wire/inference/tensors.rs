@@ -70,7 +70,8 @@ impl Tensors {
         let tensor = |name: String, role, shape| Tensor { name, role, shape };
         let mut inputs = Vec::new();
         for (number, camera) in shape.cameras.iter().enumerate() {
-            let (height, width) = (i64::from(camera.height), i64::from(camera.width));
+            let (height, width) = camera.sizes().recorded();
+            let (height, width) = (i64::from(height), i64::from(width));
             inputs.push(tensor(camera.name.clone(), Role::Color(number), vec![height, width, 3]));
             if camera.depth {
                 inputs.push(tensor(format!("{}.depth", camera.name), Role::Depth(number), vec![height, width]));

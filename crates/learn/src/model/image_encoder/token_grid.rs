@@ -109,7 +109,8 @@ mod tests {
     #[test]
     fn cameras_of_any_size_have_at_most_64_tokens_each() {
         let sizes = [(8, 8, false), (16, 17, true), (128, 128, true), (270, 480, false), (4, 3000, false)];
-        let cameras = sizes.map(|(height, width, depth)| CameraShape { name: "c".into(), height, width, depth });
+        let cameras =
+            sizes.map(|(height, width, depth)| CameraShape { name: "c".into(), height, width, depth, recorded: None });
         let shape = TaskShape { cameras: cameras.to_vec(), ..crate::toy::shape() };
         for image_encoder in ImageEncoder::ALL.iter().map(|word| word.value) {
             let store = VarStore::new(Device::Cpu);

@@ -39,7 +39,7 @@ fn bounds(name: &str, size: &[usize]) -> [f64; 2] {
 /// Every tensor of a ResNet, without the classifier.
 pub(crate) fn tensors(image_encoder: Kind) -> Tensors {
     let shape = TaskShape {
-        cameras: vec![CameraShape { name: "c".into(), height: 32, width: 32, depth: false }],
+        cameras: vec![CameraShape { name: "c".into(), height: 32, width: 32, depth: false, recorded: None }],
         proprioception: 1,
         action: 1,
         ranges: gleaner_core::action::ActionRanges::default(),

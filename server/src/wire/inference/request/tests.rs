@@ -8,7 +8,7 @@ use crate::{domain::observation::ImageFormat, error::Kind};
 
 /// Two cameras, one with depth; two values of proprioception, one of action.
 fn tensors() -> Tensors {
-    let camera = |name: &str, depth| CameraShape { name: name.into(), height: 2, width: 3, depth };
+    let camera = |name: &str, depth| CameraShape { name: name.into(), height: 2, width: 3, depth, recorded: None };
     let cameras = vec![camera("top", true), camera("wrist", false)];
     Tensors::of(&TaskShape {
         cameras,
@@ -196,7 +196,7 @@ fn an_empty_tensor_is_small() {
 
 #[test]
 fn tensors_that_would_share_a_name_are_refused() {
-    let camera = |name: &str, depth| CameraShape { name: name.into(), height: 8, width: 8, depth };
+    let camera = |name: &str, depth| CameraShape { name: name.into(), height: 8, width: 8, depth, recorded: None };
     for cameras in [vec![camera("proprioception", false)], vec![camera("top", true), camera("top.depth", false)]] {
         let error = Tensors::of(&TaskShape {
             cameras,

@@ -35,7 +35,7 @@ const RESNET_34: Stages = [
 
 fn shape(depth: bool) -> TaskShape {
     TaskShape {
-        cameras: vec![CameraShape { name: "top".into(), height: HEIGHT, width: WIDTH, depth }],
+        cameras: vec![CameraShape { name: "top".into(), height: HEIGHT, width: WIDTH, depth, recorded: None }],
         proprioception: 1,
         action: 1,
         ranges: gleaner_core::action::ActionRanges::default(),
