@@ -107,7 +107,7 @@ fn check_recorded(at: &str, camera: &CameraSpec) -> Result<(), RecordingError> {
     let pixels = |(height, width)| u64::from(height) * u64::from(width);
     let (step, whole) = (camera.sizes().step(), camera.sizes().recorded());
     if pixels(step) == pixels(whole) && step != whole {
-        let problem = "has as many pixels as a step, so that raw pictures of the two cannot be told apart; give the step \
+        let problem = "has as many pixels as a step, so the bytes of a raw picture do not show its size; give the step \
                        another size";
         return wrong(at, problem);
     }
