@@ -114,11 +114,13 @@ pub struct LimitConfig {
     /// Maximum size of a recording in bytes. Larger recordings are rejected before their upload.
     #[arg(long, env = "GLEANER_MAX_UPLOAD_BYTES", default_value_t = 8 << 30, value_name = "BYTES")]
     pub max_upload_bytes: u64,
-    /// Maximum memory of one inspection in bytes. Recordings that need more are rejected.
+    /// Maximum memory of one inspection in bytes, and beside 16 times the recording's size the most that its decoded
+    /// images take on disk. Memory follows the number of messages and not of pixels. Recordings that need more are
+    /// rejected.
     #[arg(long, env = "GLEANER_INSPECT_MEMORY_BYTES", default_value_t = 2 << 30, value_name = "BYTES")]
     pub inspect_memory_bytes: u64,
-    /// Maximum time of one inspection in seconds, for processor time and wall clock each. Recordings that need more are
-    /// rejected.
+    /// Maximum time of one inspection in seconds, for processor time and wall clock each; each 512 KiB of the recording
+    /// add a second. Recordings that need more are rejected.
     #[arg(long, env = "GLEANER_INSPECT_SECONDS", default_value_t = 120, value_name = "SECONDS")]
     pub inspect_seconds: u64,
     /// Maximum number of inspections at once, shared fairly between callers: above 1, one caller gets at most all but

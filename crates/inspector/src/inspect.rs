@@ -2,7 +2,7 @@
 //!
 //! Hostile bytes can abort the process in any of these functions, which is why it is a separate process.
 
-use gleaner_recording::{RecordingError, Report, TaskSpec, read_episode_within, salvage};
+use gleaner_recording::{RecordingError, Report, TaskSpec, cache_episode, salvage};
 
 use crate::{InspectError, Order, limits};
 
@@ -40,8 +40,8 @@ fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> 
         return Ok(salvage(&order.recording, out).map(Verdict::Salvaged));
     }
     let spec = spec(order)?;
-    let read = read_episode_within(&order.recording, &spec, &order.limits.limits());
-    Ok(read.and_then(|reading| reading.episode.write_cache(&order.frames).map(|()| Verdict::Usable(reading.report))))
+    let cached = cache_episode(&order.recording, &spec, &order.limits.limits(), &order.frames);
+    Ok(cached.map(Verdict::Usable))
 }
 
 fn spec(order: &Order) -> Result<TaskSpec, InspectError> {

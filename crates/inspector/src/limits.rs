@@ -26,8 +26,7 @@ pub fn apply(order: &Order) -> Result<(), InspectError> {
     for (resource, limit) in [
         (Resource::Data, data),
         (Resource::As, address_space),
-        // A salvaged file is about as large as the original.
-        (Resource::Fsize, order.memory_bytes.saturating_add(if order.salvage.is_some() { recording } else { 0 })),
+        (Resource::Fsize, order.most_written()),
         (Resource::Nofile, OPEN_FILES),
         (Resource::Core, 0),
     ] {

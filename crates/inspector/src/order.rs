@@ -35,7 +35,18 @@ pub struct Order {
     pub limits: RecordingsConfig,
 }
 
+/// The most that the images of a recording may grow by when they are decoded and compressed again without loss: up to 15
+/// times for JPEG images at their own size.
+const GROWTH: u64 = 16;
+
 impl Order {
+    /// The most bytes of a file that the inspection may write: decoded images grow with their recording, and a salvaged
+    /// file is about as large as the original.
+    pub fn most_written(&self) -> u64 {
+        let recording = std::fs::metadata(&self.recording).map_or(0, |file| file.len());
+        self.memory_bytes.saturating_add(recording.saturating_mul(GROWTH))
+    }
+
     /// The arguments of the program.
     pub fn arguments(&self) -> Vec<OsString> {
         let Self { recording, spec, report, frames, salvage, memory_bytes, seconds, limits } = self;

@@ -99,3 +99,12 @@ pub enum RecordingError {
     #[error("writing MCAP failed: {0}")]
     Write(mcap::McapError),
 }
+
+impl RecordingError {
+    /// Whether a reader of a frame cache can go on once the cache is made again from its recording: the file is gone,
+    /// damaged or of another version.
+    pub fn is_of_the_cache(&self) -> bool {
+        let gone = |source: &std::io::Error| source.kind() == std::io::ErrorKind::NotFound;
+        matches!(self, Self::Cache { .. }) || matches!(self, Self::Io { source, .. } if gone(source))
+    }
+}

@@ -1,12 +1,11 @@
-//! A decoded episode: the layout of its steps in memory.
+//! A decoded episode in memory, for short recordings and tests, and the layout of a step's images.
 //!
 //! This module does not depend on MCAP or on the format of frame caches.
 
 use std::sync::Arc;
 
-use memmap2::Mmap;
-
 use crate::error::RecordingError;
+use crate::picture::Channel;
 use gleaner_core::TaskSpec;
 
 /// One decoded episode of T aligned steps: stamps, proprioception (T×M), action (T×A) and frames.
@@ -15,28 +14,44 @@ pub struct Episode {
     pub(crate) stamps: Vec<i64>,
     pub(crate) proprioception: Vec<f32>,
     pub(crate) action: Vec<f32>,
-    pub(crate) frames: FrameBytes,
+    frames: FrameBytes,
 }
 
 /// The frames of an episode: for each step, for each camera in the task's order, height × width × 3 bytes of
 /// RGB and then, if the camera has depth, height × width 16-bit little-endian millimetres. Cheap to clone.
 #[derive(Clone, Debug)]
-pub struct FrameBytes(pub(crate) Bytes);
-
-#[derive(Clone, Debug)]
-pub(crate) enum Bytes {
-    Memory(Arc<Vec<u8>>),
-    /// A mapped file and where the frames begin in it.
-    Mapped(Arc<Mmap>, usize),
-}
+pub struct FrameBytes(Arc<Vec<u8>>);
 
 impl AsRef<[u8]> for FrameBytes {
     fn as_ref(&self) -> &[u8] {
-        match &self.0 {
-            Bytes::Memory(bytes) => bytes,
-            Bytes::Mapped(map, begin) => map.get(*begin..).unwrap_or_default(),
+        &self.0
+    }
+}
+
+/// One image of a step: a stream of pictures of this form.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Picture {
+    /// Where the image begins within the step's frames.
+    pub(crate) offset: usize,
+    /// Bytes of the image.
+    pub(crate) bytes: usize,
+    /// Bytes of one of its rows.
+    pub(crate) row_bytes: usize,
+}
+
+/// The images of a step, in their order: of each camera its color and then, if it has depth, its depth.
+pub(crate) fn pictures(spec: &TaskSpec) -> Vec<Picture> {
+    let (mut pictures, mut offset) = (Vec::new(), 0);
+    for camera in &spec.cameras {
+        for channel in [Channel::Color, Channel::Depth] {
+            if channel == Channel::Color || camera.depth {
+                let bytes = channel.bytes(camera);
+                pictures.push(Picture { offset, bytes, row_bytes: bytes / (camera.height as usize).max(1) });
+                offset += bytes;
+            }
         }
     }
+    pictures
 }
 
 /// Bytes of one step's frames under this task. Saturates rather than overflows.
@@ -73,7 +88,7 @@ impl Episode {
                 return Err(RecordingError::Step { step: stamps.len() as u64, problem });
             }
         }
-        Ok(Self { stamps, proprioception, action, frames: FrameBytes(Bytes::Memory(Arc::new(frames))) })
+        Ok(Self { stamps, proprioception, action, frames: FrameBytes(Arc::new(frames)) })
     }
 
     /// Number of steps T.
@@ -115,6 +130,17 @@ mod tests {
         huge.cameras[0].height = u32::MAX;
         huge.cameras[0].width = u32::MAX;
         assert_eq!(frame_bytes_per_step(&huge), usize::MAX);
+    }
+
+    #[test]
+    fn pictures_fill_a_step_in_order() {
+        let mut spec = arm();
+        let second =
+            gleaner_core::CameraSpec { name: "hand".into(), height: 2, width: 4, depth: false, recorded: None };
+        spec.cameras.push(second);
+        let found: Vec<_> = pictures(&spec).iter().map(|one| (one.offset, one.bytes, one.row_bytes)).collect();
+        assert_eq!(found, [(0, 384, 48), (384, 256, 32), (640, 24, 12)]);
+        assert_eq!(frame_bytes_per_step(&spec), 664);
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! - [`read_episode`] reads a recording as an [`Episode`] and a [`Report`] of its findings, within [`Limits`].
 //! - [`EpisodeWriter`] writes an episode; [`extract`] copies a stretch of a recording; [`salvage`] copies the intact part of
 //!   a damaged one.
-//! - [`Episode::open`] maps a frame cache, which [`Episode::write_cache`] writes.
+//! - [`cache_episode`] reads a recording as a frame cache: a file of which a [`FrameCache`] reads any step.
 //! - [`printable`] escapes untrusted text for terminals, pages and logs.
 //!
 //! Invalid input is an error and never a panic of this crate. The `mcap` crate can panic or reserve too much memory on
@@ -79,12 +79,13 @@ pub use gleaner_core::{
     RecordedSize, Report, Severity, TaskSpec, TopicReport,
 };
 
+pub use cache::{FrameCache, Numbers};
 pub use error::RecordingError;
 pub use extract::{Kept, extract};
 pub use frames::{Episode, FrameBytes, frame_bytes_per_step};
 pub use image::{PixelFormat, decode_color, decode_depth, encode_jpeg};
 pub use limits::{Limits, MOST_JSON_DEPTH};
-pub use read::{Reading, read_episode, read_episode_within};
+pub use read::{Reading, cache_episode, memory_per_step, read_episode, read_episode_within};
 pub use salvage::salvage;
 pub use validate::{validate, validate_within};
 pub use write::{CameraRef, EpisodeWriter, ImageRef, ObservationRef, StepRef, written_mapping};

@@ -1,9 +1,9 @@
-//! Episodes in the form of the learning crate: mapped frame caches, rebuilt where they are missing or damaged.
+//! Episodes in the form of the learning crate: frame caches, rebuilt where they are missing or damaged.
 
 use std::{path::PathBuf, sync::Arc};
 
 use gleaner_learn::{TaskShape, Trajectory, WeightedSegments};
-use gleaner_recording::{Episode, Limits, TaskSpec, frame_bytes_per_step};
+use gleaner_recording::{FrameCache, Limits, TaskSpec};
 
 use super::failure::Failure;
 use gleaner_core::work::{InputEpisode, KeptInput};
@@ -51,26 +51,25 @@ impl Episodes<'_> {
                 input.steps
             )));
         }
-        let (proprioception, action) = (episode.proprioception(), episode.action());
-        Ok(Trajectory::new(shape, input.id.as_str(), Arc::new(episode.frames()), proprioception, action)?)
+        let fault = |error| Failure::recording(input.id.as_str(), &error);
+        let numbers = episode.numbers(0..episode.steps()).map_err(fault)?;
+        let frames = episode.frames(0..episode.steps()).map_err(fault)?;
+        Ok(Trajectory::new(shape, input.id.as_str(), Arc::new(frames), numbers.proprioception, numbers.action)?)
     }
 
-    fn open(&self, input: &InputEpisode) -> Result<Episode, Failure> {
+    fn open(&self, input: &InputEpisode) -> Result<FrameCache, Failure> {
         let cache = frames_path(self.data_dir, &input.recording, self.task);
-        let problem = match Episode::open(&cache) {
+        let problem = match FrameCache::open(&cache, self.task) {
             Ok(episode) => return Ok(episode),
             Err(error) => error,
         };
         tracing::info!(episode.id = %input.id, %problem, "rebuilding a frame cache");
-        let frames = u64::try_from(frame_bytes_per_step(self.task)).unwrap_or(u64::MAX);
-        self.blobs.expect_room(frames.saturating_mul(input.steps))?;
         let fault = |error| Failure::recording(input.id.as_str(), &error);
         let recording = self.blobs.path(&input.recording);
+        // Compressed pictures take about as much as the recording that they come from, often less.
+        self.blobs.expect_room(std::fs::metadata(&recording).map_or(0, |file| file.len()))?;
         // The recording was accepted, possibly under wider limits than the present ones.
-        let reading =
-            gleaner_recording::read_episode_within(&recording, self.task, &Limits::ADMITTED).map_err(fault)?;
-        // The mapped cache needs no memory of the process; the decoded frames are dropped.
-        reading.episode.write_cache(&cache).map_err(fault)?;
-        Episode::open(&cache).map_err(fault)
+        gleaner_recording::cache_episode(&recording, self.task, &Limits::ADMITTED, &cache).map_err(fault)?;
+        FrameCache::open(&cache, self.task).map_err(fault)
     }
 }

@@ -25,7 +25,7 @@ use crate::{
 
 /// Maximum memory of cached runs' scores, in bytes.
 const RUN_BYTES: u64 = 256 << 20;
-/// Maximum number of mapped recordings kept open, for playback and for segments of several recordings.
+/// Maximum number of recordings whose frame cache stays checked, for playback and for segments of several recordings.
 const OPEN_RECORDINGS: usize = 64;
 
 /// The caches of the pages; clones share them.
@@ -80,8 +80,7 @@ impl Curation {
     /// # Errors
     /// NotFound names the missing episode, step or camera; Invalid a size of 0, or depth that the camera does not have.
     pub(crate) async fn frame(&self, episode: &EpisodeId, view: FrameView) -> Result<Vec<u8>> {
-        let steps = self.steps(episode).await?;
-        off_runtime("drawing a frame", move || steps.frame(&view)).await
+        self.steps(episode).await?.frame(view).await
     }
 
     /// The numbers of every step of an episode.
@@ -89,11 +88,10 @@ impl Curation {
     /// # Errors
     /// NotFound.
     pub(crate) async fn numbers(&self, episode: &EpisodeId) -> Result<Numbers> {
-        let steps = self.steps(episode).await?;
-        off_runtime("reading an episode's numbers", move || Ok(steps.numbers())).await
+        self.steps(episode).await?.numbers().await
     }
 
-    /// The steps of an episode, mapped.
+    /// The steps of an episode.
     async fn steps(&self, episode: &EpisodeId) -> Result<Arc<Steps>> {
         // Read at each call, so that a deleted episode is no longer shown.
         let (task, recording) = match self.0.store.recording_of(episode).await {
@@ -107,8 +105,8 @@ impl Curation {
         };
         let open = async {
             let spec = self.0.store.task_by_id(&task).await?.spec;
-            let decoded = self.0.ingest.frames(&spec, &recording).await?;
-            Ok(Arc::new(Steps::new(episode.clone(), spec, decoded)))
+            let frames = self.0.ingest.frames(&spec, &recording).await?;
+            Ok(Arc::new(Steps::new(episode.clone(), spec, frames)))
         };
         self.0.open.get_or_insert_async(episode, open).await
     }

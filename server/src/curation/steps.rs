@@ -1,48 +1,49 @@
-//! The steps of one episode, mapped, by index.
+//! The steps of one episode by index, read from its frame cache.
 
-use gleaner_recording::{Episode as Decoded, FieldSpec, TaskSpec};
+use gleaner_recording::{FieldSpec, TaskSpec};
 
-use super::picture::picture;
+use super::{off_runtime, picture::picture};
 use crate::{
     domain::{
         id::EpisodeId,
         steps::{FrameView, Numbers, Series},
     },
     error::{Error, Result},
+    ingest::Frames,
 };
 
 /// An episode's steps and their labels.
 pub(super) struct Steps {
     episode: EpisodeId,
     spec: TaskSpec,
-    decoded: Decoded,
+    frames: Frames,
 }
 
 impl Steps {
-    pub(super) fn new(episode: EpisodeId, spec: TaskSpec, decoded: Decoded) -> Self {
-        Self { episode, spec, decoded }
+    pub(super) fn new(episode: EpisodeId, spec: TaskSpec, frames: Frames) -> Self {
+        Self { episode, spec, frames }
     }
 
-    /// One step of a camera, as JPEG. Reads the disk.
-    pub(super) fn frame(&self, view: &FrameView) -> Result<Vec<u8>> {
-        let steps = self.decoded.steps();
+    /// One step of a camera, as JPEG.
+    pub(super) async fn frame(&self, view: FrameView) -> Result<Vec<u8>> {
+        let steps = self.frames.steps();
         let missing = || {
             let range = format!("{} of {}; it has {steps} steps, counted from 0", view.step, self.episode);
             Error::not_found("step", range)
         };
         let step = usize::try_from(view.step).ok().filter(|&step| step < steps).ok_or_else(missing)?;
-        let frames = self.decoded.frames();
-        let per_step = frames.as_ref().len() / steps;
-        let frame = frames.as_ref().get(step * per_step..(step + 1) * per_step).ok_or_else(missing)?;
-        picture(&self.spec, frame, view)
+        let (frame, spec) = (self.frames.images(step..step + 1).await?, self.spec.clone());
+        off_runtime("drawing a frame", move || picture(&spec, &frame, &view)).await
     }
 
-    pub(super) fn numbers(&self) -> Numbers {
-        Numbers {
-            stamps_ns: self.decoded.stamps().to_vec(),
-            proprioception: series(&self.spec.proprioception, &self.decoded.proprioception()),
-            action: series(&self.spec.action, &self.decoded.action()),
-        }
+    /// The numbers of every step.
+    pub(super) async fn numbers(&self) -> Result<Numbers> {
+        let numbers = self.frames.numbers(0..self.frames.steps()).await?;
+        Ok(Numbers {
+            proprioception: series(&self.spec.proprioception, &numbers.proprioception),
+            action: series(&self.spec.action, &numbers.action),
+            stamps_ns: numbers.stamps,
+        })
     }
 }
 

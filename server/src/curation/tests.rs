@@ -56,7 +56,7 @@ async fn recorded(lab: &Lab, steps: u8) -> Episode {
     let action = (0..steps).map(|step| -f32::from(step)).collect();
     let stamps = (0..steps).map(|step| i64::from(step) * 100_000_000).collect();
     let decoded = Decoded::new(spec, stamps, proprioception, action, frames).unwrap();
-    decoded.write_cache(&frames_path(lab.dir.path(), &episode.recording, spec)).unwrap();
+    decoded.write_cache(spec, &frames_path(lab.dir.path(), &episode.recording, spec)).unwrap();
     episode
 }
 
@@ -96,7 +96,7 @@ async fn a_missing_step_or_camera_is_named() {
 }
 
 #[tokio::test]
-async fn a_deleted_episode_is_not_shown_though_it_was_mapped() {
+async fn a_deleted_episode_is_not_shown_though_it_was_read() {
     let lab = lab(&seeing()).await;
     let episode = recorded(&lab, 20).await;
     lab.curation.frame(&episode.id, view(0, "front")).await.unwrap();
@@ -106,7 +106,7 @@ async fn a_deleted_episode_is_not_shown_though_it_was_mapped() {
     let gone = lab.curation.frame(&episode.id, view(0, "front")).await.unwrap_err();
     assert_eq!(gone.kind(), Kind::NotFound);
     assert_eq!(lab.curation.numbers(&episode.id).await.unwrap_err().kind(), Kind::NotFound);
-    assert!(lab.curation.0.open.is_empty(), "its recording is no longer mapped");
+    assert!(lab.curation.0.open.is_empty(), "its recording is no longer held");
 }
 
 #[tokio::test]

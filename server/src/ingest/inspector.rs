@@ -29,6 +29,10 @@ const STDERR_BYTES: u64 = 16 << 10;
 /// An error travels in an HTTP/2 header, where non-ASCII takes three bytes for one and 16 KiB is common.
 const REFUSAL_BYTES: usize = 3000;
 
+/// Each so many bytes of a recording add one second to the limit of its inspection: about a tenth of the rate at which
+/// JPEG images are decoded and compressed, because compressed video takes more time a byte.
+const BYTES_PER_SECOND: u64 = 512 << 10;
+
 /// Starts inspections.
 #[derive(Debug)]
 pub(super) struct Inspector {
@@ -46,7 +50,7 @@ pub(super) struct Inspector {
 #[derive(Debug)]
 pub(super) struct Inspected {
     pub(super) report: Report,
-    folder: TempDir,
+    pub(super) folder: TempDir,
 }
 
 impl Inspector {
@@ -101,7 +105,7 @@ impl Inspector {
     ) -> Result<Inspected> {
         let _slot = self.slots.take(client).await?;
         let folder = self.prepare(Some(spec)).await?;
-        let order = Order { limits: limits.clone(), ..self.order(recording, folder.path()) };
+        let order = Order { limits: limits.clone(), ..self.order(recording, folder.path()).await? };
         let Verdict::Usable(report) = self.verdict(&order, shown).await? else {
             return Err(Error::internal("inspecting a recording", "the verdict has an unexpected kind"));
         };
@@ -115,7 +119,7 @@ impl Inspector {
     pub(super) async fn salvage(&self, torn: &Path, out: &Path) -> Result<u64> {
         let _slot = self.slots.take(&Client::Server).await?;
         let folder = self.prepare(None).await?;
-        let order = Order { salvage: Some(out.to_owned()), ..self.order(torn, folder.path()) };
+        let order = Order { salvage: Some(out.to_owned()), ..self.order(torn, folder.path()).await? };
         let Verdict::Salvaged(actions) = self.verdict(&order, "the recording").await? else {
             return Err(Error::internal("salvaging a recording", "the verdict has an unexpected kind"));
         };
@@ -128,17 +132,19 @@ impl Inspector {
     }
 
     /// Orders an inspection of `recording` under our own limits, with all other files in `folder`.
-    fn order(&self, recording: &Path, folder: &Path) -> Order {
-        Order {
+    async fn order(&self, recording: &Path, folder: &Path) -> Result<Order> {
+        let file = tokio::fs::metadata(recording).await;
+        let size = file.map_err(|error| Error::internal(format!("reading {}", recording.display()), error))?.len();
+        Ok(Order {
             recording: recording.to_owned(),
             spec: folder.join(SPEC),
             report: folder.join(REPORT),
             frames: folder.join(FRAMES),
             salvage: None,
             memory_bytes: self.memory_bytes,
-            seconds: self.seconds,
+            seconds: self.seconds.saturating_add(size / BYTES_PER_SECOND),
             limits: self.limits.clone(),
-        }
+        })
     }
 
     /// The child's verdict, if it accepted the recording.
@@ -156,7 +162,7 @@ impl Inspector {
             }
             Some(Verdict::Fault(why)) => Err(Error::internal("inspecting a recording", why)),
             Some(Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Refused(_)) | None => {
-                Err(self.broken(status, &stderr_text))
+                Err(broken(order, status, &stderr_text))
             }
         }
     }
@@ -188,59 +194,60 @@ impl Inspector {
             }
             Ok((child.wait().await?, String::from_utf8_lossy(&stderr_text).into_owned()))
         };
-        match tokio::time::timeout(Duration::from_secs(self.seconds), ended).await {
+        match tokio::time::timeout(Duration::from_secs(order.seconds), ended).await {
             Ok(ended) => ended.map_err(fault),
             Err(_) => {
                 child.kill().await.map_err(fault)?;
-                Err(self.took_too_long())
+                Err(took_too_long(order))
             }
         }
     }
+}
 
-    fn took_too_long(&self) -> Error {
-        Error::invalid(
+fn took_too_long(order: &Order) -> Error {
+    Error::invalid(
+        "recording",
+        format!(
+            "reading it takes more than {} s; record shorter episodes, or raise --inspect-seconds at the server",
+            order.seconds
+        ),
+    )
+}
+
+/// The cause of death of a child without a verdict.
+fn broken(order: &Order, status: ExitStatus, stderr_text: &str) -> Error {
+    tracing::warn!(inspect.status = %status, inspect.stderr = stderr_text, "an inspection failed");
+    let (memory, written) = (order.memory_bytes >> 20, order.most_written());
+    match status.signal().and_then(Signal::from_named_raw) {
+        Some(Signal::XCPU) => took_too_long(order),
+        Some(Signal::XFSZ) if largest_file().is_some_and(|most| most < written) => Error::exhausted(
+            "the recording's decoded images take more than the file size limit of the server's process: raise it \
+             there (`ulimit -f`, LimitFSIZE= of its service), then push the file again",
+        ),
+        Some(Signal::XFSZ) => Error::invalid(
             "recording",
             format!(
-                "reading it takes more than {} s; record shorter episodes, or raise --inspect-seconds at the server",
-                self.seconds
+                "its decoded images take more than {} MiB; record shorter episodes or smaller images, or raise \
+                 --inspect-memory-bytes at the server",
+                written >> 20
             ),
-        )
-    }
-
-    /// The cause of death of a child without a verdict.
-    fn broken(&self, status: ExitStatus, stderr_text: &str) -> Error {
-        tracing::warn!(inspect.status = %status, inspect.stderr = stderr_text, "an inspection failed");
-        let mib = self.memory_bytes >> 20;
-        match status.signal().and_then(Signal::from_named_raw) {
-            Some(Signal::XCPU) => self.took_too_long(),
-            Some(Signal::XFSZ) if largest_file().is_some_and(|most| most < self.memory_bytes) => Error::exhausted(
-                "the recording's decoded images take more than the file size limit of the server's process: raise it \
-                 there (`ulimit -f`, LimitFSIZE= of its service), then push the file again",
+        ),
+        // The exit status after a failed allocation.
+        Some(Signal::ABORT) => Error::invalid(
+            "recording",
+            format!(
+                "reading it takes more than {memory} MiB of memory: the file is damaged, or the episode too long. \
+                 Record it again, or raise --inspect-memory-bytes at the server"
             ),
-            Some(Signal::XFSZ) => Error::invalid(
-                "recording",
-                format!(
-                    "its decoded images take more than {mib} MiB; record shorter episodes or smaller images, or raise \
-                     --inspect-memory-bytes at the server"
-                ),
-            ),
-            // The exit status after a failed allocation.
-            Some(Signal::ABORT) => Error::invalid(
-                "recording",
-                format!(
-                    "reading it takes more than {mib} MiB of memory: the file is damaged, or the episode too long. \
-                     Record it again, or raise --inspect-memory-bytes at the server"
-                ),
-            ),
-            // Signals of people and service managers, and of the kernel when the machine is out of memory: not caused
-            // by the recording, which has limits of its own.
-            Some(Signal::HUP | Signal::INT | Signal::QUIT | Signal::TERM | Signal::KILL) => {
-                Error::unavailable("the recording's inspection was stopped; retry")
-            }
-            Some(_) => Error::invalid("recording", BROKE_READER),
-            None if status.code() == Some(PANICKED) => Error::invalid("recording", BROKE_READER),
-            None => Error::internal("inspecting a recording", format!("{status}: {stderr_text}")),
+        ),
+        // Signals of people and service managers, and of the kernel when the machine is out of memory: not caused
+        // by the recording, which has limits of its own.
+        Some(Signal::HUP | Signal::INT | Signal::QUIT | Signal::TERM | Signal::KILL) => {
+            Error::unavailable("the recording's inspection was stopped; retry")
         }
+        Some(_) => Error::invalid("recording", BROKE_READER),
+        None if status.code() == Some(PANICKED) => Error::invalid("recording", BROKE_READER),
+        None => Error::internal("inspecting a recording", format!("{status}: {stderr_text}")),
     }
 }
 

@@ -1,14 +1,15 @@
-//! Recordings that are inspected and not stored: the same inspection as an upload's, and no file is left. After a crash
-//! their files lie in `tmp`, which the next start empties.
+//! Recordings that are inspected and not stored: the same inspection as an upload's, and no file is left once their steps
+//! have been used. After a crash their files lie in `tmp`, which the next start empties.
 
 use std::{path::Path, sync::Arc};
 
 use bytes::Bytes;
 use futures::{Stream, StreamExt as _};
-use gleaner_recording::{Episode as Frames, Report, TaskSpec};
+use gleaner_recording::{FrameCache, Report, TaskSpec};
+use tempfile::TempDir;
 use tokio::{fs::File, io::AsyncWriteExt as _, sync::OwnedSemaphorePermit};
 
-use super::{Ingest, off_runtime, open_frames, part::refused};
+use super::{Ingest, frames::open_frames, off_runtime, part::refused};
 use crate::{
     domain::client::Client,
     error::{Error, Result},
@@ -32,14 +33,16 @@ pub(crate) struct Declared {
 /// The permit for one such recording, to be held while any data of the recording is.
 #[derive(Debug)]
 pub(crate) struct InspectionPermit {
+    /// The folder of its steps, which is removed first.
+    pub(super) _folder: Option<TempDir>,
     pub(super) _place: OwnedSemaphorePermit,
 }
 
 /// The content of an inspected recording.
 #[derive(Debug)]
 pub(crate) struct Passing {
-    /// Its steps, mapped from a file without a name.
-    pub(crate) frames: Frames,
+    /// Its steps, in a file that the permit holds.
+    pub(crate) frames: FrameCache,
     /// The report of the inspection.
     pub(crate) report: Report,
     /// Held as long as the steps are.
@@ -62,7 +65,6 @@ impl Ingest {
         let one = Arc::clone(&self.passing)
             .try_acquire_owned()
             .map_err(|_| Error::exhausted(format!("{AT_ONCE} recordings are being inspected already; retry later")))?;
-        let room = InspectionPermit { _place: one };
         self.within_limit(declared.size_bytes.unwrap_or(0))?;
         self.blobs.expect_room(declared.size_bytes.unwrap_or(0))?;
         let tmp = self.data_dir.join("tmp");
@@ -76,14 +78,14 @@ impl Ingest {
         let shown = if declared.file_name.is_empty() { "the recording" } else { &declared.file_name };
         let inspected = self.inspector.inspect(client, &recording, task, shown).await;
         let inspected = inspected.map_err(|error| self.blobs.blame(error))?;
-        let frames = open_frames(inspected.frames_path()).await?;
-        let report = inspected.report.clone();
+        let frames = open_frames(inspected.frames_path(), task.clone()).await?;
         off_runtime("forgetting a recording", move || {
-            drop((folder, inspected));
+            drop(folder);
             Ok(())
         })
         .await?;
-        Ok(Passing { frames, report, room })
+        let room = InspectionPermit { _folder: Some(inspected.folder), _place: one };
+        Ok(Passing { frames, report: inspected.report, room })
     }
 
     /// Writes the stream to a temporary file.

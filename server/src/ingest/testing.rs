@@ -49,7 +49,7 @@ pub(crate) struct Fixture {
 
 /// A permit for one recording in memory.
 pub(crate) fn room(rooms: &Arc<Semaphore>) -> InspectionPermit {
-    InspectionPermit { _place: Arc::clone(rooms).try_acquire_owned().unwrap() }
+    InspectionPermit { _folder: None, _place: Arc::clone(rooms).try_acquire_owned().unwrap() }
 }
 
 /// An ingest whose inspector is this shell script. It is given `$recording`, `$report` and `$frames`.

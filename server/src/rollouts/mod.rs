@@ -21,7 +21,7 @@ use std::{
     time::Duration,
 };
 
-use gleaner_recording::{TaskSpec, frame_bytes_per_step};
+use gleaner_recording::{TaskSpec, memory_per_step};
 use tokio::{sync::mpsc, time::Instant};
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
 use tracing::Instrument as _;
@@ -192,7 +192,7 @@ impl Rollouts {
 
     /// Below the limits of an inspection and an upload, because a refused recording is lost.
     fn limits(&self, spec: &TaskSpec) -> Limits {
-        let step = u64::try_from(frame_bytes_per_step(spec)).unwrap_or(u64::MAX);
+        let step = u64::try_from(memory_per_step(spec)).unwrap_or(u64::MAX);
         let steps = (self.0.memory_bytes / 4 * 3).checked_div(step).unwrap_or(u64::MAX);
         Limits { steps, bytes: self.0.upload_bytes / 16 * 15 }
     }

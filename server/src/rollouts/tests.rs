@@ -114,8 +114,9 @@ async fn a_session_becomes_an_episode_with_its_executed_actions() {
     assert!(topics.contains(&("/policy/action", 6)), "{topics:?}");
     assert!(inspected.report.findings.is_empty(), "{:?}", inspected.report.findings);
     let frames = lab.fixture.ingest.frames(&lab.fixture.task.spec, &episode.recording).await.unwrap();
-    assert_eq!(frames.stamps(), (0..6).map(|at| seen(at).stamp_ns).collect::<Vec<_>>());
-    assert_eq!(frames.action(), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+    let frames = frames.numbers(0..frames.steps()).await.unwrap();
+    assert_eq!(frames.stamps, (0..6).map(|at| seen(at).stamp_ns).collect::<Vec<_>>());
+    assert_eq!(frames.action, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
     assert!(lab.left().is_empty(), "{:?}", lab.left());
 }
 

@@ -18,7 +18,7 @@ const NOTE_BYTES: u64 = 256;
 /// Limits of a recording, so that its inspection and the upload limit accept it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
-    /// Steps, by the memory of their decoded images.
+    /// Steps, by the memory that their inspection needs.
     pub(super) steps: u64,
     pub(super) bytes: u64,
 }

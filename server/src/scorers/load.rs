@@ -82,7 +82,8 @@ async fn experts(store: &Store, ingest: &Ingest, task: &Task, run: &ScoreRun) ->
         let missing = || Error::internal("loading a scorer", format!("{id} is not an expert of {}", run.snapshot_id));
         let episode = by_id.remove(id).ok_or_else(missing)?;
         let steps = ingest.frames(&task.spec, &episode.recording).await?;
-        let expert = trajectory(&shape, id.as_str(), &steps);
+        let (numbers, frames) = (steps.numbers(0..steps.steps()).await?, steps.images(0..steps.steps()).await?);
+        let expert = trajectory(&shape, id.as_str(), frames, numbers);
         trajectories.push(expert.map_err(|error| Error::internal("loading a scorer", error))?);
     }
     Ok(trajectories)

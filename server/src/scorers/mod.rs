@@ -18,7 +18,7 @@ mod watch;
 use std::sync::{Arc, Weak};
 
 use gleaner_learn::{EpisodeScores, LearnError, LiveScorer, TaskShape, Trajectory};
-use gleaner_recording::Episode as Steps;
+use gleaner_recording::{FrameCache, Numbers};
 
 use self::{engine::Engine, episode_queue::EpisodeQueue, loaded_runs::LoadedRuns};
 pub(crate) use self::{
@@ -32,7 +32,7 @@ use crate::{
         id::{EpisodeId, ScoreRunId},
         task::Task,
     },
-    error::Result,
+    error::{Error, Result},
     ingest::{Ingest, InspectionPermit},
     store::Store,
 };
@@ -112,8 +112,16 @@ impl<S: Scorer> Ready<S> {
     ///
     /// # Errors
     /// Invalid when it does not fit the task; Unavailable when the server is stopping; Internal.
-    pub(crate) async fn score_recording(&self, steps: &Steps, room: InspectionPermit) -> Result<EpisodeScores> {
-        let recording = trajectory(self.shape(), "recording", steps);
+    pub(crate) async fn score_recording(&self, steps: &FrameCache, room: InspectionPermit) -> Result<EpisodeScores> {
+        let (shape, cache) = (Arc::clone(self.shape()), steps.clone());
+        let read = move || {
+            let fault = |error| Error::internal("reading a frame cache", error);
+            let steps = 0..cache.steps();
+            let (numbers, frames) = (cache.numbers(steps.clone()).map_err(fault)?, cache.frames(steps).map_err(fault)?);
+            Ok(trajectory(&shape, "recording", frames, numbers))
+        };
+        let read = tokio::task::spawn_blocking(read).await;
+        let recording = read.map_err(|error| Error::internal("reading a frame cache", error))??;
         self.engine.episode(recording.map_err(|error| error.during("scoring a recording"))?, room).await
     }
 
@@ -138,7 +146,12 @@ impl<S: Scorer> Ready<S> {
     }
 }
 
-/// Decoded steps in the model's layout: images stay mapped, only the vectors are copied.
-fn trajectory(shape: &TaskShape, id: &str, steps: &Steps) -> std::result::Result<Trajectory, LearnError> {
-    Trajectory::new(shape, id, Arc::new(steps.frames()), steps.proprioception(), steps.action())
+/// Decoded steps in the model's layout.
+fn trajectory(
+    shape: &TaskShape,
+    id: &str,
+    frames: Vec<u8>,
+    numbers: Numbers,
+) -> std::result::Result<Trajectory, LearnError> {
+    Trajectory::new(shape, id, Arc::new(frames), numbers.proprioception, numbers.action)
 }

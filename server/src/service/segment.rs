@@ -4,7 +4,7 @@ use std::{collections::HashMap, sync::Arc};
 
 use futures::{Stream, stream};
 use gleaner_proto::v1;
-use gleaner_recording::{FrameBytes, TaskSpec, frame_bytes_per_step};
+use gleaner_recording::TaskSpec;
 
 use super::Services;
 use crate::{
@@ -14,6 +14,7 @@ use crate::{
         snapshot::Role,
     },
     error::{Error, Result},
+    ingest::Frames,
     wire::{self, dataset::SegmentsRequest},
 };
 
@@ -31,7 +32,7 @@ struct Open {
     ends: std::vec::IntoIter<(u32, f32)>,
     proprioception: Arc<[f32]>,
     action: Arc<[f32]>,
-    frames: FrameBytes,
+    frames: Frames,
 }
 
 /// Where a stream stands.
@@ -97,15 +98,16 @@ impl Walk {
             .recordings
             .get(&part.episode)
             .ok_or_else(|| Error::internal("streaming segments", "a scored episode is not in the run's snapshot"))?;
-        let episode = self.services.ingest.frames(&self.spec, recording).await?;
-        let steps = u32::try_from(episode.steps()).map_err(|error| Error::internal("streaming segments", error))?;
+        let frames = self.services.ingest.frames(&self.spec, recording).await?;
+        let numbers = frames.numbers(0..frames.steps()).await?;
+        let steps = u32::try_from(frames.steps()).map_err(|error| Error::internal("streaming segments", error))?;
         let ends = part.ends.take().unwrap_or_else(|| (0..steps).map(|end| (end, 1.0)).collect());
         Ok(Open {
             part,
             ends: ends.into_iter(),
-            proprioception: episode.proprioception().into(),
-            action: episode.action().into(),
-            frames: episode.frames(),
+            proprioception: numbers.proprioception.into(),
+            action: numbers.action.into(),
+            frames,
         })
     }
 
@@ -118,12 +120,7 @@ impl Walk {
         let proprioception = rows(&open.proprioception, self.spec.proprioception_size()).ok_or_else(torn)?;
         let action = rows(&open.action, self.spec.action_size()).ok_or_else(torn)?;
         let frames = if self.include_frames {
-            // A mapped file: touching it may wait for the disk.
-            let (frames, at) = (open.frames.clone(), range(first, end, frame_bytes_per_step(&self.spec)));
-            tokio::task::spawn_blocking(move || Some(frames.as_ref().get(at?)?.to_vec()))
-                .await
-                .map_err(|error| Error::internal("reading frames", error))?
-                .ok_or_else(torn)?
+            open.frames.images(range(first, end, 1).ok_or_else(torn)?).await?
         } else {
             Vec::new()
         };

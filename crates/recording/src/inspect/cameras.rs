@@ -11,14 +11,14 @@ use super::FROZEN_STEPS;
 /// movement may leave every pixel of a noise-free camera the same.
 const MOVED: f32 = 0.05;
 
-/// Reports the longest stretch of identical images of each camera. `image` returns the pixels of a stream (by its number
-/// in the plan) at a step.
-pub(crate) fn frozen_cameras<'a>(plan: &Plan, image: impl Fn(usize, usize) -> &'a [u8], report: &mut Report) {
+/// Reports the longest stretch of identical images of each camera. `shown` has for each stream (by its number in the
+/// plan) and step the number of its picture, which is the same for identical pictures in sequence; 0 for a broken one.
+pub(crate) fn frozen_cameras(plan: &Plan, shown: &[Vec<u32>], report: &mut Report) {
     for (at, stream) in plan.images.iter().enumerate() {
         let steps = plan.stamps.len();
         let (mut begin, mut worst) = (0, 0..0);
         for step in 1..=steps {
-            if step < steps && image(at, step) == image(at, begin) {
+            if step < steps && shown[at][step] != 0 && shown[at][step] == shown[at][begin] {
                 continue;
             }
             let stretch = begin..step;

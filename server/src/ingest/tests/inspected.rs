@@ -10,7 +10,8 @@ async fn a_real_recording_is_read_and_its_frames_are_rebuilt_when_torn() {
     let inspected = f.push(&content).await.unwrap();
     assert_eq!((inspected.episode.steps, inspected.episode.warnings), (20, 0), "{:?}", inspected.report);
     let blob = &inspected.episode.recording;
-    let actions = f.ingest.frames(&f.task.spec, blob).await.unwrap().action();
+    let frames = f.ingest.frames(&f.task.spec, blob).await.unwrap();
+    let actions = frames.numbers(0..20).await.unwrap().action;
     assert_eq!((actions.len(), actions[19]), (20, -19.0));
     let cache = frames_path(f.dir.path(), blob, &f.task.spec);
     let whole = fs::read(&cache).unwrap();
@@ -19,7 +20,19 @@ async fn a_real_recording_is_read_and_its_frames_are_rebuilt_when_torn() {
             Some(size) => fs::write(&cache, &whole[..size]).unwrap(),
             None => fs::remove_file(&cache).unwrap(),
         }
-        assert_eq!(f.ingest.frames(&f.task.spec, blob).await.unwrap().action(), actions);
+        let opened = f.ingest.frames(&f.task.spec, blob).await.unwrap();
+        assert_eq!(opened.numbers(0..20).await.unwrap().action, actions);
+        assert!(fs::read(&cache).unwrap() == whole);
+        // Readers that opened it before go on, whatever happened to the file since.
+        match torn {
+            Some(at) => {
+                let mut changed = whole.clone();
+                changed[at] ^= 1;
+                fs::write(&cache, changed).unwrap();
+            }
+            None => fs::remove_file(&cache).unwrap(),
+        }
+        assert_eq!(frames.numbers(0..20).await.unwrap().action, actions);
         assert!(fs::read(&cache).unwrap() == whole);
     }
 }

@@ -43,7 +43,7 @@ impl Lab {
         let (proprioception, action) = (numbers(spec.proprioception_size()), numbers(spec.action_size()));
         let decoded = Decoded::new(spec, stamps, proprioception, action, frames).unwrap();
         let place = frames_path(&self.pages.services.config.data_dir, &episode.recording, spec);
-        decoded.write_cache(&place).unwrap();
+        decoded.write_cache(spec, &place).unwrap();
         episode
     }
 

@@ -1,0 +1,107 @@
+//! The decoded steps of stored recordings, read from their frame caches. Must not depend on uploads.
+
+use std::{ops::Range, path::PathBuf, sync::Arc};
+
+use gleaner_recording::{FrameCache, Numbers, RecordingError, TaskSpec};
+
+use super::{Ingest, off_runtime};
+use crate::{
+    data_folder::frames_path,
+    domain::id::BlobId,
+    error::{Error, Kind, Result},
+};
+
+/// The steps of one stored recording. They hold no file; a cache that is missing or damaged when they are read is
+/// rebuilt.
+#[derive(Debug, Clone)]
+pub struct Frames {
+    ingest: Ingest,
+    task: Arc<TaskSpec>,
+    recording: BlobId,
+    cache: FrameCache,
+}
+
+impl Ingest {
+    /// The steps of a stored recording. A missing or damaged cache is rebuilt.
+    ///
+    /// # Errors
+    /// Internal when the recording can no longer be read.
+    pub async fn frames(&self, task: &TaskSpec, recording: &BlobId) -> Result<Frames> {
+        let path = frames_path(&self.data_dir, recording, task);
+        let cache = match open_frames(path.clone(), task.clone()).await {
+            Ok(cache) => cache,
+            Err(error) => {
+                tracing::info!(blob.id = %recording, %error, "rebuilding a frame cache");
+                self.rebuild_frames(task, recording).await?;
+                open_frames(path, task.clone()).await?
+            }
+        };
+        Ok(Frames { ingest: self.clone(), task: Arc::new(task.clone()), recording: recording.clone(), cache })
+    }
+
+    async fn rebuild_frames(&self, task: &TaskSpec, recording: &BlobId) -> Result<()> {
+        let inspected = self.inspector.inspect_admitted(&self.blobs.path(recording), task).await;
+        // It was accepted before, so the caller is not at fault.
+        let inspected = inspected.map_err(|error| {
+            if error.kind() != Kind::Invalid {
+                return error;
+            }
+            Error::internal(format!("rebuilding the frames of {recording}"), error)
+        })?;
+        inspected.keep_frames(&frames_path(&self.data_dir, recording, task)).await
+    }
+}
+
+impl Frames {
+    /// Number of steps.
+    pub fn steps(&self) -> usize {
+        self.cache.steps()
+    }
+
+    /// The numbers of these steps.
+    ///
+    /// # Errors
+    /// Internal when the recording can no longer be read, or does not have the steps.
+    pub async fn numbers(&self, steps: Range<usize>) -> Result<Numbers> {
+        self.read(move |cache| cache.numbers(steps.clone())).await
+    }
+
+    /// The images of these steps, one step after the other.
+    ///
+    /// # Errors
+    /// As [`Frames::numbers`].
+    pub async fn images(&self, steps: Range<usize>) -> Result<Vec<u8>> {
+        self.read(move |cache| cache.frames(steps.clone())).await
+    }
+
+    /// Reads the cache, twice if it has to be rebuilt.
+    async fn read<T: Send + 'static>(
+        &self,
+        read: impl Fn(&FrameCache) -> std::result::Result<T, RecordingError> + Clone + Send + 'static,
+    ) -> Result<T> {
+        let attempt = async || {
+            let (cache, read) = (self.cache.clone(), read.clone());
+            off_runtime("reading a frame cache", move || Ok(read(&cache))).await
+        };
+        let fault = |error| Error::internal("reading a frame cache", error);
+        match attempt().await? {
+            Err(error) if error.is_of_the_cache() => {
+                tracing::info!(blob.id = %self.recording, %error, "rebuilding a frame cache");
+                self.ingest.rebuild_frames(&self.task, &self.recording).await?;
+                attempt().await?.map_err(fault)
+            }
+            read => read.map_err(fault),
+        }
+    }
+}
+
+/// Opens a frame cache.
+///
+/// # Errors
+/// Internal when it is missing or damaged.
+pub(super) async fn open_frames(path: PathBuf, task: TaskSpec) -> Result<FrameCache> {
+    off_runtime("opening a frame cache", move || {
+        FrameCache::open(&path, &task).map_err(|error| Error::internal(format!("opening {}", path.display()), error))
+    })
+    .await
+}
