@@ -63,7 +63,7 @@ impl Episodes<'_> {
         };
         tracing::info!(episode.id = %input.id, %problem, "rebuilding a frame cache");
         let frames = u64::try_from(frame_bytes_per_step(self.task)).unwrap_or(u64::MAX);
-        self.blobs.expect_room(frames.saturating_mul(input.steps))?;
+        self.blobs.make_cache_room(frames.saturating_mul(input.steps))?;
         let fault = |error| Failure::recording(input.id.as_str(), &error);
         let recording = self.blobs.path(&input.recording);
         // The recording was accepted, possibly under wider limits than the present ones.
