@@ -6,11 +6,13 @@
 mod claim;
 #[cfg(test)]
 mod contract;
+mod decoded;
 mod describe;
 mod existing;
 mod fair_queue;
 mod inspector;
 mod keep;
+mod limits;
 mod part;
 mod passing;
 mod recover;
@@ -28,7 +30,6 @@ use std::{
     time::Duration,
 };
 
-use gleaner_recording::{Episode as Frames, TaskSpec};
 use tokio::sync::Semaphore;
 
 use self::{claim::Claims, inspector::Inspector};
@@ -41,9 +42,8 @@ pub(crate) use self::{
 use crate::{
     blobs::{Blobs, sync_folder},
     config::ServeConfig,
-    data_folder::frames_path,
-    domain::id::{BlobId, UploadId},
-    error::{Error, Kind, Result},
+    domain::id::UploadId,
+    error::{Error, Result},
     store::Store,
 };
 
@@ -85,28 +85,6 @@ impl Ingest {
         })
     }
 
-    /// The steps of a stored recording, mapped rather than read. A missing or damaged cache is rebuilt.
-    ///
-    /// # Errors
-    /// Internal when the recording can no longer be read.
-    pub async fn frames(&self, task: &TaskSpec, recording: &BlobId) -> Result<Frames> {
-        let path = frames_path(&self.data_dir, recording, task);
-        match open_frames(path.clone()).await {
-            Ok(frames) => return Ok(frames),
-            Err(error) => tracing::info!(blob.id = %recording, %error, "rebuilding a frame cache"),
-        }
-        let inspected = self.inspector.inspect_admitted(&self.blobs.path(recording), task).await;
-        // It was accepted before, so the caller is not at fault.
-        let inspected = inspected.map_err(|error| {
-            if error.kind() != Kind::Invalid {
-                return error;
-            }
-            Error::internal(format!("rebuilding the frames of {recording}"), error)
-        })?;
-        inspected.keep_frames(&path).await?;
-        open_frames(path).await
-    }
-
     /// The folder of recordings.
     pub(crate) fn blobs(&self) -> &Blobs {
         &self.blobs
@@ -120,13 +98,6 @@ impl Ingest {
 /// The part file of an open upload.
 pub(crate) fn part_path(data_dir: &Path, upload: &UploadId) -> PathBuf {
     data_dir.join("uploads").join(format!("{upload}.part"))
-}
-
-async fn open_frames(path: PathBuf) -> Result<Frames> {
-    off_runtime("opening a frame cache", move || {
-        Frames::open(&path).map_err(|error| Error::internal(format!("opening {}", path.display()), error))
-    })
-    .await
 }
 
 /// Runs blocking work off the runtime's threads.
