@@ -67,7 +67,7 @@ impl Import {
                 return Err(Error::invalid("open.encoder_id", fix));
             }
         }
-        blobs.expect_room(0)?;
+        blobs.room_for(0).await?;
         let places = members.iter().map(|member| member.episode_id.clone()).zip(0..).collect();
         let scores = vec![None; members.len()];
         Ok(Self { opening, task_id: snapshot.task_id, members, places, scores })

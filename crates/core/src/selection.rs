@@ -126,5 +126,22 @@ impl<'a> Resolved<'a> {
     }
 }
 
+impl Resolved<'_> {
+    /// The number of kept segments of an episode and the lowest w of them. Most selections decide by a segment's own
+    /// scores; of millions of segments, these are then counted without being marked. `marked` is memory for the others.
+    fn count(&self, candidate: &Candidate, marked: &mut Vec<bool>) -> (u64, Option<f64>) {
+        let scores = candidate.w.iter().copied().zip(candidate.q.iter().copied());
+        let add = |(kept, lowest): (u64, f64), w: f64| (kept + 1, lowest.min(w));
+        let none = (0, f64::INFINITY);
+        let (kept, lowest) = if self.shape.is_off() {
+            scores.filter(|&(w, q)| self.filter.keeps(w, q)).map(|(w, _)| w).fold(none, add)
+        } else {
+            self.mark(candidate, marked);
+            scores.zip(&*marked).filter(|(_, kept)| **kept).map(|((w, _), _)| w).fold(none, add)
+        };
+        (kept, (kept > 0).then_some(lowest))
+    }
+}
+
 #[cfg(test)]
 mod tests;

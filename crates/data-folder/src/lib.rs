@@ -6,6 +6,7 @@
 
 pub mod access;
 pub mod blobs;
+pub mod caches;
 pub mod fail_point;
 pub mod file_limit;
 pub mod lock;

@@ -2,6 +2,8 @@
 //!
 //! Hostile bytes can abort the process in any of these functions, which is why it is a separate process.
 
+use std::io::ErrorKind;
+
 use gleaner_recording::{RecordingError, Report, TaskSpec, cache_episode, salvage};
 
 use crate::{InspectError, Order, limits};
@@ -16,7 +18,9 @@ pub enum Verdict {
     Salvaged(u64),
     /// The recording is rejected, with the reason and the fix.
     Refused(String),
-    /// The inspection failed for a reason outside the recording.
+    /// The disk filled up.
+    Full(String),
+    /// The inspection failed for another reason outside the recording.
     Fault(String),
 }
 
@@ -28,11 +32,18 @@ pub fn inspect(order: &Order) -> Result<(), InspectError> {
     limits::apply(order)?;
     let verdict = match read(order)? {
         Ok(verdict) => verdict,
+        Err(error) if is_full(&error) => Verdict::Full(error.to_string()),
         Err(error @ (RecordingError::Io { .. } | RecordingError::Write(_))) => Verdict::Fault(error.to_string()),
         Err(error) => Verdict::Refused(error.to_string()),
     };
     let json = serde_json::to_vec(&verdict).map_err(InspectError::when("writing the verdict"))?;
     std::fs::write(&order.report, json).map_err(InspectError::when("writing the verdict"))
+}
+
+/// Whether the disk has no room for the decoded frames.
+fn is_full(error: &RecordingError) -> bool {
+    let RecordingError::Io { source, .. } = error else { return false };
+    matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded)
 }
 
 fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> {

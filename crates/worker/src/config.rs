@@ -35,6 +35,9 @@ pub struct WorkerConfig {
     /// Bytes of the disk that stay free (0: use all).
     #[arg(long, default_value_t = 0)]
     pub min_free_bytes: u64,
+    /// Maximum size of the cache in bytes (0: no limit). Default: half of the disk.
+    #[arg(long)]
+    pub max_cache_bytes: Option<u64>,
     /// The token of this attempt of its job.
     #[arg(long, env = "GLEANER_JOB_TOKEN", hide_env_values = true)]
     pub token: Secret,

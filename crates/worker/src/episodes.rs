@@ -32,13 +32,13 @@ impl Episodes<'_> {
     }
 
     /// Every episode with its kept segments and their weights.
-    pub(crate) fn weighted(&self, inputs: &[KeptInput]) -> Result<Vec<WeightedSegments>, Failure> {
+    pub(crate) fn weighted(&self, inputs: Vec<KeptInput>) -> Result<Vec<WeightedSegments>, Failure> {
         let shape = self.shape();
-        let weighted = |KeptInput { episode, segments, similarities: _, qualities: _ }: &KeptInput| {
+        let weighted = |KeptInput { episode, segments, similarities: _, qualities: _ }| {
             let steps = segments.iter().map(|segment| (segment.end_step, segment.weight)).collect();
-            Ok(WeightedSegments { trajectory: self.trajectory(&shape, episode)?, steps })
+            Ok(WeightedSegments { trajectory: self.trajectory(&shape, &episode)?, steps })
         };
-        inputs.iter().map(weighted).collect()
+        inputs.into_iter().map(weighted).collect()
     }
 
     fn trajectory(&self, shape: &TaskShape, input: &InputEpisode) -> Result<Trajectory, Failure> {
@@ -67,7 +67,7 @@ impl Episodes<'_> {
         let fault = |error| Failure::recording(input.id.as_str(), &error);
         let recording = self.blobs.path(&input.recording);
         // Compressed pictures take about as much as the recording that they come from, often less.
-        self.blobs.expect_room(std::fs::metadata(&recording).map_or(0, |file| file.len()))?;
+        self.blobs.make_cache_room(std::fs::metadata(&recording).map_or(0, |file| file.len()))?;
         // The recording was accepted, possibly under wider limits than the present ones.
         gleaner_recording::cache_episode(&recording, self.task, &Limits::ADMITTED, &cache).map_err(fault)?;
         FrameCache::open(&cache, self.task).map_err(fault)

@@ -16,7 +16,7 @@ use gleaner_core::{
     id::BlobId,
     work::{InputEpisode, Inputs},
 };
-use gleaner_data_folder::{FEATURES, blobs::Blobs, frames_path};
+use gleaner_data_folder::{FEATURES, blobs::Blobs, caches, frames_path};
 
 /// Free bytes to leave beyond the limit of other writes, so that features never take the last space from data that
 /// cannot be rebuilt.
@@ -54,6 +54,7 @@ impl<'a> KeptFeatures<'a> {
     /// Writes a digest of the key and the bytes, then the bytes; the file gets its name once it is complete.
     fn write(&self, place: &Place, bytes: &[u8]) -> Result<()> {
         self.blobs.expect_room(SPARE.saturating_add(bytes.len() as u64))?;
+        self.blobs.caches().fit(bytes.len() as u64)?;
         let fault = |error: std::io::Error| Error::internal(format!("keeping {}", place.path.display()), error);
         let mut file = tempfile::Builder::new().prefix("features-").tempfile_in(&self.unfinished).map_err(fault)?;
         file.write_all(place.digest(bytes).as_bytes()).and_then(|()| file.write_all(bytes)).map_err(fault)?;
@@ -83,6 +84,7 @@ impl FeatureStore for KeptFeatures<'_> {
         let place = self.places.get(episode)?;
         // In most cases there is no file.
         let mut bytes = std::fs::read(&place.path).ok()?;
+        caches::note_use(&place.path);
         let (digest, features) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>()?;
         if place.digest(features) != *digest {
             tracing::warn!(episode.id = episode, "its kept features are damaged; computing them again");

@@ -45,7 +45,8 @@ async fn serve(config: WorkerConfig) -> Result<()> {
     if let Err(error) = file_limit::survive_limit() {
         tracing::warn!(%error, "a write beyond the file size limit would end the worker");
     }
-    let blobs = Blobs::open(&config.data_dir)?.sparing(config.min_free_bytes);
+    let blobs = Blobs::open(&config.data_dir)?;
+    let blobs = blobs.sparing(config.min_free_bytes).limiting_caches(config.max_cache_bytes)?;
     let mut client = Client::connect(&config).await?;
     let (job_id, order, inputs) = client.assignment().await?;
     tracing::info!(job.id = %job_id, "working");

@@ -21,8 +21,9 @@ pub struct MaintenanceConfig {
     /// saves disk space.
     #[arg(long = "keep-features-days", env = "GLEANER_KEEP_FEATURES_DAYS", default_value_t = 7, value_name = "DAYS")]
     pub features_days: u32,
-    /// Maximum cache size in bytes, enforced hourly. Evicts least recently used features first, then decoded steps;
-    /// both are rebuilt on demand. Default: no limit.
+    /// Maximum size of the cache in bytes: features of segments and decoded steps of recordings. Beyond it, or when the
+    /// disk is short of space, the least recently used are removed, features first; both are rebuilt on demand. A larger
+    /// cache saves that work and leaves less of the disk to other programs (0: no limit). Default: half of the disk.
     #[arg(long, env = "GLEANER_MAX_CACHE_BYTES", value_name = "BYTES")]
     pub max_cache_bytes: Option<u64>,
     /// Maximum share of all blobs, 0 to 1, that one sweep moves to the trash as recordings and results without a row. A

@@ -1,13 +1,17 @@
 //! The decoded steps of stored recordings, read from their frame caches. Must not depend on uploads.
 
-use std::{ops::Range, path::PathBuf, sync::Arc};
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use gleaner_recording::{FrameCache, Numbers, RecordingError, TaskSpec};
 
-use super::{Ingest, off_runtime};
+use super::{Ingest, inspector::Inspected, off_runtime};
 use crate::{
-    data_folder::frames_path,
-    domain::id::BlobId,
+    data_folder::{caches::note_use, frames_path},
+    domain::{client::Client, id::BlobId},
     error::{Error, Kind, Result},
 };
 
@@ -25,7 +29,7 @@ impl Ingest {
     /// The steps of a stored recording. A missing or damaged cache is rebuilt.
     ///
     /// # Errors
-    /// Internal when the recording can no longer be read.
+    /// Exhausted when the disk has no room for them; Internal when the recording can no longer be read.
     pub async fn frames(&self, task: &TaskSpec, recording: &BlobId) -> Result<Frames> {
         let path = frames_path(&self.data_dir, recording, task);
         let cache = match open_frames(path.clone(), task.clone()).await {
@@ -40,7 +44,9 @@ impl Ingest {
     }
 
     async fn rebuild_frames(&self, task: &TaskSpec, recording: &BlobId) -> Result<()> {
-        let inspected = self.inspector.inspect_admitted(&self.blobs.path(recording), task).await;
+        let blob = self.blobs.path(recording);
+        let size = std::fs::metadata(&blob).map_or(0, |file| file.len());
+        let inspected = self.inspect(size, &blob, task, None).await;
         // It was accepted before, so the caller is not at fault.
         let inspected = inspected.map_err(|error| {
             if error.kind() != Kind::Invalid {
@@ -48,7 +54,40 @@ impl Ingest {
             }
             Error::internal(format!("rebuilding the frames of {recording}"), error)
         })?;
-        inspected.keep_frames(&frames_path(&self.data_dir, recording, task)).await
+        inspected.keep_frames(&self.blobs, &frames_path(&self.data_dir, recording, task)).await
+    }
+
+    /// Inspects a recording of this size with room for its decoded steps, which take about as much. If the disk fills up
+    /// nevertheless, other decoded steps make room for the most that an inspection may write, and it is repeated once.
+    /// `new`: the client of a recording that is not stored yet, and its name of the file.
+    ///
+    /// # Errors
+    /// Exhausted when the disk has no room; those of the inspection.
+    pub(super) async fn inspect(
+        &self,
+        size_bytes: u64,
+        recording: &Path,
+        task: &TaskSpec,
+        new: Option<(&Client, &str)>,
+    ) -> Result<Inspected> {
+        self.blobs.room_for(size_bytes).await?;
+        let error = match self.inspect_once(recording, task, new).await {
+            Err(error) if error.kind() == Kind::Exhausted => error,
+            inspected => return inspected,
+        };
+        let (blobs, most) = (self.blobs.clone(), self.inspector.memory_bytes);
+        match off_runtime("making room for decoded steps", move || blobs.caches().evict(most)).await? {
+            0 => Err(error),
+            _ => self.inspect_once(recording, task, new).await,
+        }
+    }
+
+    async fn inspect_once(&self, recording: &Path, task: &TaskSpec, new: Option<(&Client, &str)>) -> Result<Inspected> {
+        let inspected = match new {
+            Some((client, shown)) => self.inspector.inspect(client, recording, task, shown).await,
+            None => self.inspector.inspect_admitted(recording, task).await,
+        };
+        inspected.map_err(|error| self.blobs.blame(error))
     }
 }
 
@@ -95,12 +134,13 @@ impl Frames {
     }
 }
 
-/// Opens a frame cache.
+/// Opens a frame cache and notes its use.
 ///
 /// # Errors
 /// Internal when it is missing or damaged.
 pub(super) async fn open_frames(path: PathBuf, task: TaskSpec) -> Result<FrameCache> {
     off_runtime("opening a frame cache", move || {
+        note_use(&path);
         FrameCache::open(&path, &task).map_err(|error| Error::internal(format!("opening {}", path.display()), error))
     })
     .await

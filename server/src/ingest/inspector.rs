@@ -16,9 +16,10 @@ use tokio::{io::AsyncReadExt as _, process::Command};
 
 use super::{off_runtime, slots::Slots, sync_folder};
 use crate::{
+    blobs::Blobs,
     config::{LimitConfig, worker_environment},
     domain::client::Client,
-    error::{Error, Result},
+    error::{DISK_FULL, Error, Result},
     file_limit::largest_file,
     program::Program,
 };
@@ -39,7 +40,8 @@ pub(super) struct Inspector {
     /// A program and its first arguments.
     command: Vec<OsString>,
     tmp: PathBuf,
-    memory_bytes: u64,
+    /// The most that one inspection may write, too.
+    pub(super) memory_bytes: u64,
     seconds: u64,
     /// The limits on a recording's content.
     limits: RecordingsConfig,
@@ -160,6 +162,7 @@ impl Inspector {
                 let why = why.replace(&order.recording.display().to_string(), shown);
                 Err(Error::invalid("recording", shortened(&why)))
             }
+            Some(Verdict::Full(why)) => Err(Error::refused_by_disk(DISK_FULL, "inspecting a recording", why)),
             Some(Verdict::Fault(why)) => Err(Error::internal("inspecting a recording", why)),
             Some(Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Refused(_)) | None => {
                 Err(broken(order, status, &stderr_text))
@@ -265,11 +268,12 @@ impl Inspected {
         self.folder.path().join(FRAMES)
     }
 
-    /// Moves the decoded frames to their place in the cache.
-    pub(super) async fn keep_frames(&self, place: &Path) -> Result<()> {
-        let (from, place) = (self.frames_path(), place.to_owned());
+    /// Moves the decoded frames to their place in the cache, within the limit on its size.
+    pub(super) async fn keep_frames(&self, blobs: &Blobs, place: &Path) -> Result<()> {
+        let (from, place, blobs) = (self.frames_path(), place.to_owned(), blobs.clone());
         off_runtime("keeping decoded frames", move || {
             let fault = |error| Error::internal(format!("keeping {}", place.display()), error);
+            blobs.caches().fit(std::fs::metadata(&from).map_err(fault)?.len())?;
             std::fs::File::open(&from).and_then(|file| file.sync_all()).map_err(fault)?;
             crate::fail_point::pass("frames.synced");
             std::fs::rename(&from, &place).map_err(fault)?;

@@ -12,6 +12,7 @@ mod fair_queue;
 mod frames;
 mod inspector;
 mod keep;
+mod limits;
 mod part;
 mod passing;
 mod recover;

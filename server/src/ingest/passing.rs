@@ -21,6 +21,9 @@ pub(super) const AT_ONCE: usize = 4;
 /// After this many bytes the free space of the disk is checked again.
 const POLL_INTERVAL: u64 = 4 << 20;
 
+/// The field that declares the size.
+const SIZE: &str = "open.size_bytes";
+
 /// A client's description of a recording before it is sent.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Declared {
@@ -65,8 +68,8 @@ impl Ingest {
         let one = Arc::clone(&self.passing)
             .try_acquire_owned()
             .map_err(|_| Error::exhausted(format!("{AT_ONCE} recordings are being inspected already; retry later")))?;
-        self.within_limit(declared.size_bytes.unwrap_or(0))?;
-        self.blobs.expect_room(declared.size_bytes.unwrap_or(0))?;
+        self.within_limits(SIZE, declared.size_bytes.unwrap_or(0))?;
+        self.blobs.room_for(declared.size_bytes.unwrap_or(0)).await?;
         let tmp = self.data_dir.join("tmp");
         let folder = off_runtime("making room for a recording", move || {
             let made = tempfile::Builder::new().prefix("passing-").tempdir_in(tmp);
@@ -76,8 +79,8 @@ impl Ingest {
         let recording = folder.path().join("recording.mcap");
         self.receive(&recording, &declared, chunks).await?;
         let shown = if declared.file_name.is_empty() { "the recording" } else { &declared.file_name };
-        let inspected = self.inspector.inspect(client, &recording, task, shown).await;
-        let inspected = inspected.map_err(|error| self.blobs.blame(error))?;
+        let size = declared.size_bytes.unwrap_or(0);
+        let inspected = self.inspect(size, &recording, task, Some((client, shown))).await?;
         let frames = open_frames(inspected.frames_path(), task.clone()).await?;
         off_runtime("forgetting a recording", move || {
             drop(folder);
@@ -100,12 +103,12 @@ impl Ingest {
         let (mut size, mut looked) = (0_u64, 0);
         while let Some(chunk) = chunks.next().await.transpose()? {
             size = size.saturating_add(chunk.len() as u64);
-            self.within_limit(size)?;
+            self.within_limits(SIZE, size)?;
             if declared.size_bytes.is_some_and(|declared| size > declared) {
                 break;
             }
             if size - looked >= POLL_INTERVAL {
-                self.blobs.expect_room(0)?;
+                self.blobs.room_for(0).await?;
                 looked = size;
             }
             file.write_all(&chunk).await.map_err(fault)?;
@@ -113,7 +116,7 @@ impl Ingest {
         file.flush().await.map_err(fault)?;
         match declared.size_bytes {
             Some(declared) if size != declared => Err(Error::invalid(
-                "open.size_bytes",
+                SIZE,
                 format!(
                     "is {declared}, but {} bytes were received; send the whole file",
                     if size > declared { "more" } else { "less" }
@@ -121,16 +124,6 @@ impl Ingest {
             )),
             Some(_) | None => Ok(()),
         }
-    }
-
-    fn within_limit(&self, size: u64) -> Result<()> {
-        if size <= self.max_upload_bytes {
-            return Ok(());
-        }
-        Err(Error::exhausted(format!(
-            "the recording is above this server's limit of {} bytes (--max-upload-bytes)",
-            self.max_upload_bytes
-        )))
     }
 }
 

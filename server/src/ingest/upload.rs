@@ -12,7 +12,6 @@ use crate::{
         id::UploadId,
     },
     error::{Error, Kind, Result},
-    file_limit::largest_file,
 };
 
 /// The answer to the start of an upload.
@@ -28,30 +27,18 @@ impl Ingest {
     /// Opens an upload, or resumes an inactive one of the same content.
     ///
     /// # Errors
-    /// Exists when the task holds the content under another label; Exhausted above the size limit, or when the client
-    /// has too many open uploads.
+    /// Exists when the task holds the content under another label; Exhausted above a limit on its size, when the disk
+    /// lacks room beside the active uploads, or when the client has too many open uploads.
     pub(crate) async fn start(&self, new: NewUpload) -> Result<Started> {
-        if new.size_bytes > self.max_upload_bytes {
-            return Err(Error::exhausted(format!(
-                "size_bytes: {} is above this server's limit of {} bytes a recording (--max-upload-bytes)",
-                new.size_bytes, self.max_upload_bytes
-            )));
-        }
+        self.within_limits("size_bytes", new.size_bytes)?;
         self.store.verify()?;
-        if let Some(most) = largest_file().filter(|most| new.size_bytes > *most) {
-            return Err(Error::exhausted(format!(
-                "size_bytes: {} is above the file size limit of the server's process, {most} bytes: raise it there \
-                 (`ulimit -f`, LimitFSIZE= of its service), then push the file again",
-                new.size_bytes
-            )));
-        }
         let upload = new.open();
         if let Some(existing) = self.stored(&upload).await? {
             let existing = same_label(existing, upload.outcome, &upload.cohort)?;
             self.discard_idle(&upload).await?;
             return Ok(Started::Existing(existing));
         }
-        self.blobs.expect_room(0)?;
+        self.blobs.room_for(0).await?;
         for open in self.store.uploads_of(&upload.task_id, &upload.blake3).await? {
             if open.is_like(&upload) && self.claims.offer(&open.id).await {
                 match self.store.upload(&open.id).await {
@@ -65,7 +52,7 @@ impl Ingest {
         if let Some(existing) = self.stored(&upload).await? {
             return same_label(existing, upload.outcome, &upload.cohort).map(Started::Existing);
         }
-        self.blobs.expect_room(upload.size_bytes)?;
+        self.make_room_for_upload(upload.size_bytes).await?;
         let path = self.part_path(&upload.id);
         off_runtime("making a part file", move || part::create(&path)).await?;
         crate::fail_point::pass("upload.part_made");
@@ -133,7 +120,7 @@ impl Ingest {
             self.discard(id).await?;
             return self.settle_on(existing, &upload).await;
         }
-        self.blobs.expect_room(0)?;
+        self.blobs.room_for(0).await?;
         match self.admit(&upload).await {
             Err(error) if error.kind() == Kind::Invalid => {
                 self.discard(id).await?;
@@ -160,10 +147,10 @@ impl Ingest {
         .await?;
         crate::fail_point::pass("upload.digest_checked");
         let task = self.store.task_by_id(&upload.task_id).await?;
-        let inspected = self.inspector.inspect(&upload.client, &recording, &task.spec, &upload.file_name).await;
-        let inspected = inspected.map_err(|error| self.blobs.blame(error))?;
+        let new = Some((&upload.client, upload.file_name.as_str()));
+        let inspected = self.inspect(upload.size_bytes, &recording, &task.spec, new).await?;
         crate::fail_point::pass("upload.inspected");
-        inspected.keep_frames(&frames_path(&self.data_dir, &upload.blake3, &task.spec)).await?;
+        inspected.keep_frames(&self.blobs, &frames_path(&self.data_dir, &upload.blake3, &task.spec)).await?;
         crate::fail_point::pass("upload.frames_kept");
         let (blobs, id) = (self.blobs.clone(), upload.blake3.clone());
         // From here until its row is committed, no sweep removes the blob.

@@ -113,7 +113,7 @@ impl Writing<'_> {
         }
         if self.part.as_ref().is_some_and(|part| part.size == part.synced) {
             // Received bytes are kept; the client resumes once there is room.
-            self.ingest.blobs.expect_room(0)?;
+            self.ingest.blobs.room_for(0).await?;
             self.sync_at = Instant::now() + SYNC_AFTER;
         }
         if let Some(part) = self.part.take() {

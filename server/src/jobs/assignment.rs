@@ -8,7 +8,7 @@ use crate::{
 };
 
 impl Jobs {
-    /// The complete input of a running job.
+    /// The input of a running job without its episodes, which [`Jobs::input_parts`] streams.
     ///
     /// # Errors
     /// When the database cannot be read, or a required input is missing.

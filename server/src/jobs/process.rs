@@ -24,6 +24,7 @@ pub(super) fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) ->
         .args(config.jobs.worker_idle.then_some("--idle"))
         .args(["--max-message-bytes", &config.limits.max_message_bytes.to_string()])
         .args(["--min-free-bytes", &config.maintenance.min_free_bytes.to_string()])
+        .args(config.maintenance.max_cache_bytes.map(|most| format!("--max-cache-bytes={most}")))
         .args(["--parent", &std::process::id().to_string()])
         .env_clear()
         .envs(worker_environment())

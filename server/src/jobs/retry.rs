@@ -38,7 +38,7 @@ impl Jobs {
                 "{id} is {state}; only a job that failed or was cancelled is tried again"
             )));
         }
-        self.0.blobs.expect_room(0)?;
+        self.0.blobs.room_for(0).await?;
         // Inputs of the spec may have been deleted since.
         kinds::resolve(self, &job.task_id, job.spec.clone().into()).await?;
         let mut again = Again::default();

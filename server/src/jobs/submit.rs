@@ -27,7 +27,7 @@ impl Jobs {
         if let Some(job) = self.known(task, &order, &queueing.key).await? {
             return Ok(job);
         }
-        self.0.blobs.expect_room(0)?;
+        self.0.blobs.room_for(0).await?;
         let resolved = kinds::resolve(self, task, order.clone()).await?;
         let Queueing { priority, needs, max_attempts, key } = queueing;
         let keyed = (!key.is_empty()).then(|| Keyed { key: key.clone(), order: order.clone() });
@@ -75,7 +75,7 @@ impl Jobs {
         priority: i32,
         start: Option<ScheduleStart>,
     ) -> Result<(Vec<Job>, Option<DatasetId>)> {
-        self.0.blobs.expect_room(0)?;
+        self.0.blobs.room_for(0).await?;
         let mut pipeline = pipeline.clone();
         if let Some(evaluate) = pipeline.evaluate.take() {
             pipeline.evaluate =

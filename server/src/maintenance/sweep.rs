@@ -81,11 +81,10 @@ impl Sweeper {
         counts.leavings = off_runtime(move || blobs.remove_drafts(old)).await?;
         let named = self.store.named_blobs().await?;
         let rules = Rules {
-            folder: self.data_dir.join("cache"),
+            blobs: self.blobs.clone(),
             named: named.into_iter().map(|named| named.blob).collect(),
             old,
             features_used: self.days_before(now, self.maintenance.features_days).await?,
-            most_bytes: self.maintenance.max_cache_bytes,
         };
         counts.caches = off_runtime(move || rules.sweep()).await?;
         let tmp = self.data_dir.join("tmp");

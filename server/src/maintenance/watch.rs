@@ -12,7 +12,7 @@ const LOOK_AT_FILES_EVERY: Duration = Duration::from_secs(1);
 pub(super) async fn watch_disk(blobs: Blobs) {
     let mut refusing = false;
     loop {
-        refusing = log_change(&blobs, refusing);
+        refusing = log_change(&blobs, refusing).await;
         tokio::time::sleep(LOOK_AT_DISK_EVERY).await;
     }
 }
@@ -41,9 +41,9 @@ pub(super) async fn watch_files(store: Store, data_dir: PathBuf) {
     }
 }
 
-/// Logs a change and returns whether new data is now rejected.
-fn log_change(blobs: &Blobs, refusing: bool) -> bool {
-    match (blobs.expect_room(0), refusing) {
+/// Makes room where that is needed, logs a change, and returns whether new data is now rejected.
+async fn log_change(blobs: &Blobs, refusing: bool) -> bool {
+    match (blobs.room_for(0).await, refusing) {
         (Ok(()), true) => {
             tracing::info!("there is room on the disk again: uploads, recordings and jobs are accepted");
             false

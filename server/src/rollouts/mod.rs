@@ -157,7 +157,7 @@ impl Rollouts {
     async fn keep_later(&self, files: &RolloutFiles) {
         loop {
             tokio::time::sleep(AGAIN_AFTER).await;
-            if self.0.ingest.blobs().expect_room(0).is_err() {
+            if self.0.ingest.blobs().room_for(0).await.is_err() {
                 continue;
             }
             match self.keep(files).await {
@@ -218,7 +218,7 @@ async fn write_down(
         tokio::select! {
             biased;
             () = synced => {
-                let room = blobs.expect_room(0);
+                let room = blobs.room_for(0).await;
                 writer = off_runtime(move || {
                     writer.sync();
                     room.unwrap_or_else(|error| writer.stop(&error));

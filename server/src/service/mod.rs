@@ -56,7 +56,9 @@ impl Services {
     /// When the data directory or the database cannot be used.
     pub async fn open(config: ServeConfig, address: SocketAddr) -> Result<Self> {
         let config = Arc::new(config);
-        let blobs = Blobs::open(&config.data_dir)?.sparing(config.maintenance.min_free_bytes);
+        let blobs = Blobs::open(&config.data_dir)?
+            .sparing(config.maintenance.min_free_bytes)
+            .limiting_caches(config.maintenance.max_cache_bytes)?;
         let accept = config.maintenance.accept_database;
         let store = Store::open_with_blobs(&config.data_dir, &blobs, accept).await?;
         data_folder::access::warn_if_open(&config.data_dir);

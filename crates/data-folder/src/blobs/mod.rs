@@ -60,7 +60,8 @@ impl Blobs {
     /// The blobs of a data directory that is only read: no folder is created.
     pub fn at(data_dir: &Path) -> Self {
         let (root, unfinished) = (data_dir.join(BLOBS), data_dir.join("tmp"));
-        Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space: space::Space::default() }
+        let space = space::Space::of(data_dir);
+        Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space }
     }
 
     /// The path of a blob, whether or not it exists.
@@ -79,7 +80,7 @@ impl Blobs {
     /// # Errors
     /// Exhausted when too little of the disk would stay free; Internal when the disk fails.
     pub fn put(&self, bytes: &[u8]) -> Result<BlobId> {
-        self.expect_room(bytes.len() as u64)?;
+        self.make_room(bytes.len() as u64)?;
         let id = BlobId::from(blake3::hash(bytes));
         let mut file = tempfile::Builder::new()
             .prefix("blob-")

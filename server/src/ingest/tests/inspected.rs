@@ -92,3 +92,20 @@ fn processor_time_is_limited_without_a_watching_parent() {
         .unwrap();
     assert_eq!(status.signal(), Some(rustix::process::Signal::XCPU.as_raw()), "{status}");
 }
+
+/// The decoded steps of a recording may take more than its size. Once the disk is full, those of others make room.
+#[tokio::test]
+async fn a_disk_that_fills_while_the_cache_is_written_is_cleared_of_other_caches() {
+    let full = r#"printf '{"full":"no space left on device"}' > "$report""#;
+    let others = r#"ls "${frames%/tmp/*}"/cache/*.frames > "$report" 2>&1"#;
+    let f = playing(&format!("if {others}; then {full}; else {USABLE}; fi")).await;
+    let other = frames_path(f.dir.path(), &blake3::hash(b"other").into(), &f.task.spec);
+    fs::write(&other, b"decoded").unwrap();
+    let stored = f.push(b"recording").await.unwrap().episode;
+    assert!(!other.exists() && frames_path(f.dir.path(), &stored.recording, &f.task.spec).exists());
+
+    let f = playing(full).await;
+    let error = f.push(b"recording").await.unwrap_err();
+    assert!(error.kind() == Kind::Exhausted && error.message().contains("disk"), "{error}");
+    assert_eq!(f.store.uploads().await.unwrap().len(), 1, "it can be finished once there is room");
+}

@@ -44,6 +44,22 @@ async fn an_upload_waits_for_room_and_resumes() {
     );
 }
 
+/// Several clients that push at once are refused before their first byte, not in the middle.
+#[tokio::test]
+async fn an_upload_needs_room_beside_those_in_progress() {
+    let mut f = playing(USABLE).await;
+    let free = f.on_a_small_disk();
+    free.store(100 + 2 * 9 - 1, Ordering::Relaxed);
+    let first = f.start(b"recording").await;
+    let error = f.ingest.start(f.new_upload(b"the other")).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Exhausted);
+    for part in ["would take 18", "uploads in progress are to take 9", "100 must stay free (--min-free-bytes)"] {
+        assert!(error.message().contains(part), "{part}: {error}");
+    }
+    f.write(&first.id, 0, b"r").await.unwrap();
+    assert!(f.ingest.start(f.new_upload(b"the other")).await.is_ok(), "its client has left");
+}
+
 /// Pieces of an endless recording; the disk fills up when the n-th is polled.
 fn filling(free: &Arc<AtomicU64>, n: usize) -> impl Stream<Item = Bytes> {
     let (free, piece) = (Arc::clone(free), Bytes::from(vec![7; 1 << 20]));
