@@ -23,7 +23,8 @@ fn main() {
         let bytes = train_policy(&shape, Pretrained::default(), &data, &[], &spec, None, &mut Silent).unwrap();
         let policy = Policy::load(&bytes).unwrap();
         set_threads(1);
-        let frame = &data[0].frames.as_ref().as_ref()[..shape.frame_bytes()];
+        let (frames, ..) = episodes::arrays(&shape, 0);
+        let frame = &frames[..shape.frame_bytes()];
         for sessions in [1, 16] {
             let frames = vec![frame; sessions];
             let histories = vec![full(&policy, frame); sessions];

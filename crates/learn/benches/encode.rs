@@ -26,7 +26,7 @@ fn main() {
         let bytes = train_policy(&shape, Pretrained::default(), &data, &[], &spec, None, &mut Silent).unwrap();
         let policy = Policy::load(&bytes).unwrap();
         set_threads(1);
-        let frames = data[0].frames.as_ref().as_ref();
+        let (frames, ..) = episodes::arrays(&shape, 0);
         let frames: Vec<&[u8]> = frames.chunks(shape.frame_bytes()).take(FRAMES).collect();
         group.bench_function(BenchmarkId::from_parameter(name), |bencher| bencher.iter(|| policy.embed(&frames)));
     }

@@ -109,14 +109,16 @@ impl Monitor for Paced<'_> {
 }
 
 /// Writes the episodes one after the other, as they lie in memory.
-fn share(folder: &Path, data: &[Trajectory]) -> io::Result<()> {
-    let frames: Vec<&[u8]> = data.iter().map(|episode| (*episode.frames).as_ref()).collect();
-    let bytes = |field: fn(&Trajectory) -> &[f32]| {
-        data.iter().flat_map(field).flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>()
-    };
-    fs::write(folder.join("frames"), frames.concat())?;
-    fs::write(folder.join("proprioception"), bytes(|episode| &episode.proprioception))?;
-    fs::write(folder.join("action"), bytes(|episode| &episode.action))
+fn share(folder: &Path, shape: &TaskShape, episodes: u64) -> io::Result<()> {
+    let mut files: [Vec<u8>; 3] = Default::default();
+    for seed in 0..episodes {
+        let (frames, proprioception, action) = episodes::arrays(shape, seed);
+        files[0].extend(frames);
+        files[1].extend(proprioception.into_iter().flat_map(f32::to_le_bytes));
+        files[2].extend(action.into_iter().flat_map(f32::to_le_bytes));
+    }
+    let mut named = ["frames", "proprioception", "action"].into_iter().zip(files);
+    named.try_for_each(|(name, bytes)| fs::write(folder.join(name), bytes))
 }
 
 /// Number of values the model learns; a checkpoint names them so, and nothing else.
@@ -167,7 +169,7 @@ fn main() {
     assert!(matches!(ended, Err(LearnError::Cancelled)), "no first step: {:?}", ended.err());
     let checkpoint = first.0.unwrap();
     if let Some(folder) = &job.share {
-        share(folder, &data).unwrap();
+        share(folder, &shape, job.episodes).unwrap();
         fs::write(folder.join("checkpoint"), &checkpoint).unwrap();
     }
     let size = parameters(&checkpoint);

@@ -21,17 +21,17 @@ pub(crate) type Next<'a, B> = &'a mut dyn FnMut() -> Result<B, LearnError>;
 /// thread computes on one processor, and ends with `work` after at most the batch that it is assembling.
 ///
 /// # Errors
-/// Those of `work`, and [`LearnError::Thread`]. A panic within `assemble` is the error of the batch.
+/// Those of `work`, and [`LearnError::Thread`]. An error or a panic of `assemble` is the error of the batch.
 pub(crate) fn ahead<B: Send, R>(
     numbers: Range<u64>,
-    assemble: impl Fn(u64) -> B + Send,
+    assemble: impl Fn(u64) -> Result<B, LearnError> + Send,
     work: impl FnOnce(Next<'_, B>) -> Result<R, LearnError>,
 ) -> Result<R, LearnError> {
     thread::scope(|scope| {
         let (sender, receiver) = sync_channel(WAITING);
         let assembling = move || {
             for number in numbers {
-                let batch = guard(|| Ok(assemble(number)));
+                let batch = guard(|| assemble(number));
                 let failed = batch.is_err();
                 // Sending fails once `work` has ended.
                 if sender.send(batch).is_err() || failed {
@@ -55,7 +55,7 @@ mod tests {
     fn batches_come_in_order_and_end_with_the_run() {
         let found = ahead(
             3..7,
-            |number| number * 10,
+            |number| Ok(number * 10),
             |next| {
                 let batches = [next()?, next()?, next()?, next()?];
                 assert!(matches!(next(), Err(LearnError::Torch(_))));
@@ -70,7 +70,7 @@ mod tests {
         let (assembled, seen) = channel();
         let assemble = move |number| {
             assembled.send(number).unwrap();
-            number
+            Ok(number)
         };
         let work = |next: Next<'_, u64>| {
             // Two are assembled before any is taken, and each one taken makes room for one.
@@ -88,9 +88,9 @@ mod tests {
 
     #[test]
     fn work_that_ends_early_ends_the_thread() {
-        let stopped = ahead(0..u64::MAX, |number| number, |next| next().and(Err::<(), _>(LearnError::Cancelled)));
+        let stopped = ahead(0..u64::MAX, Ok, |next| next().and(Err::<(), _>(LearnError::Cancelled)));
         assert!(matches!(stopped, Err(LearnError::Cancelled)));
-        let panics = guard(|| ahead(0..u64::MAX, |number| number, |_| -> Result<(), _> { panic!("of the work") }));
+        let panics = guard(|| ahead(0..u64::MAX, Ok, |_| -> Result<(), _> { panic!("of the work") }));
         assert!(panics.unwrap_err().to_string().ends_with("of the work"));
     }
 
@@ -98,7 +98,7 @@ mod tests {
     fn a_panic_while_assembling_is_the_error_of_its_batch() {
         let assemble = |number| {
             assert!(number < 2, "batch {number} cannot be assembled");
-            number
+            Ok(number)
         };
         let mut done = Vec::new();
         let failed = ahead(0..u64::MAX, assemble, |next| -> Result<(), _> {
@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn the_thread_has_one_thread_of_the_tensor_library_and_the_caller_keeps_its_own() {
         let caller = tch::get_num_threads();
-        let threads = ahead(0..1, |_| tch::get_num_threads(), |next| Ok((next()?, tch::get_num_threads())));
+        let threads = ahead(0..1, |_| Ok(tch::get_num_threads()), |next| Ok((next()?, tch::get_num_threads())));
         assert_eq!(threads.unwrap(), (1, caller));
     }
 }

@@ -121,7 +121,7 @@ mod tests {
     fn batch() -> Batch {
         let data = [toy::episode("a", 1, 8, true), toy::episode("b", 2, 8, true)];
         let end = |trajectory| Segment { trajectory, step: 6, weight: 1.0 };
-        Batch::collect(&toy::shape(), &[&data[0], &data[1]], &[end(0), end(1)], 4, Device::Cpu)
+        Batch::collect(&toy::shape(), &[&data[0], &data[1]], &[end(0), end(1)], 4, Device::Cpu).unwrap()
     }
 
     fn augmented(augmentation: Augmentation, seed: u64) -> Tensor {

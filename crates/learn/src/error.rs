@@ -8,6 +8,8 @@ use gleaner_search::SearchError;
 use safetensors::SafeTensorError;
 use tch::TchError;
 
+use crate::steps::SourceError;
+
 /// Reason why a call into this crate failed.
 #[derive(Debug, thiserror::Error)]
 pub enum LearnError {
@@ -50,6 +52,14 @@ pub enum LearnError {
         /// The monitor's error.
         message: String,
     },
+    /// The steps of an episode could not be read.
+    #[error("episode {episode} cannot be read: {source}")]
+    Steps {
+        /// The episode's id.
+        episode: String,
+        /// The reason.
+        source: SourceError,
+    },
     /// The system started no thread to assemble batches.
     #[error(
         "no thread could be started to assemble batches: {0}; run fewer jobs at once or raise the limit on threads"
@@ -67,7 +77,7 @@ impl LearnError {
             Self::Version { .. } | Self::Checkpoint(_) => Error::precondition(self.to_string()),
             Self::Invalid { ref field, ref message } => Error::invalid(field, message),
             Self::Cancelled => Error::cancelled(self.to_string()),
-            Self::Diverged { .. } | Self::Monitor { .. } | Self::Thread(_) | Self::Torch(_) => {
+            Self::Diverged { .. } | Self::Monitor { .. } | Self::Steps { .. } | Self::Thread(_) | Self::Torch(_) => {
                 Error::internal(doing, self)
             }
         }

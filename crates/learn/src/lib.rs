@@ -3,7 +3,7 @@
 //! Plain data goes in and plain data comes out: no tensor appears in the interface, and checkpoints are bytes that the
 //! caller stores. The crate depends on no servers, files, recordings or databases.
 //!
-//! 1. [`TaskShape`] and [`Trajectory`] describe a step and an episode.
+//! 1. [`TaskShape`] and [`Trajectory`] describe a step and an episode, whose steps a [`StepSource`] reads.
 //! 2. [`pretrain`] turns episodes into an encoder; its settings are [`PretrainSpec`](gleaner_core::PretrainSpec).
 //! 3. [`score`](fn@score) gives each segment of the imperfect episodes a quality; [`extend_scores`] adds to a run, and
 //!    [`LiveScorer`] scores episodes that are not stored.
@@ -53,6 +53,7 @@ mod pretrain;
 mod random;
 mod score;
 mod shape;
+mod steps;
 #[cfg(test)]
 mod toy;
 mod train;
@@ -71,5 +72,6 @@ pub use score::{
     SegmentScore, Similarity, extend_scores, features_kind, score,
 };
 pub use shape::{CameraShape, TaskShape};
+pub use steps::{Numbers, SourceError, StepSource, StepWidths};
 pub use train::{Monitor, Silent};
-pub use trajectory::{FrameBytes, Trajectory, WeightedSegments};
+pub use trajectory::{Trajectory, WeightedSegments};

@@ -56,14 +56,14 @@ pub fn pretrain(
             Resumed::Finished(bytes) => return Ok(bytes),
             Resumed::Unfinished(training) => training,
         };
-        let (network, segments) = (training.network(), Segments::every(shape, &data));
+        let (network, segments) = (training.network(), Segments::every(&data));
         let standard = network.statistics.proprioception.shared();
         let source = Source { shape, data: &data, segments: &segments, spec, device: network.device(), standard };
-        let draw = move |number| (source.draw(number), number);
+        let draw = move |number| Ok((source.draw(number)?, number));
         let loss = |network: &Network, (batch, number): (Batch, u64)| {
             pretrain_loss(&objectives, network, &batch, spec, number)
         };
-        let finished = training.run(spec.run.checkpoint_every, draw, &loss, &|_, _| Vec::new(), monitor)?;
+        let finished = training.run(spec.run.checkpoint_every, draw, &loss, &|_, _| Ok(Vec::new()), monitor)?;
         with_feature_scale(&finished, &data, spec)
     })
 }
@@ -81,8 +81,8 @@ fn with_feature_scale(finished: &[u8], data: &[&Trajectory], spec: &PretrainSpec
         if segments >= SCALE_SEGMENTS {
             break;
         }
-        segments += data[episode].steps(&info.shape);
-        for (all, part) in parts.iter_mut().zip(last_steps(&network, features_view(&spec.objectives), data[episode])) {
+        segments += data[episode].steps();
+        for (all, part) in parts.iter_mut().zip(last_steps(&network, features_view(&spec.objectives), data[episode])?) {
             all.push(part);
         }
     }
@@ -114,7 +114,7 @@ fn begin(
         return Training::resume(bytes, &info, &spec.optim, device);
     }
     let target = Size::of(spec.model.preset).target;
-    let statistics = Statistics::measure(shape, &Sample::every(shape, data), target, device);
+    let statistics = Statistics::measure(shape, &Sample::every(data), target, device)?;
     let statistics = statistics.for_image_encoder(spec.model.image_encoder);
     let network = Network::new(shape, spec.model, statistics, spec.run.seed, device);
     image_weights::give(spec.model.image_encoder, &network.parameters(), image_weights)?;
@@ -134,13 +134,13 @@ struct Source<'a> {
 
 impl Source<'_> {
     /// The training batch of this number.
-    fn draw(&self, number: u64) -> Batch {
+    fn draw(&self, number: u64) -> Result<Batch, LearnError> {
         let (seed, optim) = (self.spec.run.seed, &self.spec.optim);
         let drawn = self.segments.draw(&mut generator(seed, Purpose::Batch, number), optim.batch, optim.stretch);
-        let mut batch = Batch::collect(self.shape, self.data, &drawn, self.spec.model.window(), self.device);
+        let mut batch = Batch::collect(self.shape, self.data, &drawn, self.spec.model.window(), self.device)?;
         let mut rng = generator(seed, Purpose::Augmentation, number);
         augment(&mut batch, &self.spec.augmentation, &self.standard, &mut rng);
-        batch
+        Ok(batch)
     }
 }
 
@@ -199,15 +199,17 @@ mod tests {
         let Resumed::Unfinished(training) = begin(&shape, &data, &spec, (None, None)).unwrap() else {
             panic!("finished")
         };
-        let segments = Segments::every(&shape, &data);
+        let segments = Segments::every(&data);
         let standard = training.network().statistics.proprioception.shared();
         let device = tch::Device::Cpu;
         let source = Source { shape: &shape, data: &data, segments: &segments, spec: &spec, device, standard };
         let objectives = objective::find(&spec.objectives).unwrap();
-        let loss = |network: &Network, number| pretrain_loss(&objectives, network, &source.draw(number), &spec, number);
+        let loss = |network: &Network, number| {
+            pretrain_loss(&objectives, network, &source.draw(number).unwrap(), &spec, number)
+        };
         let (mut numbers, mut due) = (0.., Recorder::default());
         let mut next = || Ok(numbers.next().unwrap());
-        let bytes = training.take_steps(9, &mut next, &loss, &|_, _| Vec::new(), &mut due).unwrap();
+        let bytes = training.take_steps(9, &mut next, &loss, &|_, _| Ok(Vec::new()), &mut due).unwrap();
         assert_eq!((ahead.losses, finished), (due.losses, with_feature_scale(&bytes, &data, &spec).unwrap()));
     }
 

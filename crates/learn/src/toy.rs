@@ -4,7 +4,6 @@
 #![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use rand::RngExt;
 
@@ -59,7 +58,7 @@ pub(crate) fn episode(id: &str, seed: u64, steps: usize, expert: bool) -> Trajec
             hand[axis] += go;
         }
     }
-    Trajectory::new(&shape(), id, Arc::new(frames), proprioception, action).unwrap()
+    Trajectory::new(&shape(), id, frames, proprioception, action).unwrap()
 }
 
 pub(crate) fn experts(count: u64, steps: usize) -> Vec<Trajectory> {

@@ -164,9 +164,9 @@ impl<N: Learner> Training<N> {
     pub(crate) fn run<B: Send>(
         self,
         checkpoint_every: u32,
-        assemble: impl Fn(u64) -> B + Send,
+        assemble: impl Fn(u64) -> Result<B, LearnError> + Send,
         loss: &dyn Fn(&N, B) -> Loss,
-        report: &dyn Fn(&N, u64) -> Metrics,
+        report: &dyn Fn(&N, u64) -> Result<Metrics, LearnError>,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, LearnError> {
         let per_step = u64::from(self.optim.gradient_accumulation);
@@ -180,7 +180,7 @@ impl<N: Learner> Training<N> {
         checkpoint_every: u32,
         next: Next<'_, B>,
         loss: &dyn Fn(&N, B) -> Loss,
-        report: &dyn Fn(&N, u64) -> Metrics,
+        report: &dyn Fn(&N, u64) -> Result<Metrics, LearnError>,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, LearnError> {
         let (mut kept, steps) = (self.info.step, self.optim.steps);
@@ -194,7 +194,7 @@ impl<N: Learner> Training<N> {
             }
             let mut metrics = self.step(next, loss)?;
             let done = self.info.step;
-            metrics.extend(self.report(report));
+            metrics.extend(self.report(report)?);
             monitor.progress(done, steps, &metrics);
             if done.is_multiple_of(u64::from(checkpoint_every)) && done < steps {
                 self.keep(monitor)?;
@@ -206,20 +206,20 @@ impl<N: Learner> Training<N> {
     }
 
     /// The further metrics after a step; those after the last one are of the weights that the model finishes with.
-    fn report(&mut self, report: &dyn Fn(&N, u64) -> Metrics) -> Metrics {
+    fn report(&mut self, report: &dyn Fn(&N, u64) -> Result<Metrics, LearnError>) -> Result<Metrics, LearnError> {
         let done = self.info.step;
         let last = done == self.optim.steps;
         if last && !self.finished.is_best() {
             self.finished.finish();
         }
-        let metrics = report(&self.network, done);
+        let metrics = report(&self.network, done)?;
         let loss = metrics.iter().find(|(name, _)| *name == LOSS_VALIDATION);
         self.finished.after_report(loss.map(|(_, loss)| *loss));
         if last && self.finished.is_best() {
             self.finished.finish();
             return report(&self.network, done);
         }
-        metrics
+        Ok(metrics)
     }
 
     /// One step of the optimiser, by the mean gradient of its batches. Its numbers are read from the device at once.

@@ -1,43 +1,34 @@
-//! Episodes as plain arrays, the input of every stage. Independent of recordings and tensors.
+//! Episodes, the input of every stage. Independent of recordings and tensors.
 
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::error::LearnError;
 use crate::shape::TaskShape;
+use crate::steps::{Arrays, Numbers, SourceError, StepSource, StepWidths, WithActions};
 
-/// Images of all steps of one episode in sequence; a vector or a mapped file.
-///
-/// Per step and per camera in the shape's order: `H*W*3` bytes of RGB, then, if the camera has
-/// depth, `H*W` little-endian `u16` of millimetres with 0 for "no reading".
-pub type FrameBytes = Arc<dyn AsRef<[u8]> + Send + Sync>;
+/// Steps whose images are in memory at once while an episode is hashed.
+const HASHED_STEPS: usize = 16;
 
-/// One episode of T aligned steps.
+/// One episode of T aligned steps, which are read when they are used. Cheap to clone.
 #[derive(Clone)]
 pub struct Trajectory {
     /// The episode's id, for messages and for "an episode never matches itself".
     pub id: String,
-    /// The images, `T * frame_bytes` bytes.
-    pub frames: FrameBytes,
-    /// Proprioception, `T * M` values, step by step, in physical units.
-    pub proprioception: Vec<f32>,
-    /// Actions, `T * A` values, step by step, in physical units.
-    pub action: Vec<f32>,
+    pub(crate) source: Arc<dyn StepSource>,
 }
 
 impl fmt::Debug for Trajectory {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Trajectory")
-            .field("id", &self.id)
-            .field("frame_bytes", &self.frames.as_ref().as_ref().len())
-            .field("proprioception", &self.proprioception.len())
-            .field("action", &self.action.len())
-            .finish()
+        let (steps, widths) = (self.source.steps(), self.source.widths());
+        f.debug_struct("Trajectory").field("id", &self.id).field("steps", &steps).field("widths", &widths).finish()
     }
 }
 
 impl Trajectory {
-    /// Builds an episode and checks it against `shape`.
+    /// Builds an episode in memory and checks it against `shape`: `T * frame_bytes` bytes of images, `T * M` values of
+    /// proprioception and `T * A` of actions, step by step, in physical units.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if lengths do not agree on the number of steps, there is no step,
@@ -45,68 +36,106 @@ impl Trajectory {
     pub fn new(
         shape: &TaskShape,
         id: impl Into<String>,
-        frames: FrameBytes,
+        frames: Vec<u8>,
         proprioception: Vec<f32>,
         action: Vec<f32>,
     ) -> Result<Self, LearnError> {
-        let trajectory = Self { id: id.into(), frames, proprioception, action };
+        let arrays = Arrays { widths: shape.into(), frames, proprioception, action };
+        let trajectory = Self { id: id.into(), source: Arc::new(arrays.clone()) };
+        trajectory.validate(shape)?;
+        let steps = trajectory.steps();
+        let Arrays { widths, frames, proprioception, action } = &arrays;
+        for (field, found, width) in [
+            ("action", action.len(), widths.action),
+            ("proprioception", proprioception.len(), widths.proprioception),
+            ("frames", frames.len(), widths.frame_bytes),
+        ] {
+            if found != steps * width {
+                let expected = steps * width;
+                return Err(trajectory.invalid(
+                    field,
+                    &format!("has length {found}, the number of steps and the task's shape ask for {expected}"),
+                ));
+            }
+        }
+        trajectory.expect_finite("action", action, widths.action)?;
+        trajectory.expect_finite("proprioception", proprioception, widths.proprioception)?;
+        Ok(trajectory)
+    }
+
+    /// An episode whose steps are read from `source` when they are used. Its values must be finite.
+    ///
+    /// # Errors
+    /// [`LearnError::Invalid`] if there is no step, or a step's size is not that of `shape`.
+    pub fn read_from(
+        shape: &TaskShape,
+        id: impl Into<String>,
+        source: Arc<dyn StepSource>,
+    ) -> Result<Self, LearnError> {
+        let trajectory = Self { id: id.into(), source };
         trajectory.validate(shape)?;
         Ok(trajectory)
     }
 
-    /// Number of steps T under `shape`.
-    pub fn steps(&self, shape: &TaskShape) -> usize {
-        self.action.len() / shape.action.max(1)
+    /// Number of steps T.
+    pub fn steps(&self) -> usize {
+        self.source.steps()
     }
 
-    /// A hash of the steps, whatever the episode's id and the file that it was read from.
-    pub(crate) fn content(&self) -> blake3::Hash {
-        let mut hasher = blake3::Hasher::new();
-        hasher.update(self.frames.as_ref().as_ref());
-        for value in self.proprioception.iter().chain(&self.action) {
+    /// The numbers of these steps.
+    pub(crate) fn numbers(&self, steps: Range<usize>) -> Result<Numbers, LearnError> {
+        self.source.numbers(steps).map_err(|error| self.unreadable(error))
+    }
+
+    /// The actions of all steps, `T * A`.
+    pub(crate) fn actions(&self) -> Result<Vec<f32>, LearnError> {
+        Ok(self.numbers(0..self.steps())?.action)
+    }
+
+    /// Fills `frames` with the images of these steps.
+    pub(crate) fn read_frames(&self, steps: Range<usize>, frames: &mut [u8]) -> Result<(), LearnError> {
+        self.source.frames(steps, frames).map_err(|error| self.unreadable(error))
+    }
+
+    /// The same episode with other actions, `T * A`.
+    pub(crate) fn with_actions(&self, action: Vec<f32>) -> Self {
+        let source = Arc::new(WithActions { steps: Arc::clone(&self.source), action });
+        Self { id: self.id.clone(), source }
+    }
+
+    /// A hash of the steps, whatever the episode's id and where they are read from.
+    pub(crate) fn content(&self) -> Result<blake3::Hash, LearnError> {
+        let (mut hasher, size) = (blake3::Hasher::new(), self.source.widths().frame_bytes);
+        let mut frames = vec![0; HASHED_STEPS.min(self.steps()) * size];
+        for begin in (0..self.steps()).step_by(HASHED_STEPS) {
+            let steps = begin..self.steps().min(begin + HASHED_STEPS);
+            let frames = &mut frames[..steps.len() * size];
+            self.read_frames(steps, frames)?;
+            hasher.update(frames);
+        }
+        let Numbers { proprioception, action } = self.numbers(0..self.steps())?;
+        for value in proprioception.iter().chain(&action) {
             hasher.update(&value.to_le_bytes());
         }
-        hasher.finalize()
+        Ok(hasher.finalize())
     }
 
-    /// The images of `step`.
-    pub(crate) fn frame(&self, shape: &TaskShape, step: usize) -> &[u8] {
-        let size = shape.frame_bytes();
-        &self.frames.as_ref().as_ref()[step * size..(step + 1) * size]
-    }
-
-    /// Proprioception m_t of `step`.
-    pub(crate) fn proprioception_at(&self, shape: &TaskShape, step: usize) -> &[f32] {
-        &self.proprioception[step * shape.proprioception..(step + 1) * shape.proprioception]
-    }
-
-    /// Action a_t of `step`.
-    pub(crate) fn action_at(&self, shape: &TaskShape, step: usize) -> &[f32] {
-        &self.action[step * shape.action..(step + 1) * shape.action]
-    }
-
-    /// Checks lengths and values against `shape`, which must itself be valid.
+    /// Checks the size of a step against `shape`, which must itself be valid.
     pub(crate) fn validate(&self, shape: &TaskShape) -> Result<(), LearnError> {
-        let steps = self.steps(shape);
-        if steps == 0 {
+        let (found, expected) = (self.source.widths(), StepWidths::from(shape));
+        if self.steps() == 0 {
             return Err(self.invalid("action", "has no step; leave the episode out"));
         }
-        self.expect_length("action", self.action.len(), steps * shape.action)?;
-        self.expect_length("proprioception", self.proprioception.len(), steps * shape.proprioception)?;
-        let bytes = self.frames.as_ref().as_ref().len();
-        self.expect_length("frames", bytes, steps * shape.frame_bytes())?;
-        self.expect_finite("action", &self.action, shape.action)?;
-        self.expect_finite("proprioception", &self.proprioception, shape.proprioception)
-    }
-
-    fn expect_length(&self, field: &str, found: usize, expected: usize) -> Result<(), LearnError> {
-        if found == expected {
-            return Ok(());
+        for (field, found, expected) in [
+            ("action", found.action, expected.action),
+            ("proprioception", found.proprioception, expected.proprioception),
+            ("frames", found.frame_bytes, expected.frame_bytes),
+        ] {
+            if found != expected {
+                return Err(self.invalid(field, &format!("has {found} a step, the task's shape asks for {expected}")));
+            }
         }
-        Err(self.invalid(
-            field,
-            &format!("has length {found}, the number of steps and the task's shape ask for {expected}"),
-        ))
+        Ok(())
     }
 
     fn expect_finite(&self, field: &str, values: &[f32], width: usize) -> Result<(), LearnError> {
@@ -126,6 +155,37 @@ impl Trajectory {
     fn invalid(&self, field: &str, message: &str) -> LearnError {
         LearnError::invalid(format!("episode {}: {field}", self.id), message)
     }
+
+    fn unreadable(&self, source: SourceError) -> LearnError {
+        LearnError::Steps { episode: self.id.clone(), source }
+    }
+}
+
+/// What tests read and change.
+#[cfg(test)]
+impl Trajectory {
+    /// Everything that the episode has.
+    pub(crate) fn arrays(&self) -> Arrays {
+        let (widths, steps) = (self.source.widths(), 0..self.steps());
+        let Numbers { proprioception, action } = self.source.numbers(steps.clone()).unwrap();
+        let mut frames = vec![0; steps.len() * widths.frame_bytes];
+        self.source.frames(steps, &mut frames).unwrap();
+        Arrays { widths, frames, proprioception, action }
+    }
+
+    /// The same episode in memory after a change of its arrays.
+    pub(crate) fn changed(&self, change: impl FnOnce(&mut Arrays)) -> Self {
+        let mut arrays = self.arrays();
+        change(&mut arrays);
+        Self { id: self.id.clone(), source: Arc::new(arrays) }
+    }
+
+    /// The images of `step`.
+    pub(crate) fn frame(&self, step: usize) -> Vec<u8> {
+        let mut frame = vec![0; self.source.widths().frame_bytes];
+        self.source.frames(step..step + 1, &mut frame).unwrap();
+        frame
+    }
 }
 
 /// The kept segments of one imperfect episode.
@@ -140,7 +200,7 @@ pub struct WeightedSegments {
 impl WeightedSegments {
     pub(crate) fn validate(&self, shape: &TaskShape) -> Result<(), LearnError> {
         self.trajectory.validate(shape)?;
-        let steps = self.trajectory.steps(shape);
+        let steps = self.trajectory.steps();
         for (step, weight) in &self.steps {
             if *step as usize >= steps {
                 return Err(self
@@ -161,6 +221,7 @@ impl WeightedSegments {
 mod tests {
     use super::*;
     use crate::shape::CameraShape;
+    use crate::toy;
 
     fn shape() -> TaskShape {
         TaskShape {
@@ -172,13 +233,12 @@ mod tests {
     }
 
     fn build(frames: usize, proprioception: Vec<f32>, action: Vec<f32>) -> Result<Trajectory, LearnError> {
-        let bytes: FrameBytes = Arc::new(vec![0u8; frames]);
-        Trajectory::new(&shape(), "ep", bytes, proprioception, action)
+        Trajectory::new(&shape(), "ep", vec![0; frames], proprioception, action)
     }
 
     #[test]
     fn lengths_must_agree_on_the_number_of_steps() {
-        assert_eq!(build(640, vec![0.0; 4], vec![0.0; 2]).unwrap().steps(&shape()), 2);
+        assert_eq!(build(640, vec![0.0; 4], vec![0.0; 2]).unwrap().steps(), 2);
         for (bad, field) in [
             (build(639, vec![0.0; 4], vec![0.0; 2]), "frames"),
             (build(640, vec![0.0; 3], vec![0.0; 2]), "proprioception"),
@@ -187,11 +247,58 @@ mod tests {
             let message = bad.unwrap_err().to_string();
             assert!(message.starts_with(&format!("episode ep: {field}")), "{message}");
         }
+        let other = build(640, vec![0.0; 4], vec![0.0; 2]).unwrap().validate(&toy::shape()).unwrap_err().to_string();
+        assert!(other.contains("episode ep: action: has 1 a step"), "{other}");
     }
 
     #[test]
     fn a_value_that_is_not_finite_is_placed() {
         let error = build(640, vec![0.0, 0.0, 0.0, f32::NAN], vec![0.0; 2]).unwrap_err();
         assert!(error.to_string().contains("dimension 1 of step 1"), "{error}");
+    }
+
+    #[test]
+    fn content_follows_each_value_and_not_the_id() {
+        let episode = toy::episode("e", 1, 2 * HASHED_STEPS + 1, true);
+        let content = |of: &Trajectory| of.content().unwrap();
+        assert_eq!(content(&episode), content(&Trajectory { id: "other".into(), ..episode.clone() }));
+        assert_eq!(content(&episode), content(&episode.with_actions(episode.actions().unwrap())));
+        for changed in [
+            episode.changed(|arrays| *arrays.frames.last_mut().unwrap() ^= 1),
+            episode.changed(|arrays| arrays.proprioception[0] += 1.0),
+            episode.with_actions(episode.actions().unwrap().iter().map(|value| value + 1.0).collect()),
+        ] {
+            assert_ne!(content(&episode), content(&changed));
+        }
+    }
+
+    /// A source on a disk that fails.
+    struct Broken;
+
+    impl StepSource for Broken {
+        fn steps(&self) -> usize {
+            4
+        }
+
+        fn widths(&self) -> StepWidths {
+            StepWidths::from(&toy::shape())
+        }
+
+        fn numbers(&self, _: Range<usize>) -> Result<Numbers, SourceError> {
+            Err("the disk is gone".into())
+        }
+
+        fn frames(&self, _: Range<usize>, _: &mut [u8]) -> Result<(), SourceError> {
+            Err("the disk is gone".into())
+        }
+    }
+
+    #[test]
+    fn steps_that_cannot_be_read_fail_each_stage_with_their_episode() {
+        let broken = Trajectory::read_from(&toy::shape(), "gone", Arc::new(Broken)).unwrap();
+        let data = [toy::episode("e", 1, 6, true), broken];
+        let mut silent = crate::train::Silent;
+        let error = crate::pretrain(&toy::shape(), &data, &toy::pretrain_spec(1), None, None, &mut silent).unwrap_err();
+        assert_eq!(error.to_string(), "episode gone cannot be read: the disk is gone");
     }
 }

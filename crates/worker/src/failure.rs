@@ -6,13 +6,16 @@ use gleaner_recording::RecordingError;
 use gleaner_core::error::{Error, Kind};
 
 /// Reason for a missing result.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum Failure {
     /// The server requested a stop.
+    #[error("cancelled")]
     Cancelled,
     /// The input or the settings are wrong: every attempt would fail in the same way.
+    #[error("{0}")]
     Permanent(String),
     /// Memory, disk, threads or a defect: another attempt may succeed.
+    #[error("{0}")]
     Retryable(String),
 }
 
@@ -25,7 +28,9 @@ impl From<LearnError> for Failure {
             | LearnError::Checkpoint(_)
             | LearnError::Version { .. }
             | LearnError::Diverged { .. } => Self::Permanent(message),
-            LearnError::Monitor { .. } | LearnError::Thread(_) | LearnError::Torch(_) => Self::Retryable(message),
+            LearnError::Monitor { .. } | LearnError::Steps { .. } | LearnError::Thread(_) | LearnError::Torch(_) => {
+                Self::Retryable(message)
+            }
         }
     }
 }

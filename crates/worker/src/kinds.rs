@@ -59,8 +59,8 @@ impl Work {
         }
     }
 
-    fn episodes(&self) -> Episodes<'_> {
-        Episodes { data_dir: &self.data_dir, blobs: &self.blobs, task: &self.inputs.task }
+    fn episodes(&self) -> Episodes {
+        Episodes::new(self.data_dir.clone(), self.blobs.clone(), self.inputs.task.clone())
     }
 
     /// The checkpoint of an earlier attempt, if any.

@@ -6,7 +6,7 @@ mod score_run;
 use clap::Parser as _;
 use futures::channel::mpsc::{UnboundedSender, unbounded};
 use gleaner_core::{ModelSpec, OptimSpec, PretrainSpec, RunSpec, TrainSpec};
-use gleaner_learn::{CameraShape, FrameBytes, Pretrained, Silent, TaskShape, Trajectory, pretrain, train_policy};
+use gleaner_learn::{CameraShape, Pretrained, Silent, TaskShape, Trajectory, pretrain, train_policy};
 use tempfile::TempDir;
 use tokio_util::sync::CancellationToken;
 
@@ -83,7 +83,7 @@ fn shape() -> TaskShape {
 /// A policy after one training step: untrained but runnable.
 fn trained(seed: u64) -> Vec<u8> {
     let steps = 8u16;
-    let frames: FrameBytes = Arc::new(vec![100u8; usize::from(steps) * shape().frame_bytes()]);
+    let frames = vec![100; usize::from(steps) * shape().frame_bytes()];
     let rising = |count: u16| (0..count).map(|i| f32::from(i) / 10.0).collect::<Vec<_>>();
     let episode = Trajectory::new(&shape(), "ep", frames, rising(2 * steps), rising(steps)).unwrap();
     let optim = OptimSpec { steps: 1, batch: 2, stretch: 2, ..OptimSpec::default() };

@@ -1,11 +1,15 @@
 //! Loads a score run with the encoder, experts, settings and normaliser of its job.
 
-use std::{collections::HashMap, sync::Weak};
+use std::{
+    collections::HashMap,
+    sync::{Arc, Weak},
+};
 
 use gleaner_core::{Device, ScoreSpec};
 use gleaner_learn::{LiveScorer, Normaliser, TaskShape, Trajectory, features_kind};
+use tokio::runtime::Handle;
 
-use super::{Ready, engine::Engine, loaded_runs::LoadedRuns, trajectory};
+use super::{Ready, engine::Engine, loaded_runs::LoadedRuns, source::Stored};
 use crate::{
     blobs::Blobs,
     domain::{
@@ -82,8 +86,8 @@ async fn experts(store: &Store, ingest: &Ingest, task: &Task, run: &ScoreRun) ->
         let missing = || Error::internal("loading a scorer", format!("{id} is not an expert of {}", run.snapshot_id));
         let episode = by_id.remove(id).ok_or_else(missing)?;
         let steps = ingest.frames(&task.spec, &episode.recording).await?;
-        let (numbers, frames) = (steps.numbers(0..steps.steps()).await?, steps.images(0..steps.steps()).await?);
-        let expert = trajectory(&shape, id.as_str(), frames, numbers);
+        let source = Stored { steps, widths: (&shape).into(), runtime: Handle::current() };
+        let expert = Trajectory::read_from(&shape, id.as_str(), Arc::new(source));
         trajectories.push(expert.map_err(|error| Error::internal("loading a scorer", error))?);
     }
     Ok(trajectories)

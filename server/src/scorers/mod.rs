@@ -8,6 +8,7 @@ mod episode_queue;
 mod load;
 mod loaded_runs;
 mod model;
+mod source;
 mod steps;
 #[cfg(test)]
 mod testing;
@@ -17,10 +18,10 @@ mod watch;
 
 use std::sync::{Arc, Weak};
 
-use gleaner_learn::{EpisodeScores, LearnError, LiveScorer, TaskShape, Trajectory};
-use gleaner_recording::{FrameCache, Numbers};
+use gleaner_learn::{EpisodeScores, LiveScorer, TaskShape, Trajectory};
+use gleaner_recording::FrameCache;
 
-use self::{engine::Engine, episode_queue::EpisodeQueue, loaded_runs::LoadedRuns};
+use self::{engine::Engine, episode_queue::EpisodeQueue, loaded_runs::LoadedRuns, source::Unstored};
 pub(crate) use self::{
     model::Scorer,
     steps::{Output, Terms, score_steps},
@@ -32,7 +33,7 @@ use crate::{
         id::{EpisodeId, ScoreRunId},
         task::Task,
     },
-    error::{Error, Result},
+    error::Result,
     ingest::{Ingest, InspectionPermit},
     store::Store,
 };
@@ -108,20 +109,13 @@ impl<S: Scorer> Ready<S> {
     }
 
     /// The scores of every segment of a recording that is not stored, as the run would have scored them. `room` is held
-    /// while the recording is in memory.
+    /// while the recording is read.
     ///
     /// # Errors
     /// Invalid when it does not fit the task; Unavailable when the server is stopping; Internal.
     pub(crate) async fn score_recording(&self, steps: &FrameCache, room: InspectionPermit) -> Result<EpisodeScores> {
-        let (shape, cache) = (Arc::clone(self.shape()), steps.clone());
-        let read = move || {
-            let fault = |error| Error::internal("reading a frame cache", error);
-            let steps = 0..cache.steps();
-            let (numbers, frames) = (cache.numbers(steps.clone()).map_err(fault)?, cache.frames(steps).map_err(fault)?);
-            Ok(trajectory(&shape, "recording", frames, numbers))
-        };
-        let read = tokio::task::spawn_blocking(read).await;
-        let recording = read.map_err(|error| Error::internal("reading a frame cache", error))??;
+        let steps = Arc::new(Unstored { steps: steps.clone(), widths: (&**self.shape()).into() });
+        let recording = Trajectory::read_from(self.shape(), "recording", steps);
         self.engine.episode(recording.map_err(|error| error.during("scoring a recording"))?, room).await
     }
 
@@ -144,14 +138,4 @@ impl<S: Scorer> Ready<S> {
             loaded.make_room(Some(self));
         }
     }
-}
-
-/// Decoded steps in the model's layout.
-fn trajectory(
-    shape: &TaskShape,
-    id: &str,
-    frames: Vec<u8>,
-    numbers: Numbers,
-) -> std::result::Result<Trajectory, LearnError> {
-    Trajectory::new(shape, id, Arc::new(frames), numbers.proprioception, numbers.action)
 }

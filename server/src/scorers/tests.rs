@@ -161,7 +161,7 @@ async fn a_waiting_whole_episode_keeps_its_room_and_is_refused_by_a_closing_scor
     assert_eq!(control.begun.recv().await, Some(1));
     let rooms = Arc::new(Semaphore::new(2));
     let whole = || {
-        let steps = Trajectory::new(ready.shape(), "whole", Arc::new(Vec::new()), vec![0.0], vec![0.0]).unwrap();
+        let steps = Trajectory::new(ready.shape(), "whole", Vec::new(), vec![0.0], vec![0.0]).unwrap();
         ready.engine.episode(steps, room(&rooms))
     };
     let (mut gone, mut waits) = (Box::pin(whole()), Box::pin(whole()));

@@ -1,9 +1,7 @@
 //! Episodes of noise for the benches: what tensors cost does not depend on what they show.
 
-use std::sync::Arc;
-
 use gleaner_core::{Chosen, ModelSpec, Preset, Words as _, kinds::Family};
-use gleaner_learn::{CameraShape, FrameBytes, TaskShape, Trajectory};
+use gleaner_learn::{CameraShape, TaskShape, Trajectory};
 
 /// Steps of an episode.
 const STEPS: usize = 100;
@@ -22,20 +20,23 @@ pub(crate) fn sizes(preset: Preset, side: u32, depth: bool) -> (ModelSpec, TaskS
 
 /// Episodes whose bytes do not repeat.
 pub(crate) fn noise(shape: &TaskShape, count: u64) -> Vec<Trajectory> {
-    (0..count).map(|seed| episode(shape, seed)).collect()
+    let episode = |seed| {
+        let (frames, m, a) = arrays(shape, seed);
+        Trajectory::new(shape, format!("episode {seed}"), frames, m, a).unwrap()
+    };
+    (0..count).map(episode).collect()
 }
 
-fn episode(shape: &TaskShape, seed: u64) -> Trajectory {
+/// The frames, proprioception and actions of one of them.
+pub(crate) fn arrays(shape: &TaskShape, seed: u64) -> (Vec<u8>, Vec<f32>, Vec<f32>) {
     let mut state = seed * 2 + 1;
     let mut byte = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         state.to_be_bytes()[0]
     };
     let frames: Vec<u8> = std::iter::repeat_with(&mut byte).take(STEPS * shape.frame_bytes()).collect();
-    let frames: FrameBytes = Arc::new(frames);
     let mut floats = |width: usize| (0..STEPS * width).map(|_| f32::from(byte()) / 128.0 - 1.0).collect();
-    let (m, a) = (floats(shape.proprioception), floats(shape.action));
-    Trajectory::new(shape, format!("episode {seed}"), frames, m, a).unwrap()
+    (frames, floats(shape.proprioception), floats(shape.action))
 }
 
 /// A policy with the size of a model, where it has one.

@@ -4,6 +4,7 @@ use tch::{Device, Tensor};
 
 use super::{Segment, Windows, int};
 use crate::device::send;
+use crate::error::LearnError;
 use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
@@ -18,30 +19,28 @@ pub(crate) struct Chunks {
 impl Chunks {
     /// Chunks of `length` actions of segments of `data`. The number beside each segment is how many of its actions
     /// count; these must be within its episode.
+    ///
+    /// # Errors
+    /// [`LearnError::Steps`].
     pub(crate) fn collect(
         shape: &TaskShape,
         data: &[&Trajectory],
         segments: &[(Segment, usize)],
         length: usize,
         device: Device,
-    ) -> Self {
+    ) -> Result<Self, LearnError> {
         let (mut action, mut counted) = (Vec::new(), Vec::new());
         for (segment, count) in segments {
-            for ahead in 0..length {
-                let counts = ahead < *count;
-                counted.push(counts);
-                let end = action.len() + shape.action;
-                if counts {
-                    action.extend_from_slice(data[segment.trajectory].action_at(shape, segment.step + ahead));
-                }
-                action.resize(end, 0.0);
-            }
+            let (end, count) = (action.len() + length * shape.action, length.min(*count));
+            action.extend(data[segment.trajectory].numbers(segment.step..segment.step + count)?.action);
+            action.resize(end, 0.0);
+            counted.extend((0..length).map(|ahead| ahead < count));
         }
         let size = [-1, int(length), int(shape.action)];
-        Self {
+        Ok(Self {
             action: send(&Tensor::from_slice(&action).view(size), device),
             counted: Windows::grid(&counted, &size[..2], device),
-        }
+        })
     }
 }
 
@@ -56,10 +55,10 @@ mod tests {
         let data = toy::episode("e", 1, 6, true);
         let segment = |step| Segment { trajectory: 0, step, weight: 1.0 };
         let drawn = [(segment(1), 3), (segment(5), 1)];
-        let chunks = Chunks::collect(&toy::shape(), &[&data], &drawn, 3, Device::Cpu);
+        let chunks = Chunks::collect(&toy::shape(), &[&data], &drawn, 3, Device::Cpu).unwrap();
         assert_eq!(chunks.action.size(), [2, 3, 2]);
-        assert_eq!(values(&chunks.action.get(0)), data.action[2..8]);
-        assert_eq!(values(&chunks.action.get(1)), [&data.action[10..], &[0.0; 4]].concat());
+        assert_eq!(values(&chunks.action.get(0)), data.actions().unwrap()[2..8]);
+        assert_eq!(values(&chunks.action.get(1)), [&data.actions().unwrap()[10..], &[0.0; 4]].concat());
         let counted = Vec::<Vec<bool>>::try_from(&chunks.counted).unwrap();
         assert_eq!(counted, [[true, true, true], [true, false, false]]);
     }

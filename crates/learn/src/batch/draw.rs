@@ -4,7 +4,6 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::shape::TaskShape;
 use crate::trajectory::{Trajectory, WeightedSegments};
 
 /// One segment: the window that ends at `step` of episode number `trajectory`.
@@ -18,64 +17,111 @@ pub(crate) struct Segment {
     pub(crate) weight: f32,
 }
 
-/// Segments to draw from, sorted by episode and step.
-#[derive(Debug)]
+/// Segments to draw from, sorted by episode and step. An episode whose every step ends a segment takes no memory for
+/// them.
+#[derive(Debug, Clone)]
 pub(crate) struct Segments {
-    all: Vec<Segment>,
+    episodes: Vec<Ends>,
     /// First segment of each episode, and the number of segments as the last entry.
     bounds: Vec<usize>,
 }
 
+/// The steps of one episode that end a segment.
+#[derive(Debug, Clone)]
+enum Ends {
+    /// Every step, each with weight 1.
+    Every(usize),
+    /// These steps, sorted, with their weights.
+    Kept(Vec<(u32, f32)>),
+}
+
+impl Ends {
+    fn count(&self) -> usize {
+        match self {
+            Self::Every(count) => *count,
+            Self::Kept(kept) => kept.len(),
+        }
+    }
+
+    fn at(&self, place: usize) -> (usize, f32) {
+        match self {
+            Self::Every(_) => (place, 1.0),
+            Self::Kept(kept) => (kept[place].0 as usize, kept[place].1),
+        }
+    }
+}
+
 impl Segments {
     /// Every segment of every episode, weight 1.
-    pub(crate) fn every(shape: &TaskShape, data: &[&Trajectory]) -> Self {
-        let ends = data.iter().map(|trajectory| (0..trajectory.steps(shape)).map(|step| (step, 1.0)).collect());
-        Self::from_ends(ends)
+    pub(crate) fn every(data: &[&Trajectory]) -> Self {
+        Self::from_ends(data.iter().map(|trajectory| Ends::Every(trajectory.steps())))
     }
 
     /// The kept segments with their weights.
     pub(crate) fn kept(kept: &[WeightedSegments]) -> Self {
-        let ends = kept.iter().map(|episode| {
-            let steps = episode.steps.iter();
-            let mut ends: Vec<(usize, f32)> = steps.map(|(step, q)| (*step as usize, *q)).collect();
+        Self::from_ends(kept.iter().map(|episode| {
+            let mut ends = episode.steps.clone();
             ends.sort_by_key(|(step, _)| *step);
-            ends
-        });
-        Self::from_ends(ends)
+            Ends::Kept(ends)
+        }))
     }
 
-    fn from_ends(ends: impl Iterator<Item = Vec<(usize, f32)>>) -> Self {
-        let (mut all, mut bounds) = (Vec::new(), vec![0]);
-        for (trajectory, ends) in ends.enumerate() {
-            all.extend(ends.into_iter().map(|(step, weight)| Segment { trajectory, step, weight }));
-            bounds.push(all.len());
+    fn from_ends(ends: impl Iterator<Item = Ends>) -> Self {
+        let (mut episodes, mut bounds, mut count) = (Vec::new(), vec![0], 0);
+        for ends in ends {
+            count += ends.count();
+            bounds.push(count);
+            episodes.push(ends);
         }
-        Self { all, bounds }
+        Self { episodes, bounds }
+    }
+
+    /// Number of segments.
+    pub(crate) fn count(&self) -> usize {
+        self.bounds.last().copied().unwrap_or(0)
+    }
+
+    /// The segment at a place of the list.
+    pub(crate) fn at(&self, place: usize) -> Segment {
+        let trajectory = self.bounds.partition_point(|bound| *bound <= place) - 1;
+        let (step, weight) = self.episodes[trajectory].at(place - self.bounds[trajectory]);
+        Segment { trajectory, step, weight }
     }
 
     /// All segments.
-    pub(crate) fn all(&self) -> &[Segment] {
-        &self.all
+    pub(crate) fn all(&self) -> Vec<Segment> {
+        (0..self.count()).map(|place| self.at(place)).collect()
+    }
+
+    /// The steps that end a segment of an episode, ascending.
+    pub(crate) fn steps(&self, trajectory: usize) -> impl DoubleEndedIterator<Item = usize> {
+        let ends = &self.episodes[trajectory];
+        (0..ends.count()).map(|place| ends.at(place).0)
     }
 
     /// Whether there is no segment to draw.
     pub(crate) fn is_empty(&self) -> bool {
-        self.all.is_empty()
+        self.count() == 0
     }
 
     /// The number of consecutive steps, starting at the end of `segment` and at most `limit`, that end a segment of the
     /// list.
     pub(crate) fn run(&self, segment: &Segment, limit: usize) -> usize {
-        let episode = &self.all[self.bounds[segment.trajectory]..self.bounds[segment.trajectory + 1]];
-        let from = episode.partition_point(|other| other.step < segment.step);
-        let mut run = 0;
-        for other in &episode[from..] {
-            if run == limit || other.step > segment.step + run {
-                break;
+        match &self.episodes[segment.trajectory] {
+            Ends::Every(count) => (count - segment.step).min(limit),
+            Ends::Kept(kept) => {
+                let from = kept.partition_point(|(step, _)| (*step as usize) < segment.step);
+                let mut run = 0;
+                for (step, _) in &kept[from..] {
+                    let step = *step as usize;
+                    if run == limit || step > segment.step + run {
+                        break;
+                    }
+                    run = step - segment.step + 1;
+                }
+                run
             }
-            run = other.step - segment.step + 1;
         }
-        run
     }
 
     /// Draws `count` segments in stretches of `stretch`, each from a random place of the list on. The list is a ring, and
@@ -83,10 +129,10 @@ impl Segments {
     pub(crate) fn draw(&self, rng: &mut ChaCha8Rng, count: u32, stretch: u32) -> Vec<Segment> {
         let (count, stretch) = (count as usize, stretch as usize);
         let mut drawn = Vec::with_capacity(count);
-        while drawn.len() < count && !self.all.is_empty() {
-            let anchor = rng.random_range(0..self.all.len());
+        while drawn.len() < count && !self.is_empty() {
+            let anchor = rng.random_range(0..self.count());
             let length = stretch.min(count - drawn.len());
-            drawn.extend((anchor..anchor + length).map(|place| self.all[place % self.all.len()]));
+            drawn.extend((anchor..anchor + length).map(|place| self.at(place % self.count())));
         }
         drawn
     }
@@ -98,7 +144,7 @@ mod tests {
     use crate::random::{Purpose, generator};
 
     fn segments(lengths: &[usize]) -> Segments {
-        Segments::from_ends(lengths.iter().map(|n| (0..*n).map(|t| (t, 1.0)).collect()))
+        Segments::from_ends(lengths.iter().map(|n| Ends::Every(*n)))
     }
 
     #[test]
@@ -133,10 +179,20 @@ mod tests {
     #[test]
     fn a_run_ends_where_a_step_is_not_kept_or_the_episode_ends() {
         let ends = [vec![(0, 1.0)], [2, 3, 3, 4, 7].map(|step| (step, 0.5)).to_vec()];
-        let segments = Segments::from_ends(ends.into_iter());
+        let segments = Segments::from_ends(ends.into_iter().map(Ends::Kept));
         let runs: Vec<usize> = segments.all().iter().map(|segment| segments.run(segment, 10)).collect();
         assert_eq!(runs, [1, 3, 2, 2, 1, 1]);
-        assert_eq!(segments.run(&segments.all()[1], 2), 2);
+        assert_eq!(segments.run(&segments.at(1), 2), 2);
+        let every = super::tests::segments(&[4]);
+        assert_eq!([(0, 9), (3, 9), (1, 2)].map(|(place, limit)| every.run(&every.at(place), limit)), [4, 1, 2]);
+    }
+
+    #[test]
+    fn a_place_is_found_behind_episodes_without_segments() {
+        let segments = segments(&[0, 2, 0, 0, 3, 0]);
+        let found: Vec<_> = segments.all().iter().map(|segment| (segment.trajectory, segment.step)).collect();
+        assert_eq!(found, [(1, 0), (1, 1), (4, 0), (4, 1), (4, 2)]);
+        assert_eq!((segments.count(), segments.steps(4).collect()), (5, vec![0, 1, 2]));
     }
 
     #[test]

@@ -14,6 +14,7 @@ pub(crate) use windows::Windows;
 use tch::{Device, Tensor};
 
 use crate::device::send;
+use crate::error::LearnError;
 use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
@@ -37,23 +38,35 @@ pub(crate) struct Batch {
 
 impl Batch {
     /// Collects the steps of `segments` of `data`; `window` is the number of steps in a segment.
+    ///
+    /// # Errors
+    /// [`LearnError::Steps`].
     pub(crate) fn collect(
         shape: &TaskShape,
         data: &[&Trajectory],
         segments: &[Segment],
         window: usize,
         device: Device,
-    ) -> Self {
+    ) -> Result<Self, LearnError> {
         let (windows, steps) = Windows::lay_out(segments, window, device);
-        let frames: Vec<&[u8]> = steps.iter().map(|(trajectory, step)| data[*trajectory].frame(shape, *step)).collect();
-        let (mut proprioception, mut action) = (Vec::new(), Vec::new());
-        for (trajectory, step) in &steps {
-            proprioception.extend_from_slice(data[*trajectory].proprioception_at(shape, *step));
-            action.extend_from_slice(data[*trajectory].action_at(shape, *step));
+        let size = shape.frame_bytes();
+        let mut frames = vec![0; steps.len() * size];
+        let (mut proprioception, mut action, mut rest) = (Vec::new(), Vec::new(), frames.as_mut_slice());
+        // Steps in sequence are read at once.
+        for run in steps.chunk_by(|a, b| a.0 == b.0 && a.1 + 1 == b.1) {
+            let (trajectory, first) = run[0];
+            let range = first..first + run.len();
+            let (frames, next) = rest.split_at_mut(run.len() * size);
+            data[trajectory].read_frames(range.clone(), frames)?;
+            let numbers = data[trajectory].numbers(range)?;
+            proprioception.extend(numbers.proprioception);
+            action.extend(numbers.action);
+            rest = next;
         }
+        let frames: Vec<&[u8]> = frames.chunks_exact(size).collect();
         let weight: Vec<f32> = segments.iter().map(|segment| segment.weight).collect();
         let proprioception = rows(&proprioception, shape.proprioception, device);
-        Self {
+        Ok(Self {
             images: images(shape, &frames, device),
             seen_proprioception: proprioception.shallow_clone(),
             proprioception,
@@ -61,7 +74,7 @@ impl Batch {
             windows,
             weight: send(&Tensor::from_slice(&weight), device),
             episodes: steps.iter().map(|(trajectory, _)| *trajectory).collect(),
-        }
+        })
     }
 }
 

@@ -34,7 +34,7 @@ pub(crate) struct Stacked {
 }
 
 impl Layout<'_> {
-    /// Encodes frames, each with the layout of one step of [`FrameBytes`](crate::FrameBytes), by `embed`, which maps N
+    /// Encodes frames, each with the layout of one step of [`StepSource`](crate::StepSource), by `embed`, which maps N
     /// frames to `[N, d]`.
     ///
     /// # Errors

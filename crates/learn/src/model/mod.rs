@@ -114,7 +114,7 @@ impl Network {
         self.encode(&self.statistics.images(images))
     }
 
-    /// Frames, each with the layout of one step of [`FrameBytes`](crate::FrameBytes), to one embedding each `[N, d]`.
+    /// Frames, each with the layout of one step of [`StepSource`](crate::StepSource), to one embedding each `[N, d]`.
     pub(crate) fn embed_frames(&self, frames: &[&[u8]]) -> Tensor {
         self.encode(&self.statistics.frames(&self.shape, frames, self.device()))
     }

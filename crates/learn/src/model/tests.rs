@@ -11,7 +11,7 @@ const DEVICE: Device = Device::Cpu;
 
 fn network(data: &[&Trajectory]) -> Network {
     let spec = toy::pretrain_spec(1).model;
-    let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), data), 8, DEVICE);
+    let statistics = Statistics::measure(&toy::shape(), &Sample::every(data), 8, DEVICE).unwrap();
     Network::new(&toy::shape(), spec, statistics, 3, DEVICE)
 }
 
@@ -21,7 +21,7 @@ fn segment(step: usize) -> Segment {
 
 fn features(network: &Network, data: &Trajectory, ends: &[Segment], view: View<'_>) -> Tensor {
     let window = network.spec.window();
-    let batch = Batch::collect(&network.shape, &[data], ends, window, DEVICE);
+    let batch = Batch::collect(&network.shape, &[data], ends, window, DEVICE).unwrap();
     network.features(&network.batch_steps(&batch), &batch.windows, view, window)
 }
 
@@ -33,7 +33,7 @@ fn largest_difference(a: &Tensor, b: &Tensor) -> f64 {
 fn first_weights_depend_on_the_seed_alone() {
     let data = toy::episode("e", 1, 6, true);
     let weights = |seed| {
-        let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), &[&data]), 8, DEVICE);
+        let statistics = Statistics::measure(&toy::shape(), &Sample::every(&[&data]), 8, DEVICE).unwrap();
         let spec = toy::pretrain_spec(1).model;
         let network = Network::new(&toy::shape(), spec, statistics, seed, DEVICE);
         let all: Vec<f32> = network.parameters().iter().flat_map(|(_, p)| values(p)).collect();
@@ -50,7 +50,7 @@ fn first_weights_depend_on_the_seed_alone() {
 fn padding_never_leaks() {
     let data = toy::episode("e", 1, 6, true);
     let network = network(&[&data]);
-    let batch = Batch::collect(&network.shape, &[&data], &[segment(1)], 4, DEVICE);
+    let batch = Batch::collect(&network.shape, &[&data], &[segment(1)], 4, DEVICE).unwrap();
     let steps = network.batch_steps(&batch);
     for view in [View::WHOLE, View::CAUSAL] {
         let plain = network.features(&steps, &batch.windows, view, 2);
@@ -71,9 +71,8 @@ fn padding_never_leaks() {
 fn the_causal_pass_never_sees_the_action_it_predicts_nor_the_future() {
     let data = toy::episode("e", 1, 6, true);
     let network = network(&[&data]);
-    let mut changed = data.clone();
     // Step 3 of window 2 … 5 is its second place.
-    changed.action[3 * 2] += 4.0;
+    let changed = data.changed(|arrays| arrays.action[3 * 2] += 4.0);
     let at = |data: &Trajectory, view| features(&network, data, &[segment(5)], view);
     let (plain, other) = (at(&data, View::CAUSAL), at(&changed, View::CAUSAL));
     let moved = |modality: Modality, place: i64| {
@@ -97,10 +96,10 @@ fn the_causal_pass_never_sees_the_action_it_predicts_nor_the_future() {
 fn frames_encoded_once_give_what_each_window_alone_gives() {
     let data = toy::episode("e", 1, 9, true);
     let network = network(&[&data]);
-    let every = Segments::every(&network.shape, &[&data]);
-    let together = features(&network, &data, every.all(), View::WHOLE);
-    for (place, end) in (0i64..).zip(every.all()) {
-        let alone = features(&network, &data, &[*end], View::WHOLE);
+    let every = Segments::every(&[&data]).all();
+    let together = features(&network, &data, &every, View::WHOLE);
+    for (place, end) in (0i64..).zip(every) {
+        let alone = features(&network, &data, &[end], View::WHOLE);
         let valid = (end.step + 1).min(4);
         let last = |z: &Tensor| z.narrow(1, 4 - crate::batch::int(valid), crate::batch::int(valid));
         let difference = largest_difference(&last(&together.narrow(0, place, 1)), &last(&alone));
@@ -112,8 +111,7 @@ fn frames_encoded_once_give_what_each_window_alone_gives() {
 fn a_hidden_element_is_not_seen() {
     let data = toy::episode("e", 1, 6, true);
     let network = network(&[&data]);
-    let mut changed = data.clone();
-    changed.proprioception[4 * 3] += 2.0;
+    let changed = data.changed(|arrays| arrays.proprioception[4 * 3] += 2.0);
     let mut hidden = vec![false; 12];
     hidden[2 * 3 + 1] = true;
     let hidden = Windows::grid(&hidden, &[1, 4, 3], DEVICE);
@@ -127,10 +125,10 @@ fn a_hidden_element_is_not_seen() {
 fn actions_of_the_newest_step_alone_are_those_of_all_steps() {
     for action_token in ActionToken::ALL.iter().map(|word| word.value) {
         let data = toy::episode("e", 1, 6, true);
-        let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), &[&data]), 8, DEVICE);
+        let statistics = Statistics::measure(&toy::shape(), &Sample::every(&[&data]), 8, DEVICE).unwrap();
         let spec = ModelSpec { action_token, ..toy::pretrain_spec(1).model };
         let network = Network::new(&toy::shape(), spec, statistics, 3, DEVICE);
-        let batch = Batch::collect(&network.shape, &[&data], &[segment(1), segment(5)], 4, DEVICE);
+        let batch = Batch::collect(&network.shape, &[&data], &[segment(1), segment(5)], 4, DEVICE).unwrap();
         let steps = network.batch_steps(&batch);
         let every = network.actions(&steps, &batch.proprioception, &batch.windows, None, 4);
         assert_eq!(every.size(), [2, 4, 2]);
@@ -143,7 +141,7 @@ fn actions_of_the_newest_step_alone_are_those_of_all_steps() {
 fn a_gain_lets_keypoints_follow_the_image_from_the_beginning() {
     let data = toy::episode("e", 1, 12, true);
     let moves = |keypoint_gain: f64| {
-        let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), &[&data]), 8, DEVICE);
+        let statistics = Statistics::measure(&toy::shape(), &Sample::every(&[&data]), 8, DEVICE).unwrap();
         let spec = ModelSpec { keypoint_gain, ..toy::pretrain_spec(1).model };
         let network = Network::new(&toy::shape(), spec, statistics, 3, DEVICE);
         let frames = [0.1, 0.3, 0.5, 0.7, 0.9].map(|x| toy::frame(x, 1.0 - x));

@@ -5,6 +5,7 @@ use tch::{Device, Kind, Tensor};
 use super::frames::Lookup;
 use super::{Sample, Standard};
 use crate::batch::images;
+use crate::error::LearnError;
 use crate::shape::{CameraShape, TaskShape};
 
 /// Number of images in the sample of the image statistics; an even sample of the steps when there are more.
@@ -61,11 +62,24 @@ struct Sums {
 }
 
 /// Measures every camera over an even part of the sample.
-pub(super) fn measure(shape: &TaskShape, sample: &Sample<'_>, target: u32, device: Device) -> Vec<CameraStandard> {
-    let frames = sample.frames(shape, SAMPLED_FRAMES);
+///
+/// # Errors
+/// [`LearnError::Steps`].
+pub(super) fn measure(
+    shape: &TaskShape,
+    sample: &Sample<'_>,
+    target: u32,
+    device: Device,
+) -> Result<Vec<CameraStandard>, LearnError> {
+    let steps = sample.some_steps(SAMPLED_FRAMES);
     let mut sums: Vec<Option<Sums>> = shape.cameras.iter().map(|_| None).collect();
-    for chunk in frames.chunks(CHUNK) {
-        for (i, image) in images(shape, chunk, device).iter().enumerate() {
+    let mut frames = vec![0; CHUNK.min(steps.len()) * shape.frame_bytes()];
+    for chunk in steps.chunks(CHUNK) {
+        for ((episode, step), frame) in chunk.iter().zip(frames.chunks_exact_mut(shape.frame_bytes())) {
+            episode.read_frames(*step..step + 1, frame)?;
+        }
+        let frames: Vec<&[u8]> = frames.chunks_exact(shape.frame_bytes()).take(chunk.len()).collect();
+        for (i, image) in images(shape, &frames, device).iter().enumerate() {
             let size = target_size(&shape.cameras[i], target);
             let part = Sums::of(image, size);
             sums[i] = Some(match sums[i].take() {
@@ -74,9 +88,9 @@ pub(super) fn measure(shape: &TaskShape, sample: &Sample<'_>, target: u32, devic
             });
         }
     }
-    let count = f64::from(u32::try_from(frames.len()).unwrap_or(u32::MAX));
+    let count = f64::from(u32::try_from(steps.len()).unwrap_or(u32::MAX));
     let finish = |sums: Sums| sums.standard(count, device);
-    sums.into_iter().flatten().map(finish).collect()
+    Ok(sums.into_iter().flatten().map(finish).collect())
 }
 
 impl Sums {

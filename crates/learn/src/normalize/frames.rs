@@ -112,13 +112,8 @@ mod tests {
             state.to_be_bytes()[0]
         };
         let bytes: Vec<u8> = (0..steps * shape.frame_bytes()).map(|_| byte()).collect();
-        let data = Trajectory {
-            id: "e".into(),
-            frames: std::sync::Arc::new(bytes.clone()),
-            proprioception: vec![0.0; steps],
-            action: vec![0.0; steps],
-        };
-        let statistics = Statistics::measure(&shape, &Sample::every(&shape, &[&data]), 8, Device::Cpu);
+        let data = Trajectory::new(&shape, "e", bytes.clone(), vec![0.0; steps], vec![0.0; steps]).unwrap();
+        let statistics = Statistics::measure(&shape, &Sample::every(&[&data]), 8, Device::Cpu).unwrap();
         let frames: Vec<&[u8]> = bytes.chunks(shape.frame_bytes()).collect();
         for frames in [&frames[..1], &frames] {
             let long = statistics.images(&images(&shape, frames, Device::Cpu));

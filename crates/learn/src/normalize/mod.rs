@@ -4,6 +4,7 @@
 mod cameras;
 mod features;
 mod frames;
+mod moments;
 mod sample;
 
 pub(crate) use cameras::target_size;
@@ -20,6 +21,7 @@ use crate::error::LearnError;
 use crate::shape::{CameraShape, TaskShape};
 use cameras::CameraStandard;
 use frames::Lookup;
+use moments::{Held, Moments};
 
 /// A deviation below this part of the values' magnitude is rounding noise: the dimension is constant.
 const CONSTANT: f64 = 1e-6;
@@ -79,19 +81,11 @@ impl Standard {
 
     /// Statistics per dimension of rows of `width` values, in two passes.
     pub(crate) fn of_rows<'a>(rows: impl Iterator<Item = &'a [f32]> + Clone, width: usize, device: Device) -> Self {
-        let mut count = 0.0f64;
-        let (mut mean, mut variance) = (vec![0.0f64; width], vec![0.0f64; width]);
-        for row in rows.clone() {
-            count += 1.0;
-            mean.iter_mut().zip(row).for_each(|(sum, value)| *sum += f64::from(*value));
-        }
-        mean.iter_mut().for_each(|sum| *sum /= count.max(1.0));
-        for row in rows {
-            let each = variance.iter_mut().zip(&mean).zip(row);
-            each.for_each(|((sum, mean), value)| *sum += (f64::from(*value) - mean).powi(2) / count);
-        }
-        let [mean, variance] = [mean, variance].map(|values| Tensor::from_slice(&values));
-        Self::new(&mean, &variance.sqrt(), &mean, device)
+        let mut moments = Moments::new(width);
+        rows.clone().for_each(|row| moments.add(row));
+        let mut spread = moments.spread();
+        rows.for_each(|row| spread.add(row));
+        spread.standard(device)
     }
 
     fn name_into(&self, prefix: &str, named: &mut Vec<(String, Tensor)>) {
@@ -118,15 +112,33 @@ impl Standard {
 
 impl Statistics {
     /// Measures a sample. Images are down-sampled to at most `target` a side for H_o.
-    pub(crate) fn measure(shape: &TaskShape, sample: &Sample<'_>, target: u32, device: Device) -> Self {
-        let proprioception = sample.rows(|episode, step| episode.proprioception_at(shape, step));
-        let action = sample.rows(|episode, step| episode.action_at(shape, step));
-        Self {
-            held: held(action.clone(), shape.action, device),
-            proprioception: Standard::of_rows(proprioception, shape.proprioception, device),
-            action: Standard::of_rows(action, shape.action, device),
-            cameras: cameras::measure(shape, sample, target, device),
-        }
+    ///
+    /// # Errors
+    /// [`LearnError::Steps`].
+    pub(crate) fn measure(
+        shape: &TaskShape,
+        sample: &Sample<'_>,
+        target: u32,
+        device: Device,
+    ) -> Result<Self, LearnError> {
+        let (mut m, mut a, mut held) =
+            (Moments::new(shape.proprioception), Moments::new(shape.action), Held::default());
+        sample.each(&mut |proprioception, action| {
+            m.add(proprioception);
+            a.add(action);
+            held.add(action);
+        })?;
+        let (mut m, mut a) = (m.spread(), a.spread());
+        sample.each(&mut |proprioception, action| {
+            m.add(proprioception);
+            a.add(action);
+        })?;
+        Ok(Self {
+            held: held.tensor(shape.action, device),
+            proprioception: m.standard(device),
+            action: a.standard(device),
+            cameras: cameras::measure(shape, sample, target, device)?,
+        })
     }
 
     /// The statistics for a model with this image encoder: a ResNet with given weights sees colours as it was trained
@@ -139,9 +151,13 @@ impl Statistics {
     }
 
     /// These statistics, holding the actions that never change in another sample.
-    pub(crate) fn holding(self, shape: &TaskShape, sample: &Sample<'_>) -> Self {
-        let action = sample.rows(|episode, step| episode.action_at(shape, step));
-        Self { held: held(action, shape.action, self.held.device()), ..self }
+    ///
+    /// # Errors
+    /// [`LearnError::Steps`].
+    pub(crate) fn holding(self, shape: &TaskShape, sample: &Sample<'_>) -> Result<Self, LearnError> {
+        let mut held = Held::default();
+        sample.each(&mut |_, action| held.add(action))?;
+        Ok(Self { held: held.tensor(shape.action, self.held.device()), ..self })
     }
 
     /// Predicted actions `[…, A]` in physical units. A dimension that never changed keeps its value.
@@ -209,19 +225,6 @@ impl Statistics {
     }
 }
 
-/// Per dimension whether the rows differ (1 or 0), and their value where they do not.
-fn held<'a>(mut rows: impl Iterator<Item = &'a [f32]>, width: usize, device: Device) -> Tensor {
-    let mut value = rows.next().map_or_else(|| vec![0.0; width], <[f32]>::to_vec);
-    let first = value.clone();
-    let mut moves = vec![0f32; width];
-    for row in rows {
-        let moved =
-            moves.iter_mut().zip(&mut value).zip(first.iter().zip(row)).filter(|(_, (first, now))| first != now);
-        moved.for_each(|((moves, value), _)| (*moves, *value) = (1.0, 0.0));
-    }
-    Tensor::from_slice2(&[moves, value]).to_device(device)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -243,10 +246,10 @@ mod tests {
     #[test]
     fn an_action_that_never_changes_is_returned_exactly() {
         let shape = crate::toy::shape();
-        let mut episode = crate::toy::episode("e", 1, 6, true);
-        episode.action.chunks_mut(2).for_each(|action| action[1] = 0.3);
+        let episode = crate::toy::episode("e", 1, 6, true);
+        let episode = episode.changed(|arrays| arrays.action.chunks_mut(2).for_each(|action| action[1] = 0.3));
         let data: [&Trajectory; 1] = [&episode];
-        let statistics = Statistics::measure(&shape, &Sample::every(&shape, &data), 8, Device::Cpu);
+        let statistics = Statistics::measure(&shape, &Sample::every(&data), 8, Device::Cpu).unwrap();
         let predicted = rows(&[0.7, -0.4], 2, Device::Cpu);
         let free = values(&statistics.action.invert(&predicted));
         assert_eq!(values(&statistics.actions(&predicted)), [free[0], 0.3]);

@@ -1,53 +1,59 @@
-//! The steps over which statistics are measured. Their values are read where they are: a sample copies nothing.
+//! The steps over which statistics are measured. A pass reads one episode after the other and keeps none.
+
+use std::borrow::Cow;
 
 use crate::batch::Segments;
-use crate::shape::TaskShape;
+use crate::error::LearnError;
 use crate::trajectory::Trajectory;
 
 /// Steps of episodes.
 pub(crate) struct Sample<'a> {
-    data: Vec<&'a Trajectory>,
-    /// (episode, an index into `data`; step).
-    steps: Vec<(usize, usize)>,
+    sources: Vec<(Vec<&'a Trajectory>, Cow<'a, Segments>)>,
 }
 
 impl<'a> Sample<'a> {
     /// Every step of every episode.
-    pub(crate) fn every(shape: &TaskShape, data: &[&'a Trajectory]) -> Self {
-        let mut sample = Self { data: Vec::new(), steps: Vec::new() };
-        sample.add(data, &Segments::every(shape, data));
-        sample
+    pub(crate) fn every(data: &[&'a Trajectory]) -> Self {
+        Self { sources: vec![(data.to_vec(), Cow::Owned(Segments::every(data)))] }
     }
 
     /// The newest steps of the segments of each source, so that a rejected step has no influence.
-    pub(crate) fn of_segments(sources: &[(&[&'a Trajectory], &Segments)]) -> Self {
-        let mut sample = Self { data: Vec::new(), steps: Vec::new() };
-        for (data, segments) in sources {
-            sample.add(data, segments);
+    pub(crate) fn of_segments(sources: &[(&[&'a Trajectory], &'a Segments)]) -> Self {
+        let each = sources.iter().map(|(data, segments)| (data.to_vec(), Cow::Borrowed(*segments)));
+        Self { sources: each.collect() }
+    }
+
+    /// An even part of the sample: at most `most` steps.
+    pub(super) fn some_steps(&self, most: usize) -> Vec<(&'a Trajectory, usize)> {
+        let count: usize = self.sources.iter().map(|(_, segments)| segments.count()).sum();
+        let (every, mut begin, mut steps) = (count.div_ceil(most).max(1), 0_usize, Vec::new());
+        for (data, segments) in &self.sources {
+            let first = begin.next_multiple_of(every) - begin;
+            let chosen = (first..segments.count()).step_by(every).map(|place| segments.at(place));
+            steps.extend(chosen.map(|segment| (data[segment.trajectory], segment.step)));
+            begin += segments.count();
         }
-        sample
+        steps
     }
 
-    fn add(&mut self, data: &[&'a Trajectory], segments: &Segments) {
-        let first = self.data.len();
-        self.steps.extend(segments.all().iter().map(|segment| (first + segment.trajectory, segment.step)));
-        self.data.extend_from_slice(data);
-    }
-
-    /// The images of each step of an even part of the sample: at most `most` steps.
-    pub(super) fn frames(&self, shape: &TaskShape, most: usize) -> Vec<&'a [u8]> {
-        let every = self.steps.len().div_ceil(most).max(1);
-        self.steps.iter().step_by(every).map(|(episode, step)| self.data[*episode].frame(shape, *step)).collect()
-    }
-
-    /// One field of every step.
-    pub(crate) fn rows<'s>(
-        &'s self,
-        of: impl Fn(&'a Trajectory, usize) -> &'a [f32] + Clone + 's,
-    ) -> impl Iterator<Item = &'a [f32]> + Clone + 's
-    where
-        'a: 's,
-    {
-        self.steps.iter().map(move |(episode, step)| of(self.data[*episode], *step))
+    /// Calls `visit` with the proprioception and the action of every step, in the same order each time.
+    ///
+    /// # Errors
+    /// [`LearnError::Steps`].
+    pub(crate) fn each(&self, visit: &mut dyn FnMut(&[f32], &[f32])) -> Result<(), LearnError> {
+        for (data, segments) in &self.sources {
+            for (at, episode) in data.iter().enumerate() {
+                let (Some(first), Some(last)) = (segments.steps(at).next(), segments.steps(at).next_back()) else {
+                    continue;
+                };
+                let numbers = episode.numbers(first..last + 1)?;
+                let count = last + 1 - first;
+                let (m, a) = (numbers.proprioception.len() / count, numbers.action.len() / count);
+                for step in segments.steps(at).map(|step| step - first) {
+                    visit(&numbers.proprioception[step * m..(step + 1) * m], &numbers.action[step * a..(step + 1) * a]);
+                }
+            }
+        }
+        Ok(())
     }
 }

@@ -54,7 +54,7 @@ fn settings() -> Vec<Setting> {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let range = range(from.shape, from.sample).to(from.device);
+    let range = range(from.shape, from.sample)?.to(from.device);
     denoise::init(Diffusion::new(info, range)?, from, info)
 }
 
@@ -67,13 +67,13 @@ fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device)
 
 /// Per action value the middle and half the width of its range in the sample, `[2, A]`; a constant value has the half
 /// width 1.
-fn range(shape: &TaskShape, sample: &Sample<'_>) -> Tensor {
+fn range(shape: &TaskShape, sample: &Sample<'_>) -> Result<Tensor, LearnError> {
     let (mut least, mut most) = (vec![f32::INFINITY; shape.action], vec![f32::NEG_INFINITY; shape.action]);
-    for row in sample.rows(|episode, step| episode.action_at(shape, step)) {
-        for ((least, most), value) in least.iter_mut().zip(&mut most).zip(row) {
+    sample.each(&mut |_, action| {
+        for ((least, most), value) in least.iter_mut().zip(&mut most).zip(action) {
             (*least, *most) = (least.min(*value), most.max(*value));
         }
-    }
+    })?;
     let middle: Vec<f32> = least.iter().zip(&most).map(|(least, most)| least / 2.0 + most / 2.0).collect();
     let varies = |half: f32, middle: f32| half > CONSTANT * (1.0 + middle.abs());
     let half = least.iter().zip(&most).zip(&middle).map(|((least, most), middle)| {
@@ -81,7 +81,7 @@ fn range(shape: &TaskShape, sample: &Sample<'_>) -> Tensor {
         if varies(half, *middle) { half } else { 1.0 }
     });
     let half: Vec<f32> = half.collect();
-    Tensor::from_slice2(&[middle, half])
+    Ok(Tensor::from_slice2(&[middle, half]))
 }
 
 struct Diffusion {
@@ -231,9 +231,8 @@ mod tests {
     #[test]
     fn actions_are_scaled_by_their_range_and_constant_ones_are_centred() {
         let shape = crate::toy::shape();
-        let mut data = crate::toy::episode("e", 1, 3, true);
-        data.action = vec![1.0, 7.0, 5.0, 7.0, 2.0, 7.0];
-        let found = range(&shape, &Sample::every(&shape, &[&data]));
+        let data = crate::toy::episode("e", 1, 3, true).with_actions(vec![1.0, 7.0, 5.0, 7.0, 2.0, 7.0]);
+        let found = range(&shape, &Sample::every(&[&data])).unwrap();
         assert_eq!(crate::batch::values(&found), [3.0, 7.0, 2.0, 1.0]);
     }
 }

@@ -60,7 +60,7 @@ pub(super) fn pretrained(from: &PolicyInit<'_>) -> Result<Network, LearnError> {
         ));
     }
     let mut network = Network::from_named(from.shape, stored.model, &named, from.device)?;
-    network.statistics = network.statistics.holding(from.shape, from.sample);
+    network.statistics = network.statistics.holding(from.shape, from.sample)?;
     Ok(network)
 }
 

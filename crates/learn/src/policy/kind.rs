@@ -76,9 +76,10 @@ pub(super) struct PolicyInit<'a> {
 
 impl PolicyInit<'_> {
     /// The statistics of a policy from scratch.
-    pub(super) fn statistics(&self, model: &ModelSpec) -> Statistics {
+    pub(super) fn statistics(&self, model: &ModelSpec) -> Result<Statistics, LearnError> {
         let target = Size::of(model.preset).target;
-        Statistics::measure(self.shape, self.sample, target, self.device).for_image_encoder(model.image_encoder)
+        let measured = Statistics::measure(self.shape, self.sample, target, self.device)?;
+        Ok(measured.for_image_encoder(model.image_encoder))
     }
 
     /// Gives the image encoders among the `parameters` of a policy from scratch, already drawn, the weights that they

@@ -99,7 +99,7 @@ impl Observer {
     pub(super) fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> Result<Self, LearnError> {
         let ObserverSpec { initial_weights, .. } = from.chosen().read()?;
         let statistics = match initial_weights {
-            InitialWeights::Random => from.statistics(&info.model),
+            InitialWeights::Random => from.statistics(&info.model)?,
             InitialWeights::Encoder => finetune::pretrained(from)?.statistics,
         };
         Self::build(info, statistics, from.device)

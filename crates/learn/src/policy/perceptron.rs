@@ -41,7 +41,7 @@ gleaner_core::settings! {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let statistics = from.statistics(&info.model);
+    let statistics = from.statistics(&info.model)?;
     let policy = Perceptron::new(info, statistics, from.device)?;
     weights::draw(&policy.parameters(), 1.0, from.spec.run.seed);
     Ok(Box::new(policy))
@@ -117,12 +117,11 @@ mod tests {
     #[test]
     fn images_make_no_difference() {
         let one = toy::episode("one", 3, 6, true);
-        let mut other = one.clone();
-        other.frames = std::sync::Arc::new(vec![0u8; one.frames.as_ref().as_ref().len()]);
+        let other = one.changed(|arrays| arrays.frames.fill(0));
         let policy = untrained("perceptron", &[&one]);
         let loss = |data| {
-            let source = Source { segments: crate::batch::Segments::every(&toy::shape(), &[data]), data: vec![data] };
-            let (batch, wanted) = source.collect(&policy.info().form(), source.segments.all());
+            let source = Source { segments: crate::batch::Segments::every(&[data]), data: vec![data] };
+            let (batch, wanted) = source.collect(&policy.info().form(), &source.segments.all()).unwrap();
             let mut noise = generator(1, Purpose::Style, 0);
             values(&mean_loss(policy.as_ref(), batch, None, &wanted, &mut noise).1.each)
         };

@@ -107,12 +107,12 @@ impl Policy {
         }
         guard(|| {
             let data: Vec<&Trajectory> = episodes.iter().collect();
-            let source = Source { segments: Segments::every(self.shape(), &data), data };
-            Ok(shares(self.model.as_ref(), &source, self.hides_history(), seed))
+            let source = Source { segments: Segments::every(&data), data };
+            shares(self.model.as_ref(), &source, self.hides_history(), seed)
         })
     }
 
-    /// Encodes frames, each with the layout of one step of [`FrameBytes`](crate::FrameBytes).
+    /// Encodes frames, each with the layout of one step of [`StepSource`](crate::StepSource).
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.

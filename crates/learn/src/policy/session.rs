@@ -20,7 +20,7 @@ pub struct PolicySession {
 /// One step of an episode.
 #[derive(Debug, Clone, Copy)]
 pub struct Observed<'a> {
-    /// Images, in the layout of one step of [`FrameBytes`](crate::FrameBytes).
+    /// Images, in the layout of one step of [`StepSource`](crate::StepSource).
     pub frame: &'a [u8],
     /// In physical units.
     pub proprioception: &'a [f32],

@@ -10,6 +10,7 @@ use tch::{Kind, Tensor, no_grad_guard};
 use super::kind::{PolicyInput, PolicyModel};
 use super::source::Source;
 use crate::batch::{Batch, Segment, Windows, int};
+use crate::error::LearnError;
 use crate::random::{Purpose, generator};
 use crate::train::Metrics;
 
@@ -48,14 +49,19 @@ struct Inputs {
 /// `share_proprioception`, and `share_history` (the images, proprioception and actions of the steps before the newest,
 /// for a policy with a history). Empty if no two episodes have a whole window. `hides_history`: the policy acts with the
 /// past hidden.
-pub(super) fn shares(policy: &dyn PolicyModel, source: &Source<'_>, hides_history: bool, seed: u64) -> Metrics {
+pub(super) fn shares(
+    policy: &dyn PolicyModel,
+    source: &Source<'_>,
+    hides_history: bool,
+    seed: u64,
+) -> Result<Metrics, LearnError> {
     let _no_grad = no_grad_guard();
     let window = policy.info().window;
     let [ours, theirs] = pairs(source, window, seed);
     if ours.is_empty() {
-        return Vec::new();
+        return Ok(Vec::new());
     }
-    let [ours, theirs] = [ours, theirs].map(|segments| inputs(policy, source, &segments));
+    let (ours, theirs) = (inputs(policy, source, &ours)?, inputs(policy, source, &theirs)?);
     let cameras = ours.images.len();
     let act = |images: &[Tensor], proprioception: &Tensor, action: &Tensor| {
         let places = proprioception.size()[0];
@@ -97,17 +103,18 @@ pub(super) fn shares(policy: &dyn PolicyModel, source: &Source<'_>, hides_histor
         let (m, a) = (past(&ours.proprioception, &theirs.proprioception), past(&ours.action, &theirs.action));
         shares.push(("share_history", share(act(&images, &m, &a))));
     }
-    shares
+    Ok(shares)
 }
 
 /// Segments with whole windows, and for each one of another episode.
 fn pairs(source: &Source<'_>, window: usize, seed: u64) -> [Vec<Segment>; 2] {
-    let whole: Vec<&Segment> = source.segments.all().iter().filter(|segment| segment.step + 1 >= window).collect();
+    let at = |place| source.segments.at(place);
+    let whole: Vec<usize> = (0..source.segments.count()).filter(|place| at(*place).step + 1 >= window).collect();
     let mut pairs = [Vec::new(), Vec::new()];
-    let several = whole.iter().any(|segment| segment.trajectory != whole[0].trajectory);
+    let several = whole.iter().any(|place| at(*place).trajectory != at(whole[0]).trajectory);
     let mut rng = generator(seed, Purpose::Shares, 0);
     while several && pairs[0].len() < PAIRS {
-        let [ours, theirs] = [(); 2].map(|()| *whole[rng.random_range(0..whole.len())]);
+        let [ours, theirs] = [(); 2].map(|()| at(whole[rng.random_range(0..whole.len())]));
         if ours.trajectory != theirs.trajectory {
             pairs[0].push(ours);
             pairs[1].push(theirs);
@@ -117,15 +124,15 @@ fn pairs(source: &Source<'_>, window: usize, seed: u64) -> [Vec<Segment>; 2] {
 }
 
 /// Every place of the segments' windows, each window with steps of its own.
-fn inputs(policy: &dyn PolicyModel, source: &Source<'_>, segments: &[Segment]) -> Inputs {
+fn inputs(policy: &dyn PolicyModel, source: &Source<'_>, segments: &[Segment]) -> Result<Inputs, LearnError> {
     let info = policy.info();
-    let batch = Batch::collect(info.shape, &source.data, segments, info.window, info.device);
+    let batch = Batch::collect(info.shape, &source.data, segments, info.window, info.device)?;
     let spread = |steps: &Tensor| steps.index_select(0, &batch.windows.index);
-    Inputs {
+    Ok(Inputs {
         images: batch.images.iter().map(spread).collect(),
         proprioception: spread(&batch.proprioception),
         action: spread(&batch.action),
-    }
+    })
 }
 
 #[cfg(test)]
@@ -140,8 +147,8 @@ mod tests {
 
     fn of(kind: &str, data: &[&Trajectory]) -> BTreeMap<&'static str, f64> {
         let policy = untrained(kind, data);
-        let source = Source { segments: Segments::every(&toy::shape(), data), data: data.to_vec() };
-        shares(policy.as_ref(), &source, false, 1).into_iter().collect()
+        let source = Source { segments: Segments::every(data), data: data.to_vec() };
+        shares(policy.as_ref(), &source, false, 1).unwrap().into_iter().collect()
     }
 
     #[test]

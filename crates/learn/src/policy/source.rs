@@ -9,6 +9,7 @@ use tch::Tensor;
 use super::kind::{Form, Losses, PolicyInput, PolicyModel};
 use crate::augment::augment;
 use crate::batch::{Batch, Chunks, Segment, Segments, Windows};
+use crate::error::LearnError;
 use crate::normalize::Standard;
 use crate::random::{Purpose, generator};
 use crate::shape::TaskShape;
@@ -71,23 +72,23 @@ impl Assembled {
 
 impl Source<'_> {
     /// A batch drawn from this source.
-    pub(super) fn assemble(&self, of: &Assembly<'_>, draw: &Draw) -> Assembled {
+    pub(super) fn assemble(&self, of: &Assembly<'_>, draw: &Draw) -> Result<Assembled, LearnError> {
         let [mut segments, mut images, mut noise] =
             draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.batch));
         let drawn = self.segments.draw(&mut segments, of.spec.optim.batch, of.spec.optim.stretch);
-        let (mut batch, wanted) = self.collect(&of.form, &drawn);
+        let (mut batch, wanted) = self.collect(&of.form, &drawn)?;
         augment(&mut batch, &of.spec.augmentation, &of.standard, &mut images);
         let hidden = hide_past(&batch.windows, of.history_dropout, &mut noise);
-        Assembled { batch, wanted, hidden, noise }
+        Ok(Assembled { batch, wanted, hidden, noise })
     }
 
     /// The steps of `drawn` segments, and their actions to predict.
-    pub(super) fn collect(&self, form: &Form<'_>, drawn: &[Segment]) -> (Batch, Chunks) {
-        let batch = Batch::collect(form.shape, &self.data, drawn, form.window, form.device);
+    pub(super) fn collect(&self, form: &Form<'_>, drawn: &[Segment]) -> Result<(Batch, Chunks), LearnError> {
+        let batch = Batch::collect(form.shape, &self.data, drawn, form.window, form.device)?;
         let runs = drawn.iter().map(|segment| (*segment, self.segments.run(segment, form.chunk)));
         let runs: Vec<(Segment, usize)> = runs.collect();
-        let wanted = Chunks::collect(form.shape, &self.data, &runs, form.chunk, form.device);
-        (batch, wanted)
+        let wanted = Chunks::collect(form.shape, &self.data, &runs, form.chunk, form.device)?;
+        Ok((batch, wanted))
     }
 }
 

@@ -78,7 +78,7 @@ pub(super) fn untrained(form: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel
 /// A policy with these settings before its first step.
 fn untrained_with(spec: &TrainSpec, data: &[&Trajectory]) -> Box<dyn PolicyModel> {
     let (encoder, shape) = (encoder(1), toy::shape());
-    let sample = Sample::every(&shape, data);
+    let sample = Sample::every(data);
     let from = PolicyInit {
         shape: &shape,
         pretrained: Pretrained::encoder(&encoder),

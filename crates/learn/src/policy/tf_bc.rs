@@ -26,7 +26,7 @@ fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let statistics = from.statistics(&info.model);
+    let statistics = from.statistics(&info.model)?;
     let network = Network::new(from.shape, info.model, statistics, from.spec.run.seed, from.device);
     from.give_image_weights(&info.model, &network.parameters())?;
     Ok(Box::new(CausalTransformer { network, history: from.chosen().read()? }))

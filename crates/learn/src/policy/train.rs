@@ -59,7 +59,7 @@ pub fn train_policy(
         segments.validate(shape)?;
     }
     guard(|| {
-        let sources = Sources::new(shape, experts, kept, spec)?;
+        let sources = Sources::new(experts, kept, spec)?;
         let sample = sources.sample();
         let device = device::open(spec.run.device, spec.threads)?;
         let from = PolicyInit { shape, pretrained, sample: &sample, spec, device };
@@ -111,12 +111,7 @@ const EXPERT: [Purpose; 3] = [Purpose::Batch, Purpose::Augmentation, Purpose::St
 const KEPT: [Purpose; 3] = [Purpose::KeptBatch, Purpose::KeptAugmentation, Purpose::KeptStyle];
 
 impl<'a> Sources<'a> {
-    fn new(
-        shape: &TaskShape,
-        experts: &'a [Trajectory],
-        kept: &'a [WeightedSegments],
-        spec: &TrainSpec,
-    ) -> Result<Self, LearnError> {
+    fn new(experts: &'a [Trajectory], kept: &'a [WeightedSegments], spec: &TrainSpec) -> Result<Self, LearnError> {
         let weighting = weighting::open(&spec.weighting)?;
         let (experts, held_out) = validation::split(experts, spec);
         if spec.optim.finished_weights == FinishedWeights::Best && held_out.is_empty() {
@@ -126,8 +121,8 @@ impl<'a> Sources<'a> {
         }
         let kept = if weighting.ignores_segments() { &[] } else { kept };
         Ok(Self {
-            experts: Source { segments: Segments::every(shape, &experts), data: experts },
-            held_out: Source { segments: Segments::every(shape, &held_out), data: held_out },
+            experts: Source { segments: Segments::every(&experts), data: experts },
+            held_out: Source { segments: Segments::every(&held_out), data: held_out },
             kept: Source {
                 data: kept.iter().map(|segments| &segments.trajectory).collect(),
                 segments: Segments::kept(kept),
@@ -138,17 +133,17 @@ impl<'a> Sources<'a> {
 
     /// Metrics beside those of each step: now and then the loss on experts that are held out, and in the end what the
     /// policy looks at.
-    fn report(&self, policy: &dyn PolicyModel, spec: &TrainSpec, done: u64) -> Metrics {
+    fn report(&self, policy: &dyn PolicyModel, spec: &TrainSpec, done: u64) -> Result<Metrics, LearnError> {
         let mut metrics = Vec::new();
         let last = done == spec.optim.steps;
         if last || done.is_multiple_of(spec.optim.steps.div_ceil(VALIDATIONS)) {
-            let loss = validation::loss(policy, &self.held_out, spec.run.seed);
+            let loss = validation::loss(policy, &self.held_out, spec.run.seed)?;
             metrics.extend(loss.map(|loss| (LOSS_VALIDATION, loss)));
         }
         if last {
-            metrics.extend(shares(policy, &self.experts, false, spec.run.seed));
+            metrics.extend(shares(policy, &self.experts, false, spec.run.seed)?);
         }
-        metrics
+        Ok(metrics)
     }
 
     /// All steps of experts and the kept steps.
@@ -158,10 +153,15 @@ impl<'a> Sources<'a> {
     }
 
     /// The batch of experts of this number, and that of kept segments if there are any.
-    fn assemble(&self, assembly: &Assembly<'_>, seed: u64, batch: u64) -> (Assembled, Option<Assembled>) {
+    fn assemble(
+        &self,
+        assembly: &Assembly<'_>,
+        seed: u64,
+        batch: u64,
+    ) -> Result<(Assembled, Option<Assembled>), LearnError> {
         let of = |source: &Source<'_>, purposes| source.assemble(assembly, &Draw { seed, batch, purposes });
-        let kept = (!self.kept.segments.is_empty()).then(|| of(&self.kept, KEPT));
-        (of(&self.experts, EXPERT), kept)
+        let kept = (!self.kept.segments.is_empty()).then(|| of(&self.kept, KEPT)).transpose()?;
+        Ok((of(&self.experts, EXPERT)?, kept))
     }
 
     fn loss(&self, policy: &dyn PolicyModel, (expert, kept): (Assembled, Option<Assembled>)) -> Loss {

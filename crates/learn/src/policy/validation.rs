@@ -8,6 +8,7 @@ use tch::no_grad_guard;
 use super::kind::PolicyModel;
 use super::source::{Source, mean_loss};
 use crate::batch::Segment;
+use crate::error::LearnError;
 use crate::random::{Purpose, generator};
 use crate::trajectory::Trajectory;
 
@@ -38,21 +39,21 @@ pub(super) fn split<'a>(experts: &'a [Trajectory], spec: &TrainSpec) -> (Vec<&'a
 
 /// The mean loss on `held_out`, without changes to its inputs and with the same random parts every time; `None` if no
 /// expert is held out.
-pub(super) fn loss(policy: &dyn PolicyModel, held_out: &Source<'_>, seed: u64) -> Option<f64> {
+pub(super) fn loss(policy: &dyn PolicyModel, held_out: &Source<'_>, seed: u64) -> Result<Option<f64>, LearnError> {
     let _no_grad = no_grad_guard();
-    let all = held_out.segments.all();
-    let every = all.len().div_ceil(SEGMENTS).max(1);
-    let measured: Vec<Segment> = all.iter().step_by(every).copied().collect();
+    let all = held_out.segments.count();
+    let every = all.div_ceil(SEGMENTS).max(1);
+    let measured: Vec<Segment> = (0..all).step_by(every).map(|place| held_out.segments.at(place)).collect();
     let mut rng = generator(seed, Purpose::Validation, 1);
     let (mut sum, mut count) = (0.0, 0.0);
     for chunk in measured.chunks(CHUNK) {
-        let (batch, wanted) = held_out.collect(&policy.info().form(), chunk);
+        let (batch, wanted) = held_out.collect(&policy.info().form(), chunk)?;
         #[expect(clippy::cast_precision_loss, reason = "at most a chunk")]
         let size = chunk.len() as f64;
         sum += mean_loss(policy, batch, None, &wanted, &mut rng).0.double_value(&[]) * size;
         count += size;
     }
-    (count > 0.0).then(|| sum / count)
+    Ok((count > 0.0).then(|| sum / count))
 }
 
 #[cfg(test)]

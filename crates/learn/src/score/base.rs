@@ -6,7 +6,6 @@ use gleaner_search::Match;
 
 use super::{EpisodeScores, ScoreBase};
 use crate::error::LearnError;
-use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
 /// The scores that exist before the search begins.
@@ -21,7 +20,6 @@ impl<'a> Known<'a> {
     /// The scores of `base`, for `experts` in the order of their numbers and the `imperfect`.
     pub(super) fn new(
         base: &'a ScoreBase,
-        shape: &TaskShape,
         experts: &[&Trajectory],
         imperfect: &[Trajectory],
     ) -> Result<Self, LearnError> {
@@ -31,14 +29,14 @@ impl<'a> Known<'a> {
                 let message = format!("has {id}, which is not among the experts; add it, or score without extends");
                 LearnError::invalid("base.experts", message)
             })?;
-            Ok((u32::try_from(at).unwrap_or(u32::MAX), experts[at].steps(shape)))
+            Ok((u32::try_from(at).unwrap_or(u32::MAX), experts[at].steps()))
         };
         let known = Self {
             scores: base.scores.iter().map(|scores| (scores.episode_id.as_str(), scores)).collect(),
             experts: base.experts.iter().map(number).collect::<Result<_, LearnError>>()?,
         };
         for episode in experts.iter().copied().chain(imperfect) {
-            known.check(episode, shape)?;
+            known.check(episode)?;
         }
         Ok(known)
     }
@@ -60,9 +58,9 @@ impl<'a> Known<'a> {
     }
 
     /// Fails unless the earlier scores of `episode`, if any, fit it.
-    fn check(&self, episode: &Trajectory, shape: &TaskShape) -> Result<(), LearnError> {
+    fn check(&self, episode: &Trajectory) -> Result<(), LearnError> {
         let Some(scores) = self.scores.get(episode.id.as_str()) else { return Ok(()) };
-        let steps = episode.steps(shape);
+        let steps = episode.steps();
         let wrong =
             |message: String| Err(LearnError::invalid("base.scores", format!("of episode {} {message}", episode.id)));
         let lengths = [scores.w.len(), scores.match_episode.len(), scores.match_step.len(), scores.distances.len()];

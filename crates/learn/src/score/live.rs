@@ -93,14 +93,16 @@ impl LiveScorer {
             let mut features = Vec::with_capacity(sorted.len());
             for (_, expert) in &sorted {
                 expert.validate(&opened.network.shape)?;
-                features.push(sound(episode_features(opened.encoder(), expert, &comparison), &expert.id)?);
+                features.push(sound(episode_features(opened.encoder(), expert, &comparison)?, &expert.id)?);
             }
             let metric = metric(comparison.similarity, comparison.scale);
             let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
             let index = Index::new(&numbered, metric)?;
             let local = if comparison.local_scale { local_scale(&features, &index, metric)? } else { None };
-            let known = |(_, expert): &(u32, &Trajectory)| Expert { id: expert.id.clone(), content: expert.content() };
-            let experts = sorted.iter().map(known).collect();
+            let known = |(_, expert): &(u32, &Trajectory)| {
+                Ok::<_, LearnError>(Expert { id: expert.id.clone(), content: expert.content()? })
+            };
+            let experts = sorted.iter().map(known).collect::<Result<_, _>>()?;
             let places = sorted.into_iter().map(|(place, _)| place).collect();
             Ok(Self { opened, comparison, index, places, experts, local, normaliser })
         })
@@ -116,7 +118,7 @@ impl LiveScorer {
         self.opened.network.spec.segment_length
     }
 
-    /// Encodes frames for this scorer, each with the layout of one step of [`FrameBytes`](crate::FrameBytes).
+    /// Encodes frames for this scorer, each with the layout of one step of [`StepSource`](crate::StepSource).
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
@@ -158,9 +160,9 @@ impl LiveScorer {
         episode.validate(&self.opened.network.shape)?;
         guard(|| {
             let _no_grad = no_grad_guard();
-            let content = episode.content();
+            let content = episode.content()?;
             let own = (0..).zip(&self.experts).find(|(_, expert)| expert.content == content);
-            let features = sound(episode_features(self.opened.encoder(), episode, &self.comparison), &episode.id)?;
+            let features = sound(episode_features(self.opened.encoder(), episode, &self.comparison)?, &episode.id)?;
             let scores = self.judge(&features, own.map(|(number, _)| number))?;
             let (id, role) = own.map_or((&episode.id, Role::Imperfect), |(_, expert)| (&expert.id, Role::Expert));
             Ok(EpisodeScores {

@@ -229,14 +229,13 @@ impl Call<'_> {
         monitor: &mut dyn Monitor,
     ) -> Result<Found, LearnError> {
         let _no_grad = no_grad_guard();
-        let network = encoder.network;
         let ScoreInputs { encoder: _, experts, imperfect, kept } = self.inputs;
         let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(experts).collect();
         sorted.sort_by(|a, b| a.1.id.cmp(&b.1.id));
-        let total = 2 * count(network, experts) + count(network, imperfect);
+        let total = 2 * count(experts) + count(imperfect);
         let (places, experts): (Vec<u32>, Vec<&Trajectory>) = sorted.into_iter().unzip();
         let known = match base {
-            Some(base) => Known::new(base, &network.shape, &experts, imperfect)?,
+            Some(base) => Known::new(base, &experts, imperfect)?,
             None => Known::default(),
         };
         let progress = Progress::new(monitor, total);

@@ -11,7 +11,6 @@ use super::features::{Encoder, FeatureStore, Features, episode_features, kept, w
 use super::similarity::metric;
 use super::{EpisodeScores, local};
 use crate::error::LearnError;
-use crate::model::Network;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 
@@ -41,8 +40,8 @@ impl<'a> Progress<'a> {
 }
 
 /// Number of segments of `episodes`.
-pub(super) fn count<'a>(network: &Network, episodes: impl IntoIterator<Item = &'a Trajectory>) -> u64 {
-    episodes.into_iter().map(|episode| episode.steps(&network.shape) as u64).sum()
+pub(super) fn count<'a>(episodes: impl IntoIterator<Item = &'a Trajectory>) -> u64 {
+    episodes.into_iter().map(|episode| episode.steps() as u64).sum()
 }
 
 /// The features of episode `of`; fails unless they can be compared.
@@ -204,11 +203,11 @@ impl Run<'_> {
     fn kept_features(&self, trajectory: &Trajectory) -> Option<Features> {
         let network = self.encoder.network;
         let bytes = self.kept?.get(&trajectory.id)?;
-        kept::from_bytes(&bytes, trajectory.steps(&network.shape), widths(network, self.comparison))
+        kept::from_bytes(&bytes, trajectory.steps(), widths(network, self.comparison))
     }
 
     fn encoded(&self, trajectory: &Trajectory) -> Result<Features, LearnError> {
-        let features = sound(episode_features(self.encoder, trajectory, self.comparison), &trajectory.id)?;
+        let features = sound(episode_features(self.encoder, trajectory, self.comparison)?, &trajectory.id)?;
         if let (Some(store), Ok(bytes)) = (self.kept, kept::to_bytes(&features)) {
             store.put(&trajectory.id, &bytes);
         }

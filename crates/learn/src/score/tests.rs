@@ -155,9 +155,7 @@ fn experts_are_scored_against_the_other_experts() {
 fn the_order_of_the_episodes_does_not_matter() {
     let mut experts = toy::experts(4, 9);
     // The same steps under two ids: a tie goes to the id that sorts first.
-    experts[3].proprioception = experts[0].proprioception.clone();
-    experts[3].action = experts[0].action.clone();
-    experts[3].frames = experts[0].frames.clone();
+    experts[3] = Trajectory { id: experts[3].id.clone(), ..experts[0].clone() };
     let mut imperfect: Vec<Trajectory> = (0..3).map(|i| toy::episode(&format!("f{i}"), 60 + i, 7, i == 1)).collect();
     let mut same = experts[0].clone();
     same.id = "f9".into();
@@ -191,8 +189,7 @@ fn bad_input_is_named() {
     let twice = [experts[0].clone(), experts[0].clone()];
     assert!(message(&twice, &experts).contains("twice"));
     assert!(message(&experts, &twice).starts_with("imperfect: "));
-    let mut short = experts[1].clone();
-    short.action.pop();
+    let short = experts[1].changed(|arrays| arrays.widths.action = 1);
     assert!(message(&experts[..1], &[short]).contains("episode expert 1: action"));
 }
 

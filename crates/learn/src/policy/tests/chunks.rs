@@ -13,7 +13,7 @@ fn act_loss(policy: &dyn PolicyModel, trajectory: &Trajectory) -> f32 {
     let kept = [2, 3, 4, 6, 7, 8, 9].map(|step| (step, 1.0)).to_vec();
     let kept = [WeightedSegments { trajectory: trajectory.clone(), steps: kept }];
     let source = Source { data: vec![&kept[0].trajectory], segments: Segments::kept(&kept) };
-    let (batch, wanted) = source.collect(&policy.info().form(), &source.segments.all()[..3]);
+    let (batch, wanted) = source.collect(&policy.info().form(), &source.segments.all()[..3]).unwrap();
     let mut noise = generator(1, Purpose::Style, 0);
     values(&mean_loss(policy, batch, None, &wanted, &mut noise).0)[0]
 }
@@ -23,11 +23,7 @@ fn actions_after_a_step_that_was_not_kept_change_nothing() {
     let trajectory = toy::episode("failure", 40, 10, false);
     let policy = untrained("act", &[&trajectory]);
     let plain = act_loss(policy.as_ref(), &trajectory);
-    let with = |step: usize| {
-        let mut changed = trajectory.clone();
-        changed.action[2 * step] += 3.0;
-        act_loss(policy.as_ref(), &changed)
-    };
+    let with = |step: usize| act_loss(policy.as_ref(), &trajectory.changed(|arrays| arrays.action[2 * step] += 3.0));
     for step in [0, 1, 5, 6, 7] {
         assert_eq!(with(step), plain, "step {step} is not part of any chunk that counts");
     }
@@ -40,9 +36,9 @@ fn actions_after_a_step_that_was_not_kept_change_nothing() {
 fn a_chunk_reaches_to_the_end_of_an_expert_episode_and_no_further() {
     let data = [toy::episode("a", 1, 6, true), toy::episode("b", 2, 6, true)];
     let data: Vec<&Trajectory> = data.iter().collect();
-    let source = Source { segments: Segments::every(&toy::shape(), &data), data };
+    let source = Source { segments: Segments::every(&data), data };
     let policy = untrained("act", &source.data);
-    let (batch, wanted) = source.collect(&policy.info().form(), &source.segments.all()[2..6]);
+    let (batch, wanted) = source.collect(&policy.info().form(), &source.segments.all()[2..6]).unwrap();
     assert_eq!(batch.images[0].size()[0], 4, "no frame of a later action is encoded");
     let counted: Vec<i64> = Vec::try_from(wanted.counted.sum_dim_intlist([1i64].as_slice(), false, None)).unwrap();
     assert_eq!(counted, [4, 3, 2, 1]);

@@ -9,11 +9,11 @@ const DRAWING: [&str; 2] = ["flow", "diffusion"];
 /// Episodes in which nothing is to be seen, half of them with the action 1 throughout and half with −1.
 fn two_modes() -> Vec<Trajectory> {
     let episode = |(number, sign): (u64, f32)| {
-        let mut episode = toy::episode(&format!("{number}"), 1, 8, true);
-        episode.frames = std::sync::Arc::new(toy::frame(0.5, 0.5).repeat(8));
-        episode.proprioception.fill(0.5);
-        episode.action.fill(sign);
-        episode
+        toy::episode(&format!("{number}"), 1, 8, true).changed(|arrays| {
+            arrays.frames = toy::frame(0.5, 0.5).repeat(8);
+            arrays.proprioception.fill(0.5);
+            arrays.action.fill(sign);
+        })
     };
     (0..8).map(|number| episode((number, if number % 2 == 0 { 1.0 } else { -1.0 }))).collect()
 }

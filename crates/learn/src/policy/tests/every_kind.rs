@@ -101,11 +101,12 @@ fn sessions_in_one_pass_get_what_each_gets_alone() {
         let mut history = History::new(policy.segment_length());
         let (mut alone, mut snapshots) = (Vec::new(), Vec::new());
         for t in 0..6 {
-            let embedding = policy.embed(&[data.frame(policy.shape(), t)]).unwrap().remove(0);
-            history.push(embedding, data.proprioception_at(policy.shape(), t).to_vec()).unwrap();
+            let embedding = policy.embed(&[&data.frame(t)]).unwrap().remove(0);
+            let numbers = data.numbers(t..t + 1).unwrap();
+            history.push(embedding, numbers.proprioception).unwrap();
             alone.extend(policy.act(&[&history]).unwrap());
             snapshots.push(history.clone());
-            history.set_executed(data.action_at(policy.shape(), t).to_vec()).unwrap();
+            history.set_executed(numbers.action).unwrap();
         }
         let all = policy.act(&snapshots.iter().collect::<Vec<_>>()).unwrap();
         assert_eq!(all.len(), alone.len());
@@ -159,13 +160,13 @@ fn statistics_do_not_depend_on_rejected_steps() {
             let mut kept = kept(0.9);
             // Steps 0 and 1 are outside each window of 4 that ends at step 9 or 8; they are the rejected ones.
             kept[0].steps = vec![(8, 0.9), (9, 0.9)];
-            kept[0].trajectory.action[0] += change;
-            kept[0].trajectory.proprioception[0] += change;
-            if change > 0.0 {
-                let mut frames = kept[0].trajectory.frames.as_ref().as_ref().to_vec();
-                frames[..toy::shape().frame_bytes()].fill(255);
-                kept[0].trajectory.frames = std::sync::Arc::new(frames);
-            }
+            kept[0].trajectory = kept[0].trajectory.changed(|arrays| {
+                arrays.action[0] += change;
+                arrays.proprioception[0] += change;
+                if change > 0.0 {
+                    arrays.frames[..toy::shape().frame_bytes()].fill(255);
+                }
+            });
             let encoder = encoder.as_deref();
             train_policy(
                 &toy::shape(),
@@ -189,7 +190,7 @@ fn an_action_value_that_never_changed_in_training_is_returned_exactly() {
         let encoder = (kind == "finetune").then(|| encoder(1));
         let mut experts = toy::experts(3, 8);
         for expert in &mut experts {
-            expert.action.chunks_mut(2).for_each(|action| action[1] = 0.25);
+            *expert = expert.changed(|arrays| arrays.action.chunks_mut(2).for_each(|action| action[1] = 0.25));
         }
         let spec = spec(kind, 2);
         let bytes = train_policy(

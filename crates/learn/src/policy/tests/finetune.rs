@@ -57,22 +57,21 @@ fn a_session_with_cached_embeddings_acts_like_the_full_window() {
     let network = Network::from_named(&toy::shape(), toy::pretrain_spec(1).model, &named, tch::Device::Cpu);
     let network = network.unwrap();
     let data = toy::episode("session", 77, 9, true);
-    let segments = Segments::every(&network.shape, &[&data]);
-    let batch = Batch::collect(&network.shape, &[&data], segments.all(), 4, tch::Device::Cpu);
+    let segments = Segments::every(&[&data]);
+    let batch = Batch::collect(&network.shape, &[&data], &segments.all(), 4, tch::Device::Cpu).unwrap();
     let full = network.actions(&network.batch_steps(&batch), &batch.proprioception, &batch.windows, None, 1);
     let full = crate::batch::values(&network.statistics.action.invert(&full));
 
     let mut history = History::new(policy.segment_length());
     let mut snapshots = Vec::new();
     for (t, expected) in full.chunks(2).enumerate() {
-        let embedding = policy.embed(&[data.frame(&network.shape, t)]).unwrap().remove(0);
-        let m = data.proprioception_at(&network.shape, t).to_vec();
-        history.push(embedding, m).unwrap();
+        let embedding = policy.embed(&[&data.frame(t)]).unwrap().remove(0);
+        let numbers = data.numbers(t..t + 1).unwrap();
+        history.push(embedding, numbers.proprioception).unwrap();
         let action = policy.act(&[&history]).unwrap().remove(0).remove(0);
         assert!((action[0] - expected[0]).hypot(action[1] - expected[1]) < 1e-5);
         snapshots.push(history.clone());
-        let executed = data.action_at(&network.shape, t).to_vec();
-        history.set_executed(executed).unwrap();
+        history.set_executed(numbers.action).unwrap();
     }
     // Sessions of all lengths in one pass.
     let all = policy.act(&snapshots.iter().collect::<Vec<_>>()).unwrap().concat().concat();
@@ -162,10 +161,11 @@ impl MapAction for Vec<Trajectory> {
     /// The episodes with the first `width` action values of each step only.
     fn map_action(self, width: usize) -> Vec<Trajectory> {
         self.into_iter()
-            .map(|mut trajectory| {
-                let steps = trajectory.action.chunks(2);
-                trajectory.action = steps.flat_map(|a| a[..width].to_vec()).collect();
-                trajectory
+            .map(|trajectory| {
+                trajectory.changed(|arrays| {
+                    arrays.action = arrays.action.chunks(2).flat_map(|a| a[..width].to_vec()).collect();
+                    arrays.widths.action = width;
+                })
             })
             .collect()
     }

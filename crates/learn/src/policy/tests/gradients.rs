@@ -17,7 +17,7 @@ use gleaner_core::{ActionToken, Augmentation, ModelSpec, PretrainSpec, Words as 
 const STEP: f64 = 1e-7;
 
 fn network(data: &Trajectory, action_token: ActionToken) -> Network {
-    let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), &[data]), 8, Device::Cpu);
+    let statistics = Statistics::measure(&toy::shape(), &Sample::every(&[data]), 8, Device::Cpu).unwrap();
     let spec = ModelSpec { action_token, ..toy::pretrain_spec(1).model };
     Network::new(&toy::shape(), spec, statistics, 3, Device::Cpu)
 }
@@ -25,7 +25,7 @@ fn network(data: &Trajectory, action_token: ActionToken) -> Network {
 /// The window that ends at step 5.
 fn window(data: &Trajectory) -> Batch {
     let end = Segment { trajectory: 0, step: 5, weight: 1.0 };
-    Batch::collect(&toy::shape(), &[data], &[end], 4, Device::Cpu)
+    Batch::collect(&toy::shape(), &[data], &[end], 4, Device::Cpu).unwrap()
 }
 
 /// Largest gradient of each step's action, `[4]`.
@@ -65,7 +65,7 @@ fn in_the_causal_pass_no_action_moves_its_own_prediction_or_an_earlier_one() {
 /// reads no action.
 pub(super) fn moved_by_actions(policy: &dyn PolicyModel, data: &Trajectory) -> Option<Vec<f32>> {
     let end = Segment { trajectory: 0, step: 5, weight: 1.0 };
-    let batch = Batch::collect(&toy::shape(), &[data], &[end], policy.info().window, Device::Cpu);
+    let batch = Batch::collect(&toy::shape(), &[data], &[end], policy.info().window, Device::Cpu).unwrap();
     let action = batch.action.set_requires_grad(true);
     let input = PolicyInput {
         embedded: policy.embed_images(&batch.images),
@@ -156,12 +156,12 @@ fn pretrainings_gradients_agree_with_finite_differences() {
 #[test]
 fn every_policys_gradients_agree_with_finite_differences() {
     let data = toy::episode("e", 1, 6, true);
-    let source = Source { segments: Segments::every(&toy::shape(), &[&data]), data: vec![&data] };
+    let source = Source { segments: Segments::every(&[&data]), data: vec![&data] };
     for kind in forms() {
         let policy = untrained(kind, &[&data]);
         to_double(&policy.parameters());
         let loss = || {
-            let (batch, mut wanted) = source.collect(&policy.info().form(), &source.segments.all()[1..4]);
+            let (batch, mut wanted) = source.collect(&policy.info().form(), &source.segments.all()[1..4]).unwrap();
             wanted.action = wanted.action.to_kind(Kind::Double);
             let mut noise = generator(1, Purpose::Style, 0);
             mean_loss(policy.as_ref(), double(batch), None, &wanted, &mut noise).0

@@ -15,7 +15,7 @@ fn weights_of_one_are_behaviour_cloning_on_the_union() {
     let experts = toy::experts(2, 7);
     let imperfect = [toy::episode("failure", 40, 10, false)];
     let union: Vec<&Trajectory> = experts.iter().chain(&imperfect).collect();
-    let every = |data: &[&Trajectory]| Segments::every(&toy::shape(), data);
+    let every = |data: &[&Trajectory]| Segments::every(data);
     let all = |steps: usize| (0..u32::try_from(steps).unwrap()).map(|step| (step, 1.0)).collect();
     let kept = [WeightedSegments { trajectory: imperfect[0].clone(), steps: all(10) }];
     let sources = [
@@ -28,7 +28,7 @@ fn weights_of_one_are_behaviour_cloning_on_the_union() {
         // One generator for both batches and one for the union: the same noise, in the same order.
         let mut noises = [generator(3, Purpose::Style, 0), generator(3, Purpose::Style, 0)];
         let loss = |source: &Source<'_>, noise: &mut rand_chacha::ChaCha8Rng| {
-            let (batch, wanted) = source.collect(&policy.info().form(), source.segments.all());
+            let (batch, wanted) = source.collect(&policy.info().form(), &source.segments.all()).unwrap();
             mean_loss(policy.as_ref(), batch, None, &wanted, noise).0.double_value(&[])
         };
         let lambda = 10.0 / 14.0;

@@ -5,26 +5,27 @@ use tch::Tensor;
 
 use super::{CHUNK, Encoder, Features, extend};
 use crate::batch::{Batch, Segment, Segments, Windows, int};
+use crate::error::LearnError;
 use crate::model::{Modality, Network};
 use crate::trajectory::Trajectory;
 
 /// The features of each segment's last `keep` steps: per modality `keep` times d values, zero for places before the
 /// episode.
-pub(super) fn features(encoder: Encoder<'_>, trajectory: &Trajectory, keep: usize) -> Features {
+pub(super) fn features(encoder: Encoder<'_>, trajectory: &Trajectory, keep: usize) -> Result<Features, LearnError> {
     let network = encoder.network;
-    let every = Segments::every(&network.shape, &[trajectory]);
-    let steps: Vec<Tensor> = every.all().chunks(CHUNK).map(|chunk| encode(network, trajectory, chunk)).collect();
-    let steps = Tensor::cat(&steps, 0);
+    let every = Segments::every(&[trajectory]).all();
+    let steps = every.chunks(CHUNK).map(|chunk| encode(network, trajectory, chunk));
+    let steps = Tensor::cat(&steps.collect::<Result<Vec<Tensor>, LearnError>>()?, 0);
     let window = network.spec.window();
     let mut features = Features::empty([keep * network.width(); 3]);
-    for chunk in every.all().chunks(CHUNK) {
+    for chunk in every.chunks(CHUNK) {
         let (windows, needed) = Windows::lay_out(chunk, window, network.device());
         let needed: Vec<i64> = needed.iter().map(|(_, t)| int(*t)).collect();
         let needed = Tensor::from_slice(&needed).to_device(network.device());
         let steps = steps.index_select(0, &needed);
         extend(&mut features, &pass(encoder, &steps, &windows, keep));
     }
-    features
+    Ok(features)
 }
 
 /// The features of windows over encoded `steps`, of their last `keep` steps: o, m, a, each `[W, keep d]`.
@@ -42,7 +43,7 @@ pub(super) fn pass(encoder: Encoder<'_>, steps: &Tensor, windows: &Windows, keep
 }
 
 /// The steps of `chunk`, `[chunk.len(), 3, d]`.
-fn encode(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> Tensor {
-    let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device());
-    network.batch_steps(&batch)
+fn encode(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> Result<Tensor, LearnError> {
+    let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device())?;
+    Ok(network.batch_steps(&batch))
 }

@@ -67,13 +67,21 @@ pub(super) fn widths(network: &Network, comparison: &Comparison) -> [usize; 3] {
 }
 
 /// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the output of the transformer, each `[T, d]`.
-pub(crate) fn last_steps(network: &Network, view: View<'static>, trajectory: &Trajectory) -> [Tensor; 3] {
-    let features = learned::features(Encoder { network, scale: None, view }, trajectory, 1);
-    [0, 1, 2].map(|modality| rows(features.values(modality), features.widths()[modality], network.device()))
+pub(crate) fn last_steps(
+    network: &Network,
+    view: View<'static>,
+    trajectory: &Trajectory,
+) -> Result<[Tensor; 3], LearnError> {
+    let features = learned::features(Encoder { network, scale: None, view }, trajectory, 1)?;
+    Ok([0, 1, 2].map(|modality| rows(features.values(modality), features.widths()[modality], network.device())))
 }
 
 /// The compared features of every segment of `trajectory`.
-pub(super) fn episode_features(encoder: Encoder<'_>, trajectory: &Trajectory, comparison: &Comparison) -> Features {
+pub(super) fn episode_features(
+    encoder: Encoder<'_>,
+    trajectory: &Trajectory,
+    comparison: &Comparison,
+) -> Result<Features, LearnError> {
     match comparison.source {
         Source::Features(_) => learned::features(encoder, trajectory, keep(encoder.network, comparison)),
         Source::Observations => raw::features(encoder.network, trajectory, comparison.similarity.whole_segment()),

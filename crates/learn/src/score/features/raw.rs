@@ -5,43 +5,45 @@ use tch::Tensor;
 
 use super::{CHUNK, Features, extend};
 use crate::batch::{Batch, Segment, Segments};
+use crate::error::LearnError;
 use crate::model::Network;
 use crate::trajectory::Trajectory;
 
 /// Features of every segment's last step, or of all the steps of the `whole` segment. Each value is divided by the root
 /// of its modality's width, so that o, m and a have equal weight for any sizes.
-pub(super) fn features(network: &Network, trajectory: &Trajectory, whole: bool) -> Features {
-    let standard = steps(network, trajectory);
+pub(super) fn features(network: &Network, trajectory: &Trajectory, whole: bool) -> Result<Features, LearnError> {
+    let standard = steps(network, trajectory)?;
     let mut steps = Features::empty(standard.widths());
     steps.extend([0, 1, 2].map(|modality| {
         #[expect(clippy::cast_precision_loss, reason = "a step has far fewer values than 2^24")]
         let root = (standard.widths()[modality] as f32).sqrt();
         standard.values(modality).iter().map(|value| value / root).collect::<Vec<f32>>()
     }));
-    if whole { windows(&steps, network.spec.window()) } else { steps }
+    Ok(if whole { windows(&steps, network.spec.window()) } else { steps })
 }
 
 /// Standardised o, m and a of every step.
-pub(in crate::score) fn steps(network: &Network, trajectory: &Trajectory) -> Features {
-    let every = Segments::every(&network.shape, &[trajectory]);
-    let parts: Vec<[Tensor; 3]> = every.all().chunks(CHUNK).map(|chunk| standard(network, trajectory, chunk)).collect();
+pub(in crate::score) fn steps(network: &Network, trajectory: &Trajectory) -> Result<Features, LearnError> {
+    let every = Segments::every(&[trajectory]).all();
+    let parts = every.chunks(CHUNK).map(|chunk| standard(network, trajectory, chunk));
+    let parts: Vec<[Tensor; 3]> = parts.collect::<Result<_, LearnError>>()?;
     let widths = [0, 1, 2].map(|i| parts.first().map_or(1, |part| usize::try_from(part[i].size()[1]).unwrap_or(1)));
     let mut features = Features::empty(widths);
     parts.iter().for_each(|part| extend(&mut features, part));
-    features
+    Ok(features)
 }
 
 /// o, m and a of `chunk`, `[chunk.len(), width]` each.
-fn standard(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> [Tensor; 3] {
-    let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device());
+fn standard(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> Result<[Tensor; 3], LearnError> {
+    let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device())?;
     let statistics = &network.statistics;
     let cameras = batch.images.iter().zip(&statistics.cameras);
     let images: Vec<Tensor> = cameras.map(|(image, camera)| camera.small(image).flatten(1, -1)).collect();
-    [
+    Ok([
         Tensor::cat(&images, 1),
         statistics.proprioception.apply(&batch.proprioception),
         statistics.action.apply(&batch.action),
-    ]
+    ])
 }
 
 /// The last `window` steps concatenated, for every step; places before the episode are zero.

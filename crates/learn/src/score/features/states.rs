@@ -13,15 +13,15 @@ use crate::trajectory::Trajectory;
 /// a large run has more states than a device has memory for.
 ///
 /// # Errors
-/// [`LearnError::Invalid`] for a state that is not finite.
+/// [`LearnError::Invalid`] for a state that is not finite; [`LearnError::Steps`].
 pub(in crate::score) fn states(network: &Network, trajectory: &Trajectory) -> Result<Tensor, LearnError> {
     let _no_grad = no_grad_guard();
-    let every = Segments::every(&network.shape, &[trajectory]);
-    let chunks = every.all().chunks(CHUNK).map(|chunk| {
-        let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device());
+    let every = Segments::every(&[trajectory]).all();
+    let chunks = every.chunks(CHUNK).map(|chunk| {
+        let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device())?;
         let proprioception = network.statistics.proprioception.apply(&batch.proprioception);
-        Tensor::cat(&[network.embed_images(&batch.images), proprioception], 1)
+        Ok(Tensor::cat(&[network.embed_images(&batch.images), proprioception], 1))
     });
-    let states = Tensor::cat(&chunks.collect::<Vec<_>>(), 0).to_device(Device::Cpu);
+    let states = Tensor::cat(&chunks.collect::<Result<Vec<_>, LearnError>>()?, 0).to_device(Device::Cpu);
     if values(&states).iter().all(|value| value.is_finite()) { Ok(states) } else { Err(too_far(&trajectory.id)) }
 }

@@ -22,6 +22,7 @@ fn features(network: &Network, trajectory: &Trajectory, source: Source, similari
         trajectory,
         &Comparison::new(source, NearestSpec { similarity, ..NearestSpec::default() }),
     )
+    .unwrap()
 }
 
 /// Steps `from..` of `trajectory`, at most `count`.
@@ -30,10 +31,11 @@ fn cut(trajectory: &Trajectory, from: usize, count: usize) -> Trajectory {
         all[from * width..(from + count) * width].to_vec()
     }
     let shape = toy::shape();
-    let frames = part(trajectory.frames.as_ref().as_ref(), shape.frame_bytes(), (from, count));
-    let m = part(&trajectory.proprioception, shape.proprioception, (from, count));
-    let a = part(&trajectory.action, shape.action, (from, count));
-    Trajectory::new(&shape, "cut", std::sync::Arc::new(frames), m, a).unwrap()
+    let arrays = trajectory.arrays();
+    let frames = part(&arrays.frames, shape.frame_bytes(), (from, count));
+    let m = part(&arrays.proprioception, shape.proprioception, (from, count));
+    let a = part(&arrays.action, shape.action, (from, count));
+    Trajectory::new(&shape, "cut", frames, m, a).unwrap()
 }
 
 fn assert_close(a: &[f32], b: &[f32]) {
@@ -100,7 +102,8 @@ fn a_segment_ends_with_the_last_step_and_its_padding_is_zero() {
 fn raw_features_are_the_standardised_values_and_weigh_alike() {
     let (network, episode) = (network(), toy::episode("e", 5, 9, true));
     let raw = features(&network, &episode, Source::Observations, Similarity::LastL2);
-    let standard = network.statistics.action.apply(&crate::batch::rows(&episode.action, 2, tch::Device::Cpu));
+    let standard =
+        network.statistics.action.apply(&crate::batch::rows(&episode.actions().unwrap(), 2, tch::Device::Cpu));
     let expected: Vec<f32> = values(&standard).iter().map(|value| value / 2f32.sqrt()).collect();
     assert_close(raw.values(2), &expected);
     assert_eq!((raw.widths(), raw.count()), ([4 * 8 * 8, 3, 2], 9));

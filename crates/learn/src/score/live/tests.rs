@@ -60,11 +60,11 @@ fn a_session_scores_step_by_step_as_the_episode_does() {
         let run = score_anew(&experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
         let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser).unwrap();
         let mut history = History::new(live.segment_length());
-        let frames = failure.frames.as_ref().as_ref();
-        for (step, frame) in frames.chunks(shape.frame_bytes()).enumerate() {
+        let arrays = failure.arrays();
+        for (step, frame) in arrays.frames.chunks(shape.frame_bytes()).enumerate() {
             let embedding = live.embed(&[frame]).unwrap().remove(0);
-            history.push(embedding, failure.proprioception[step * 3..][..3].to_vec()).unwrap();
-            history.set_executed(failure.action[step * 2..][..2].to_vec()).unwrap();
+            history.push(embedding, arrays.proprioception[step * 3..][..3].to_vec()).unwrap();
+            history.set_executed(arrays.action[step * 2..][..2].to_vec()).unwrap();
             let now = live.score(&[&history, &history]).unwrap();
             // Equal except for the place in the batch.
             assert!((now[0].w - now[1].w).abs() < 1e-5 * now[0].w.abs(), "{now:?}");

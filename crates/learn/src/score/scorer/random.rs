@@ -26,16 +26,16 @@ pub(super) const KIND: ScorerKind = ScorerKind {
 
 /// The scores of the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the given order.
 fn scores(
-    network: &Network,
+    _: &Network,
     (experts, imperfect): (&[Trajectory], &[Trajectory]),
     seed: u64,
     monitor: &mut dyn Monitor,
 ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
-    let mut progress = Progress::new(monitor, count(network, experts.iter().chain(imperfect)));
+    let mut progress = Progress::new(monitor, count(experts.iter().chain(imperfect)));
     let mut draw = |episodes: &[Trajectory], role| -> Result<Vec<EpisodeScores>, LearnError> {
         let mut drawn = Vec::with_capacity(episodes.len());
         for episode in episodes {
-            let steps = episode.steps(&network.shape);
+            let steps = episode.steps();
             // By the id, so that other episodes and their order have no influence.
             let id = blake3::hash(episode.id.as_bytes());
             let counter = id.as_bytes().iter().take(8).fold(0, |number, byte| number << 8 | u64::from(*byte));

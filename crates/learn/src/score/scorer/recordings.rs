@@ -15,17 +15,17 @@ pub(super) struct Recordings<'a> {
 
 impl<'a> Recordings<'a> {
     /// The recordings of `experts`, whatever their order.
-    pub(super) fn new(experts: impl Iterator<Item = &'a Trajectory>) -> Self {
+    pub(super) fn new(experts: impl Iterator<Item = &'a Trajectory>) -> Result<Self, LearnError> {
         let mut sorted: Vec<&Trajectory> = experts.collect();
         sorted.sort_by(|a, b| a.id.cmp(&b.id));
         let mut recordings = Self { experts: Vec::with_capacity(sorted.len()), numbers: HashMap::new() };
         for expert in sorted {
-            if let Entry::Vacant(unknown) = recordings.numbers.entry(expert.content()) {
+            if let Entry::Vacant(unknown) = recordings.numbers.entry(expert.content()?) {
                 unknown.insert(recordings.experts.len());
                 recordings.experts.push(expert);
             }
         }
-        recordings
+        Ok(recordings)
     }
 
     /// One expert of each recording, by number.
@@ -34,24 +34,22 @@ impl<'a> Recordings<'a> {
     }
 
     /// The number of the recording that has the steps of `episode`; `None` if no expert has them.
-    pub(super) fn number(&self, episode: &Trajectory) -> Option<usize> {
-        self.numbers.get(&episode.content()).copied()
+    pub(super) fn number(&self, episode: &Trajectory) -> Result<Option<usize>, LearnError> {
+        Ok(self.numbers.get(&episode.content()?).copied())
     }
 }
 
 /// Fails if an imperfect episode has the id of an expert but other steps.
 pub(super) fn check_ids(experts: &[Trajectory], imperfect: &[Trajectory]) -> Result<(), LearnError> {
     let of_ids: HashMap<&str, &Trajectory> = experts.iter().map(|expert| (expert.id.as_str(), expert)).collect();
-    let differs = |episode: &&Trajectory| {
-        of_ids.get(episode.id.as_str()).is_some_and(|expert| expert.content() != episode.content())
-    };
-    match imperfect.iter().find(differs) {
-        None => Ok(()),
-        Some(twin) => {
+    for episode in imperfect {
+        let Some(expert) = of_ids.get(episode.id.as_str()) else { continue };
+        if expert.content()? != episode.content()? {
             let message = "is an expert and imperfect with different steps; give each recording an id of its own";
-            Err(LearnError::invalid(format!("episode {}", twin.id), message))
+            return Err(LearnError::invalid(format!("episode {}", episode.id), message));
         }
     }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -63,13 +61,13 @@ mod tests {
     fn experts_with_equal_steps_are_one_recording_under_any_id() {
         let mut experts = toy::experts(3, 6);
         experts.push(Trajectory { id: "a copy".into(), ..experts[2].clone() });
-        let straight = Recordings::new(experts.iter());
-        let reversed = Recordings::new(experts.iter().rev());
+        let straight = Recordings::new(experts.iter()).unwrap();
+        let reversed = Recordings::new(experts.iter().rev()).unwrap();
         for recordings in [&straight, &reversed] {
             let ids: Vec<&str> = recordings.experts().iter().map(|expert| expert.id.as_str()).collect();
             assert_eq!(ids, ["a copy", "expert 0", "expert 1"]);
-            assert_eq!([0, 1, 2, 3].map(|at: usize| recordings.number(&experts[at])), [1, 2, 0, 0].map(Some));
-            assert_eq!(recordings.number(&toy::episode("expert 0", 9, 6, true)), None);
+            assert_eq!([0, 1, 2, 3].map(|at: usize| recordings.number(&experts[at]).unwrap()), [1, 2, 0, 0].map(Some));
+            assert_eq!(recordings.number(&toy::episode("expert 0", 9, 6, true)).unwrap(), None);
         }
     }
 

@@ -1,8 +1,6 @@
 //! The steps of some attempts of an evaluation, from which it reports what the policy looked at. Must not depend on the
 //! simulator's tasks.
 
-use std::sync::Arc;
-
 use gleaner_learn::{TaskShape, Trajectory};
 use gleaner_sim::Observation;
 
@@ -38,7 +36,7 @@ impl Steps {
             return Ok(None);
         }
         let id = format!("attempt {attempt}");
-        Ok(Some(Trajectory::new(shape, id, Arc::new(self.frames), self.proprioception, self.action)?))
+        Ok(Some(Trajectory::new(shape, id, self.frames, self.proprioception, self.action)?))
     }
 }
 

@@ -2,8 +2,6 @@
 
 #![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
-use std::sync::Arc;
-
 use gleaner_core::ImageEncoder as Kind;
 use tch::nn::VarStore;
 use tch::{Device, Tensor};
@@ -47,9 +45,8 @@ fn standardised(shape: &TaskShape, kind: Kind) -> Tensor {
     let colours = (HEIGHT * WIDTH * 3) as usize;
     let mut frame: Vec<u8> = made::uniform("image", colours).map(|u| (u * 256.0) as u8).collect();
     frame.extend(made::uniform("depth", shape.frame_bytes() - colours).map(|u| (u * 256.0) as u8));
-    let data =
-        Trajectory { id: "e".into(), frames: Arc::new(frame.clone()), proprioception: vec![0.0], action: vec![0.0] };
-    let statistics = Statistics::measure(shape, &Sample::every(shape, &[&data]), 8, Device::Cpu);
+    let data = Trajectory::new(shape, "e", frame.clone(), vec![0.0], vec![0.0]).unwrap();
+    let statistics = Statistics::measure(shape, &Sample::every(&[&data]), 8, Device::Cpu).unwrap();
     statistics.for_image_encoder(kind).frames(shape, &[&frame], Device::Cpu).remove(0)
 }
 

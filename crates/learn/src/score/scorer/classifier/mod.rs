@@ -48,7 +48,7 @@ pub(super) fn scores(
     seed: u64,
     monitor: &mut dyn Monitor,
 ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
-    let steps = count(network, experts.iter().chain(imperfect));
+    let steps = count(experts.iter().chain(imperfect));
     let mut progress = Progress::new(monitor, steps + 2 * STEPS * u64::from(BATCH));
     let folds = folds(experts, imperfect)?;
     let mut gather = |episodes| gather(network, episodes, &folds, &mut progress);
@@ -96,7 +96,7 @@ fn gather<'a>(
 ) -> Result<Vec<Episode<'a>>, LearnError> {
     let mut all = Vec::with_capacity(episodes.len());
     for trajectory in episodes {
-        let features = raw::steps(network, trajectory);
+        let features = raw::steps(network, trajectory)?;
         if !features.comparable() {
             return Err(too_far(&trajectory.id));
         }

@@ -58,13 +58,13 @@ fn scores(
     sorted.sort_by(|a, b| a.id.cmp(&b.id));
     check_ids(experts, imperfect)?;
     sorted.dedup_by(|a, b| a.id == b.id);
-    let steps = count(network, sorted.iter().copied());
+    let steps = count(sorted.iter().copied());
     let mut progress = Progress::new(monitor, steps * (1 + passes(usize::try_from(steps).unwrap_or(usize::MAX))));
     let (mut observed, mut actions) = (Vec::with_capacity(sorted.len()), Vec::with_capacity(sorted.len()));
     for episode in &sorted {
         observed.push(states(network, episode)?);
         actions.push(first_actions(network, episode)?);
-        progress.advance(episode.steps(&network.shape))?;
+        progress.advance(episode.steps())?;
     }
     let state = whitened(&observed).to_device(network.device());
     drop(observed);
@@ -72,7 +72,7 @@ fn scores(
     let mut begin = 0;
     let mut of_episodes = HashMap::new();
     for episode in &sorted {
-        let end = begin + episode.steps(&network.shape);
+        let end = begin + episode.steps();
         of_episodes.insert(episode.id.as_str(), windows(&of_steps[begin..end], network.spec.window()));
         begin = end;
     }
@@ -88,7 +88,7 @@ fn scores(
 /// The first values of every step's standardised action, `[T, ≤ 8]`.
 fn first_actions(network: &Network, episode: &Trajectory) -> Result<Tensor, LearnError> {
     let width = network.shape.action;
-    let action = network.statistics.action.apply(&rows(&episode.action, width, network.device()));
+    let action = network.statistics.action.apply(&rows(&episode.actions()?, width, network.device()));
     let first = action.narrow(1, 0, ACTION.min(int(width)));
     if values(&first).iter().all(|value| value.is_finite()) { Ok(first) } else { Err(too_far(&episode.id)) }
 }
@@ -167,8 +167,7 @@ mod tests {
         };
         let twin = Trajectory { id: experts[1].id.clone(), ..toy::episode("failure", 5, 9, false) };
         assert!(message(twin).starts_with("episode expert 1: is an expert and imperfect"), "two contents");
-        let mut far = toy::episode("far", 5, 9, false);
-        far.proprioception[4] = f32::MAX;
+        let far = toy::episode("far", 5, 9, false).changed(|arrays| arrays.proprioception[4] = f32::MAX);
         assert!(message(far).starts_with("episode far: is too far from the encoder's data"), "not finite");
     }
 
@@ -182,9 +181,9 @@ mod tests {
         let experts = toy::experts(12, 12);
         let mut random = toy::experts(12, 12);
         for (place, episode) in (0u64..).zip(&mut random) {
+            let actions = normal(&mut generator(place, Purpose::Style, 9), 2 * episode.steps());
+            *episode = episode.with_actions(actions.into_iter().map(|action| 0.3 * action).collect());
             episode.id = format!("random {place}");
-            let actions = normal(&mut generator(place, Purpose::Style, 9), episode.action.len());
-            episode.action = actions.into_iter().map(|action| 0.3 * action).collect();
         }
         let scores = run(&experts, &random, 1);
         let mean = |episodes: &[EpisodeScores]| {

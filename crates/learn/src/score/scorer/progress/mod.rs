@@ -64,8 +64,8 @@ fn scores(
     monitor: &mut dyn Monitor,
 ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
     check_ids(experts, imperfect)?;
-    let long = experts.iter().filter(|expert| expert.steps(&network.shape) >= SHORTEST);
-    let recordings = Recordings::new(long);
+    let long = experts.iter().filter(|expert| expert.steps() >= SHORTEST);
+    let recordings = Recordings::new(long)?;
     let learned = recordings.experts();
     if learned.len() < 2 {
         let message = format!(
@@ -74,12 +74,12 @@ fn scores(
         );
         return Err(LearnError::invalid("experts", message));
     }
-    let steps = count(network, learned.iter().copied()) + count(network, experts.iter().chain(imperfect));
+    let steps = count(learned.iter().copied()) + count(experts.iter().chain(imperfect));
     let mut progress = Progress::new(monitor, steps + 2 * spec.progress_steps * u64::from(BATCH));
     let mut observed = Vec::with_capacity(learned.len());
     for expert in learned {
         observed.push(states(network, expert)?);
-        progress.advance(expert.steps(&network.shape))?;
+        progress.advance(expert.steps())?;
     }
     let mut networks = Vec::with_capacity(2);
     for fold in 0..2 {
@@ -89,13 +89,13 @@ fn scores(
     let mut describe = |episodes: &[Trajectory], role| -> Result<Vec<EpisodeScores>, LearnError> {
         let mut all = Vec::with_capacity(episodes.len());
         for episode in episodes {
-            let number = recordings.number(episode);
+            let number = recordings.number(episode)?;
             let known = number.map(|number| observed[number].shallow_clone());
             let states = known.map_or_else(|| states(network, episode), Ok)?;
             let judges = number.map_or(&networks[..], |number| &networks[number % 2..=number % 2]);
             let w = gains(&estimate(judges, &states, &episode.id)?, spec.progress_delta as usize);
             all.push(unmatched(&episode.id, role, w));
-            progress.advance(episode.steps(&network.shape))?;
+            progress.advance(episode.steps())?;
         }
         Ok(all)
     };

@@ -23,8 +23,11 @@ fn experts_progress_and_reversed_ones_regress() {
     let experts = toy::experts(12, 10);
     let backwards = |expert: &Trajectory| {
         let reversed = |values: &[f32], width| values.chunks(width).rev().flatten().copied().collect::<Vec<f32>>();
-        let (proprioception, action) = (reversed(&expert.proprioception, 3), reversed(&expert.action, 2));
-        Trajectory { id: format!("{} reversed", expert.id), proprioception, action, ..expert.clone() }
+        let backwards = expert.changed(|arrays| {
+            arrays.proprioception = reversed(&arrays.proprioception, 3);
+            arrays.action = reversed(&arrays.action, 2);
+        });
+        Trajectory { id: format!("{} reversed", expert.id), ..backwards }
     };
     let reversed: Vec<Trajectory> = experts.iter().map(backwards).collect();
     let changed = [("seed", 1.into()), ("progress_steps", 100.into()), ("progress_delta", 4.into())];
@@ -64,8 +67,7 @@ fn what_progress_cannot_learn_from_is_named() {
     }
     let twin = Trajectory { id: "expert 1".into(), ..failure[0].clone() };
     assert!(message(&toy::experts(3, 8), &[twin]).starts_with("episode expert 1: is an expert and imperfect"));
-    let mut far = failure.clone();
-    far[0].proprioception[4] = f32::MAX;
+    let far = [failure[0].changed(|arrays| arrays.proprioception[4] = f32::MAX)];
     assert!(message(&toy::experts(3, 8), &far).starts_with("episode failure: is too far from the encoder's data"));
 }
 

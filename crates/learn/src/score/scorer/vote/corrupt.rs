@@ -5,6 +5,7 @@ use rand::seq::SliceRandom as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::batch::{rows, values};
+use crate::error::LearnError;
 use crate::model::Network;
 use crate::random::normal;
 use crate::trajectory::Trajectory;
@@ -20,30 +21,30 @@ pub(super) fn copies(
     other: &Trajectory,
     noise: f64,
     rng: &mut ChaCha8Rng,
-) -> [Trajectory; WAYS] {
-    let actions =
-        [noisy(network, expert, noise, rng), shuffled(network, expert, rng), stretched(network, expert, other)];
-    actions.map(|action| Trajectory { action, ..expert.clone() })
+) -> Result<[Trajectory; WAYS], LearnError> {
+    let (width, own, others) = (network.shape.action, expert.actions()?, other.actions()?);
+    let actions = [noisy(network, &own, noise, rng), shuffled(&own, width, rng), stretched(&own, &others, width)];
+    Ok(actions.map(|action| expert.with_actions(action)))
 }
 
-fn noisy(network: &Network, expert: &Trajectory, noise: f64, rng: &mut ChaCha8Rng) -> Vec<f32> {
+fn noisy(network: &Network, actions: &[f32], noise: f64, rng: &mut ChaCha8Rng) -> Vec<f32> {
     let (width, standard) = (network.shape.action, &network.statistics.action);
     let as_rows = |values: &[f32]| rows(values, width, network.device());
-    let drawn = as_rows(&normal(rng, expert.action.len())) * noise * standard.varies();
-    let mut noisy = values(&standard.invert(&(standard.apply(&as_rows(&expert.action)) + drawn)));
+    let drawn = as_rows(&normal(rng, actions.len())) * noise * standard.varies();
+    let mut noisy = values(&standard.invert(&(standard.apply(&as_rows(actions)) + drawn)));
     noisy.chunks_mut(width).for_each(|action| network.shape.ranges.apply(action));
     noisy
 }
 
-fn shuffled(network: &Network, expert: &Trajectory, rng: &mut ChaCha8Rng) -> Vec<f32> {
-    let mut steps: Vec<&[f32]> = expert.action.chunks(network.shape.action).collect();
+fn shuffled(actions: &[f32], width: usize, rng: &mut ChaCha8Rng) -> Vec<f32> {
+    let mut steps: Vec<&[f32]> = actions.chunks(width).collect();
     steps.shuffle(rng);
     steps.concat()
 }
 
-fn stretched(network: &Network, expert: &Trajectory, other: &Trajectory) -> Vec<f32> {
-    let (steps, available) = (expert.steps(&network.shape), other.steps(&network.shape));
-    let place = |step: usize| other.action_at(&network.shape, step * available / steps);
+fn stretched(actions: &[f32], others: &[f32], width: usize) -> Vec<f32> {
+    let (steps, available) = (actions.len() / width, others.len() / width);
+    let place = |step: usize| &others[step * available / steps * width..][..width];
     (0..steps).flat_map(place).copied().collect()
 }
 
@@ -53,6 +54,7 @@ mod tests {
     use crate::checkpoint::{self, CheckpointKind};
     use crate::random::{Purpose, generator};
     use crate::score::tests::encoder;
+    use crate::steps::Arrays;
     use crate::toy;
     use gleaner_core::action::{ActionRange, ActionRanges};
 
@@ -65,12 +67,14 @@ mod tests {
     fn only_actions_are_corrupted_each_way_in_its_own() {
         let network = network();
         let (expert, other) = (toy::episode("e", 1, 4, true), toy::episode("o", 2, 8, true));
-        let copies = copies(&network, &expert, &other, 0.5, &mut generator(1, Purpose::Corruption, 0));
+        let copies = copies(&network, &expert, &other, 0.5, &mut generator(1, Purpose::Corruption, 0)).unwrap();
+        let copies = copies.map(|copy| copy.arrays());
+        let (expert, other) = (expert.arrays(), other.arrays());
         for copy in &copies {
             assert_eq!((&copy.proprioception, copy.action.len()), (&expert.proprioception, expert.action.len()));
             assert_ne!(copy.action, expert.action);
         }
-        let sorted = |episode: &Trajectory| {
+        let sorted = |episode: &Arrays| {
             let mut steps: Vec<Vec<u32>> =
                 episode.action.chunks(2).map(|step| step.iter().map(|x| x.to_bits()).collect()).collect();
             steps.sort();
@@ -78,17 +82,17 @@ mod tests {
         };
         assert_eq!(sorted(&copies[1]), sorted(&expert), "the same actions in another order");
         let every_second: Vec<f32> =
-            [0, 2, 4, 6].iter().flat_map(|step| other.action_at(&toy::shape(), *step)).copied().collect();
+            [0, 2, 4, 6].iter().flat_map(|step| &other.action[2 * step..2 * step + 2]).copied().collect();
         assert_eq!(copies[2].action, every_second);
     }
 
     #[test]
     fn noise_has_its_strength_and_stays_within_the_ranges() {
         let mut network = network();
-        let expert = toy::episode("e", 1, 3000, true);
-        let noisy = |network: &Network| super::noisy(network, &expert, 0.5, &mut generator(1, Purpose::Corruption, 0));
+        let actions = toy::episode("e", 1, 3000, true).actions().unwrap();
+        let noisy = |network: &Network| super::noisy(network, &actions, 0.5, &mut generator(1, Purpose::Corruption, 0));
         let standard = |values: &[f32]| network.statistics.action.apply(&rows(values, 2, tch::Device::Cpu));
-        let difference = values(&(standard(&noisy(&network)) - standard(&expert.action)));
+        let difference = values(&(standard(&noisy(&network)) - standard(&actions)));
         let square = difference.iter().map(|x| f64::from(x * x)).sum::<f64>() / 6000.0;
         assert!((square.sqrt() - 0.5).abs() < 0.02, "{square}");
         network.shape.ranges =

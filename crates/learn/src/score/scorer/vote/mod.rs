@@ -66,17 +66,17 @@ fn scores(
     let _no_grad = no_grad_guard();
     let network = encoder.network;
     check_ids(experts, imperfect)?;
-    let recordings = Recordings::new(experts.iter());
+    let recordings = Recordings::new(experts.iter())?;
     if recordings.experts().len() < 2 {
         let message = "has too few different episodes for vote, in which an episode has no vote on itself; give at \
                        least two, or use another scorer";
         return Err(LearnError::invalid("experts", message));
     }
-    let of_recordings = count(network, recordings.experts().iter().copied());
-    let of_episodes = count(network, experts.iter().chain(imperfect));
+    let of_recordings = count(recordings.experts().iter().copied());
+    let of_episodes = count(experts.iter().chain(imperfect));
     let mut progress = Progress::new(monitor, (1 + WAYS as u64) * of_recordings + of_episodes);
     let comparison = Comparison::new(Source::Features(FeatureScale::Whitened), NearestSpec::default());
-    let features = |episode: &Trajectory| sound(episode_features(encoder, episode, &comparison), &episode.id);
+    let features = |episode: &Trajectory| sound(episode_features(encoder, episode, &comparison)?, &episode.id);
     let mut groups = Vec::with_capacity(recordings.experts().len());
     for (number, expert) in recordings.experts().iter().enumerate() {
         let good = features(expert)?;
@@ -85,7 +85,7 @@ fn scores(
         let others = recordings.experts().len() - 1;
         let other = recordings.experts()[(number + rng.random_range(1..=others)) % (others + 1)];
         let mut ways = Vec::with_capacity(WAYS);
-        for copy in copies(network, expert, other, spec.corruption_noise, &mut rng) {
+        for copy in copies(network, expert, other, spec.corruption_noise, &mut rng)? {
             ways.push(features(&copy)?);
             progress.advance(good.count())?;
         }
@@ -100,7 +100,7 @@ fn scores(
     let mut describe = |episodes: &[Trajectory], role| -> Result<Vec<EpisodeScores>, LearnError> {
         let mut all = Vec::with_capacity(episodes.len());
         for episode in episodes {
-            let own = recordings.number(episode);
+            let own = recordings.number(episode)?;
             let known = own.map(|number| groups[number].0.clone());
             let segments = known.map_or_else(|| features(episode), Ok)?;
             let parts = [0, 1, 2].map(|part| rows(segments.values(part), segments.widths()[part], network.device()));

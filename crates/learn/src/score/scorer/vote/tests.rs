@@ -38,8 +38,7 @@ fn an_episode_has_no_vote_on_itself_under_any_id() {
     let mut experts = toy::experts(4, 8);
     experts.push(Trajectory { id: "a copy".into(), ..experts[1].clone() });
     let copy = Trajectory { id: "another copy".into(), ..experts[1].clone() };
-    let mut changed = Trajectory { id: "changed".into(), ..copy.clone() };
-    changed.action[0] += 1e-4;
+    let changed = Trajectory { id: "changed".into(), ..copy.changed(|arrays| arrays.action[0] += 1e-4) };
     let scores = run(&experts, &[copy, changed], 1).unwrap();
     assert_eq!(scores.imperfect[0].w, scores.experts[1].w);
     assert_eq!(scores.experts[4].w, scores.experts[1].w);
@@ -58,7 +57,6 @@ fn what_has_no_vote_is_named() {
     }
     let twin = Trajectory { id: "expert 1".into(), ..failure[0].clone() };
     assert!(message(&toy::experts(3, 8), &[twin]).starts_with("episode expert 1: is an expert and imperfect"));
-    let mut far = failure.clone();
-    far[0].proprioception[4] = f32::MAX;
+    let far = [failure[0].changed(|arrays| arrays.proprioception[4] = f32::MAX)];
     assert!(message(&toy::experts(3, 8), &far).contains("features of episode failure that are not finite"));
 }

@@ -1,0 +1,97 @@
+//! Frame caches that disappear or are damaged while a job reads them.
+
+use std::fs;
+
+use gleaner_core::id::{BlobId, EpisodeId};
+use gleaner_recording::{EpisodeWriter, StepRef};
+
+use super::*;
+
+/// A task of 16 × 16 pixels, and an episode of twelve steps of it in a data directory.
+struct Lab {
+    folder: tempfile::TempDir,
+    task: TaskSpec,
+    input: InputEpisode,
+}
+
+impl Lab {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["blobs", "tmp", "cache"] {
+            fs::create_dir_all(folder.path().join(name)).unwrap();
+        }
+        let task: TaskSpec = serde_json::from_value(serde_json::json!({
+            "name": "reach", "rate_hz": 10.0, "mappings": [],
+            "cameras": [{ "name": "front", "height": 16, "width": 16, "depth": true }],
+            "proprioception": [{ "name": "joints", "size": 2 }],
+            "action": [{ "name": "command", "size": 1 }],
+        }))
+        .unwrap();
+        let mut writer = EpisodeWriter::create(std::io::Cursor::new(Vec::new()), &task).unwrap();
+        for step in 0..12_u8 {
+            let frames: Vec<u8> = (0..16 * 16 * 5).map(|at| (at % 200) as u8 + step).collect();
+            let value = f32::from(step);
+            let step_ref = StepRef { frames: &frames, proprioception: &[value, -value], action: &[value] };
+            writer.step(i64::from(step) * 100_000_000, step_ref).unwrap();
+        }
+        let bytes = writer.finish().unwrap().into_inner();
+        let recording: BlobId = Blobs::open(folder.path()).unwrap().put(&bytes).unwrap();
+        let input = InputEpisode { id: EpisodeId::new(), recording, steps: 12, file_name: String::new() };
+        Self { folder, task, input }
+    }
+
+    fn episodes(&self) -> Episodes {
+        let blobs = Blobs::open(self.folder.path()).unwrap();
+        Episodes::new(self.folder.path().to_owned(), blobs, self.task.clone())
+    }
+
+    fn cache(&self) -> PathBuf {
+        frames_path(self.folder.path(), &self.input.recording, &self.task)
+    }
+}
+
+fn frames(of: &Stored) -> Vec<u8> {
+    let mut frames = vec![0; 12 * of.widths().frame_bytes];
+    of.frames(0..12, &mut frames).unwrap();
+    frames
+}
+
+#[test]
+fn an_episode_is_read_again_after_its_cache_is_evicted_or_damaged() {
+    let lab = Lab::new();
+    let stored = lab.episodes().stored(&lab.input).unwrap();
+    let before = (frames(&stored), stored.numbers(0..12).unwrap());
+    let whole = fs::read(lab.cache()).unwrap();
+    fs::remove_file(lab.cache()).unwrap();
+    assert!(frames(&stored) == before.0);
+    assert!(fs::read(lab.cache()).unwrap() == whole, "the same recording gives the same file");
+    for at in [whole.len() - 1, whole.len() / 2, 100] {
+        let mut damaged = whole.clone();
+        damaged[at] ^= 0x40;
+        fs::write(lab.cache(), damaged).unwrap();
+        assert!((frames(&stored), stored.numbers(0..12).unwrap()) == before, "byte {at}");
+        assert!(fs::read(lab.cache()).unwrap() == whole);
+    }
+    fs::write(lab.cache(), &whole[..whole.len() / 3]).unwrap();
+    assert!(frames(&lab.episodes().stored(&lab.input).unwrap()) == before.0);
+}
+
+#[test]
+fn an_episode_without_its_recording_is_named() {
+    let lab = Lab::new();
+    let stored = lab.episodes().stored(&lab.input).unwrap();
+    fs::remove_file(lab.cache()).unwrap();
+    fs::remove_dir_all(lab.folder.path().join("blobs")).unwrap();
+    let error = stored.numbers(0..1).unwrap_err().to_string();
+    assert!(error.contains(lab.input.id.as_str()), "{error}");
+    let other = InputEpisode { steps: 11, ..Lab::new().input };
+    assert!(matches!(lab.episodes().stored(&other), Err(Failure::Retryable(_))));
+}
+
+#[test]
+fn an_episode_of_another_length_is_refused() {
+    let lab = Lab::new();
+    let other = InputEpisode { steps: 11, ..lab.input.clone() };
+    let refused = lab.episodes().stored(&other).map(|_| ()).unwrap_err();
+    assert!(matches!(&refused, Failure::Permanent(why) if why.contains("reads as 12 steps now")), "{refused:?}");
+}
