@@ -14,6 +14,7 @@ use crate::inspect;
 use crate::limits::Limits;
 use crate::picture::{self, Channel};
 use crate::plan::{ImageStream, Plan};
+use crate::video::{self, Packet, Shown, Video};
 use gleaner_core::TaskSpec;
 use gleaner_core::{FindingCode, Severity};
 
@@ -32,6 +33,8 @@ pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Pla
         places: places(plan),
         frames: reserve(plan.stamps.len(), step_bytes)?,
         problems: plan.images.iter().map(|_| None).collect(),
+        held: plan.images.iter().map(|_| None).collect(),
+        videos: plan.images.iter().map(|stream| stream.video.then(Video::default)).collect(),
     };
     if step_bytes > 0 {
         scan(path, limits, &mut |record| {
@@ -41,7 +44,8 @@ pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Pla
             Ok(())
         })?;
     }
-    let Filler { frames, problems, offsets, .. } = filler;
+    filler.end();
+    let Filler { frames, problems, held, offsets, .. } = filler;
     for (at, problem) in problems.into_iter().enumerate() {
         let Some(Problem { step, error, count }) = problem else {
             continue;
@@ -50,6 +54,14 @@ pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Pla
         let code = if wrong_size { FindingCode::WrongSize } else { FindingCode::BrokenImage };
         let detail = format!("{error} ({count} images alike)");
         plan.report.add(Severity::Error, code, &plan.images[at].topic, Some(step), detail);
+    }
+    for (at, problem) in held.into_iter().enumerate() {
+        let Some(Problem { step, error, count }) = problem else { continue };
+        let detail = format!(
+            "{error}; {count} steps have the last whole picture in place of their own. Look for a dropped connection, or \
+             leave these steps out"
+        );
+        plan.report.add(Severity::Warning, FindingCode::BrokenImage, &plan.images[at].topic, Some(step), detail);
     }
     let image = |stream: usize, step: usize| {
         let ImageStream { camera, channel, .. } = plan.images[stream];
@@ -75,6 +87,10 @@ struct Filler<'a> {
     frames: Vec<u8>,
     /// The first problem of each stream.
     problems: Vec<Option<Problem>>,
+    /// The first damage of each stream of video; its count is of steps.
+    held: Vec<Option<Problem>>,
+    /// The decoder of each stream of video.
+    videos: Vec<Option<Video>>,
 }
 
 struct Problem {
@@ -88,11 +104,19 @@ impl Filler<'_> {
         let Some((topic, at, Ok(decoder))) = channel else {
             return;
         };
-        let Some(places) = self.places.get_mut(topic).and_then(|messages| messages.remove(&at)) else {
+        let video = self.plan.images.iter().any(|stream| stream.video && stream.topic == topic);
+        if !video && !self.places.get(topic).is_some_and(|messages| messages.contains_key(&at)) {
             return;
-        };
+        }
         // A message that can't be decoded was found in the first pass.
         let Ok(message) = decoder.decode(data) else {
+            return;
+        };
+        if video && let Some(packet) = video::packet(&message) {
+            self.video(topic, at, packet);
+            return;
+        }
+        let Some(places) = self.places.get_mut(topic).and_then(|messages| messages.remove(&at)) else {
             return;
         };
         for stream in 0..self.plan.images.len() {
@@ -105,7 +129,13 @@ impl Filler<'_> {
 
     fn image(&mut self, at: usize, message: &Value<'_>, first: usize, steps: &[usize]) {
         let stream = &self.plan.images[at];
-        match picture::decode(message, stream.channel, &self.spec.cameras[stream.camera]) {
+        let pixels = picture::decode(message, stream.channel, &self.spec.cameras[stream.camera]);
+        self.keep(at, pixels, first, steps);
+    }
+
+    /// Puts the pixels of a message into the steps that use it.
+    fn keep(&mut self, at: usize, pixels: Result<Vec<u8>, RecordingError>, first: usize, steps: &[usize]) {
+        match pixels {
             Ok(pixels) => {
                 for step in steps {
                     let begin = step * self.step_bytes + self.offsets[at];
@@ -118,6 +148,57 @@ impl Filler<'_> {
             }
         }
     }
+
+    /// Decodes a message of video for each camera that has its topic.
+    fn video(&mut self, topic: &str, message: usize, packet: Result<Packet<'_>, RecordingError>) {
+        let packet = packet.map_err(|error| error.to_string());
+        for at in 0..self.plan.images.len() {
+            let stream = &self.plan.images[at];
+            let Some(video) = self.videos[at].as_mut().filter(|_| stream.topic == topic) else { continue };
+            let used = |message| uses(&self.places, at, topic, message);
+            let camera = &self.spec.cameras[stream.camera];
+            let shown = match &packet {
+                Ok(packet) => video.push(message, packet, camera, &used),
+                Err(problem) => {
+                    let error = RecordingError::BrokenImage { problem: problem.clone() };
+                    vec![Shown { message, pixels: Err(error), held: None }]
+                }
+            };
+            self.show(at, shown);
+        }
+    }
+
+    /// Ends every stream of video.
+    fn end(&mut self) {
+        for at in 0..self.plan.images.len() {
+            let stream = &self.plan.images[at];
+            let Some(video) = self.videos[at].as_mut() else { continue };
+            let used = |message| uses(&self.places, at, &stream.topic, message);
+            let shown = video.end(&self.spec.cameras[stream.camera], &used);
+            self.show(at, shown);
+        }
+    }
+
+    fn show(&mut self, at: usize, shown: Vec<Shown>) {
+        let topic = &self.plan.images[at].topic;
+        for Shown { message, pixels, held } in shown {
+            let places = self.places.get(topic).and_then(|messages| messages.get(&message));
+            let steps: Vec<usize> =
+                places.into_iter().flatten().filter(|(of, _)| *of == at).map(|(_, step)| *step).collect();
+            let Some(&first) = steps.first() else { continue };
+            if let Some(error) = held {
+                let problem = Problem { step: first as u64, error, count: 0 };
+                self.held[at].get_or_insert(problem).count += steps.len() as u64;
+            }
+            self.keep(at, pixels, first, &steps);
+        }
+    }
+}
+
+/// Whether a step of a stream uses a message.
+fn uses(places: &Places, stream: usize, topic: &str, message: usize) -> bool {
+    let places = places.get(topic).and_then(|messages| messages.get(&message));
+    places.into_iter().flatten().any(|(of, _)| *of == stream)
 }
 
 fn places(plan: &Plan) -> Places {
