@@ -122,7 +122,7 @@ const CRATES: [(&str, &[&str]); 16] = [
     ("crates/inspector", &["recording"]),
     ("crates/learn", &["core", "search"]),
     ("crates/logs", &["core"]),
-    ("crates/recording", &["core"]),
+    ("crates/recording", &["core", "video"]),
     ("crates/search", &[]),
     ("crates/video", &[]),
     ("crates/web", &["core", "edge"]),

@@ -115,6 +115,8 @@ pub enum FindingCode {
     TrailingBytes,
     /// A camera's images stay the same while the robot moves.
     FrozenCamera,
+    /// Messages of video come before the first key frame.
+    LateKeyFrame,
 }
 
 impl Report {

@@ -42,7 +42,8 @@ pub struct Kept {
 /// on `/gleaner/quality`, and a metadata record `gleaner` that names the source.
 ///
 /// The copy has, for each topic of the task, the messages that the steps use and those between them; for each other topic,
-/// the messages logged during the stretch.
+/// the messages logged during the stretch. Video also has the messages from the key frame before the stretch, on which its
+/// pictures depend.
 ///
 /// # Errors
 /// Like [`crate::read_episode`], and [`RecordingError::Step`] if the stretch is not in the episode.
@@ -50,6 +51,14 @@ pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<
     validate(spec)?;
     let plan = plan(path, spec, &Limits::ADMITTED)?;
     let steps = check(kept, plan.stamps.len())?;
+    if plan.reels.contains_key(&plan.clock_topic) {
+        let problem = format!(
+            "the clock is {}, a topic of video, whose messages before a stretch would be steps of its copy; set `clock` to a \
+             topic of numbers",
+            plan.clock_topic
+        );
+        return Err(RecordingError::Spec { field: format!("mapping {}", plan.report.mapping), problem });
+    }
     let source = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let origin = [
         ("source", source),
@@ -110,6 +119,10 @@ fn keep(plan: &Plan, steps: &RangeInclusive<usize>) -> HashMap<String, BTreeSet<
             } else if let (Some(&first), Some(&last)) = (used.iter().min(), used.iter().max()) {
                 messages.extend(first..=last);
             }
+        }
+        if let Some(reel) = plan.reels.get(topic) {
+            // Pictures before the stretch are there for decoding only: no step uses them.
+            *messages = reel.needed(messages);
         }
     }
     keep

@@ -3,7 +3,7 @@
 //! Every size is checked before memory is reserved for it, and memory follows the size that is wanted. This module does
 //! not depend on messages or topics.
 
-mod fit;
+pub(crate) mod fit;
 mod raw;
 
 use std::io::Cursor;

@@ -3,6 +3,7 @@
 //! The functions read tracks, steps and values, and change the report only.
 
 mod cameras;
+mod video;
 
 use crate::plan::Steps;
 use crate::tracks::{Failure, Tracks};
@@ -10,6 +11,7 @@ use gleaner_core::{FieldSpec, TaskSpec};
 use gleaner_core::{FindingCode, Report, Severity};
 
 pub(crate) use cameras::frozen_cameras;
+pub(crate) use video::key_frames;
 
 /// Periods without a message that make a gap.
 const GAP_PERIODS: f64 = 2.5;

@@ -70,6 +70,7 @@ mod testing;
 mod tests;
 mod tracks;
 mod validate;
+mod video;
 mod whole_file;
 mod write;
 

@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 
 use crate::channels::Channels;
 use crate::picture::Channel;
+use crate::video::Reel;
 use gleaner_core::Report;
 
 pub(crate) use steps::Steps;
@@ -30,6 +31,8 @@ pub(crate) struct Plan {
     pub(crate) log_times: Vec<i64>,
     pub(crate) stamps: Vec<i64>,
     pub(crate) images: Vec<ImageStream>,
+    /// The topics of video.
+    pub(crate) reels: BTreeMap<String, Reel>,
     /// For each topic, the messages that the steps use, by their index in the topic: one row a stream.
     pub(crate) used: BTreeMap<String, Vec<Vec<usize>>>,
     /// T×M, row-major.
@@ -48,4 +51,6 @@ pub(crate) struct ImageStream {
     pub(crate) channel: Channel,
     /// The message of each step, by its index in the topic.
     pub(crate) picks: Vec<usize>,
+    /// Whether its pictures depend on messages before them.
+    pub(crate) video: bool,
 }

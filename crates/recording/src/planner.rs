@@ -10,7 +10,8 @@ use crate::limits::Limits;
 use crate::plan::clocks::Clocks;
 use crate::plan::streams::{self, Source};
 use crate::plan::{ImageStream, Plan, Steps, choice};
-use crate::tracks::{Tracks, collect};
+use crate::tracks::{Track, Tracks, collect};
+use crate::video::Reel;
 use gleaner_core::TaskSpec;
 use gleaner_core::{FindingCode, Report, Severity};
 
@@ -29,6 +30,7 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan
         entry.used = topics.contains(entry.topic.as_str());
     }
     inspect::failures(&tracks, spec, at, &mut report);
+    inspect::key_frames(&tracks, spec, at, &mut report);
     let clocks = Clocks::new(&tracks, mapping, spec, &mut report);
     let streams = streams::streams(&tracks, at, spec, &clocks);
     let Some(streams) = streams.filter(|_| !report.has_errors()) else {
@@ -42,10 +44,12 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan
     inspect::values(&proprioception, &spec.proprioception, &mut report);
     inspect::values(&action, &spec.action, &mut report);
     inspect::frozen_joints(&proprioception, &spec.proprioception, &mut report);
+    let (stamps, clock_topic) = (steps.stamps.clone(), clock_topic.to_owned());
     Ok(Plan {
-        clock_topic: clock_topic.to_owned(),
-        stamps: steps.stamps.clone(),
+        clock_topic,
+        stamps,
         declared_late: tracks.undeclared.iter().any(|(_, _, topic)| topic.is_some()),
+        reels: reels(tracks.tracks),
         clock: uses.clock,
         log_times: uses.log_times,
         images: uses.images,
@@ -56,6 +60,12 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan
         action,
         report,
     })
+}
+
+/// The topics of video.
+fn reels(tracks: BTreeMap<String, Track>) -> BTreeMap<String, Reel> {
+    let reels = tracks.into_iter().filter_map(|(topic, track)| Some((topic, track.reel?)));
+    reels.filter(|(_, reel)| reel.is_video()).collect()
 }
 
 /// The messages that the steps use: the fields of the same names in [`Plan`].
@@ -75,8 +85,9 @@ impl Uses {
         for (stream, picks) in steps.streams.iter().zip(&steps.picks) {
             let picks: Vec<usize> = picks.iter().map(|&at| stream.message(at)).collect();
             used.entry(stream.topic.clone()).or_default().push(picks.clone());
-            if let Source::Images { camera, channel } = stream.source {
-                images.push(ImageStream { topic: stream.topic.clone(), camera, channel, picks });
+            if let Source::Images { camera, channel, messages } = &stream.source {
+                let (camera, channel, video) = (*camera, *channel, messages.is_some());
+                images.push(ImageStream { topic: stream.topic.clone(), camera, channel, picks, video });
             }
         }
         let log_times = clock.iter().map(|&message| clock_stamps[message].log).collect();

@@ -11,6 +11,7 @@ mod integrity;
 mod rollouts;
 mod scene;
 mod steps;
+mod video;
 
 use std::path::{Path, PathBuf};
 

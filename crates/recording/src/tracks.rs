@@ -12,6 +12,7 @@ use crate::dialect::{Decoder, Value};
 use crate::error::RecordingError;
 use crate::limits::Limits;
 use crate::path::{Missing, Path};
+use crate::video::Reel;
 use gleaner_core::{FieldSource, TaskSpec};
 use gleaner_core::{FindingCode, TopicReport};
 
@@ -45,6 +46,8 @@ pub(crate) struct Track {
     pub(crate) fields: Vec<FieldTrack>,
     /// The first message or schema that can't be read, and how many there are.
     pub(crate) failure: Option<Failure>,
+    /// Which messages have a picture, if the topic is the color of a camera.
+    pub(crate) reel: Option<Reel>,
 }
 
 /// The times at which a message was made and logged, in nanoseconds.
@@ -139,6 +142,9 @@ fn wanted_tracks(spec: &TaskSpec) -> Result<BTreeMap<String, Track>, RecordingEr
         for topic in mapping.topics(spec) {
             wanted.entry(topic.to_owned()).or_default();
         }
+        for camera in &mapping.cameras {
+            wanted.entry(camera.color.clone()).or_default().reel = Some(Reel::default());
+        }
         for (source_at, source) in mapping.fields.iter().enumerate() {
             let size = spec.field_size(&source.field);
             let field = FieldTrack::new(source, (at, source_at), size)?;
@@ -167,6 +173,9 @@ impl Track {
             Err(problem) => Err((FindingCode::BadSchema, problem.clone())),
         };
         let at = self.stamps.len();
+        if let Some(reel) = &mut self.reel {
+            reel.push(value.as_ref().ok());
+        }
         match value {
             Ok(value) => {
                 self.stamps.push(Stamp { header: value.stamp(), log });

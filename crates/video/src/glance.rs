@@ -1,9 +1,5 @@
 //! What a message of a stream holds, from its headers alone.
 
-use crate::codec::Codec;
-use crate::error::VideoError;
-use crate::{av1, h264, h265};
-
 /// The part that a message plays in its stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
@@ -26,16 +22,4 @@ pub struct Glance {
     pub pictures: usize,
     /// Whether it has parameter sets (H.264, H.265) or a sequence header (AV1), on which pictures depend.
     pub parameters: bool,
-}
-
-/// Reads the headers of a message without decoding it.
-///
-/// # Errors
-/// [`VideoError::Damaged`] if the bytes are not of the codec.
-pub fn glance(codec: Codec, data: &[u8]) -> Result<Glance, VideoError> {
-    match codec {
-        Codec::H264 => h264::glance(data),
-        Codec::H265 => h265::glance(data),
-        Codec::Av1 => av1::glance(data),
-    }
 }

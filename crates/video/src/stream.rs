@@ -5,13 +5,13 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use crate::av1::Av1;
+use crate::av1::{self, Av1};
 use crate::codec::Codec;
 use crate::decoder::{Decoded, Decoder};
 use crate::error::VideoError;
-use crate::glance::{Part, glance};
-use crate::h264::H264;
-use crate::h265::H265;
+use crate::glance::{Glance, Part};
+use crate::h264::{self, H264};
+use crate::h265::{self, H265};
 use crate::picture::Picture;
 
 /// What became of a message with a picture.
@@ -158,4 +158,16 @@ fn decoder(codec: Codec, size: (u32, u32)) -> Result<Box<dyn Decoder>, VideoErro
         Codec::H265 => Box::new(H265::new(size)),
         Codec::Av1 => Box::new(Av1::new(size)?),
     })
+}
+
+/// Reads the headers of a message without decoding it.
+///
+/// # Errors
+/// [`VideoError::Damaged`] if the bytes are not of the codec.
+pub fn glance(codec: Codec, data: &[u8]) -> Result<Glance, VideoError> {
+    match codec {
+        Codec::H264 => h264::glance(data),
+        Codec::H265 => h265::glance(data),
+        Codec::Av1 => av1::glance(data),
+    }
 }

@@ -43,6 +43,12 @@ impl Clocks {
     pub(crate) fn timeline(&self, tracks: &Tracks, topic: &str) -> Timeline {
         Timeline::new(stamps(tracks, topic).iter().map(|&stamp| self.time(stamp)))
     }
+
+    /// The timeline of some messages of a topic.
+    pub(crate) fn timeline_of(&self, tracks: &Tracks, topic: &str, messages: &[usize]) -> Timeline {
+        let stamps = stamps(tracks, topic);
+        Timeline::new(messages.iter().filter_map(|&at| stamps.get(at)).map(|&stamp| self.time(stamp)))
+    }
 }
 
 fn stamps<'a>(tracks: &'a Tracks, topic: &str) -> &'a [Stamp] {

@@ -4,6 +4,7 @@ use super::clocks::Clocks;
 use crate::align::Timeline;
 use crate::picture::Channel;
 use crate::tracks::{FieldTrack, Tracks};
+use crate::video::Reel;
 use gleaner_core::{FieldSpec, TaskSpec};
 
 /// A stream of which each step uses one message.
@@ -21,6 +22,8 @@ pub(crate) enum Source<'a> {
         /// Index of the camera in the task.
         camera: usize,
         channel: Channel,
+        /// The messages with a picture; `None` if each has its own.
+        messages: Option<Vec<usize>>,
     },
     Field(&'a FieldTrack),
 }
@@ -34,8 +37,8 @@ impl Stream<'_> {
     /// Index in the topic of the message at a position of the timeline.
     pub(crate) fn message(&self, at: usize) -> usize {
         let sample = self.timeline.order[at];
-        match self.source {
-            Source::Images { .. } => sample,
+        match &self.source {
+            Source::Images { messages, .. } => messages.as_ref().map_or(sample, |messages| messages[sample]),
             Source::Field(track) => track.messages[sample],
         }
     }
@@ -64,11 +67,16 @@ pub(crate) fn streams<'a>(
         let source = chosen.cameras.iter().find(|source| source.camera == wanted.name)?;
         for (topic, channel) in [(Some(&source.color), Channel::Color), (source.depth.as_ref(), Channel::Depth)] {
             let Some(topic) = topic else { continue };
+            let reel = tracks.tracks.get(topic).and_then(|track| track.reel.as_ref());
+            let messages = reel.filter(|reel| reel.is_video() && channel == Channel::Color).map(Reel::pictures);
             streams.push(Stream {
                 subject: topic.clone(),
                 topic: topic.clone(),
-                timeline: clocks.timeline(tracks, topic),
-                source: Source::Images { camera, channel },
+                timeline: match &messages {
+                    Some(messages) => clocks.timeline_of(tracks, topic, messages),
+                    None => clocks.timeline(tracks, topic),
+                },
+                source: Source::Images { camera, channel, messages },
             });
         }
     }
