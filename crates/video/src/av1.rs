@@ -150,23 +150,22 @@ fn picture(found: &re_rav1d::Picture) -> Result<Picture, VideoError> {
 
 /// The code of a matrix.
 fn matrix(of: MatrixCoefficients) -> u8 {
-    match of {
-        MatrixCoefficients::Identity => 0,
-        MatrixCoefficients::BT709 => 1,
-        MatrixCoefficients::Unspecified => 2,
-        MatrixCoefficients::BT470M => 4,
-        MatrixCoefficients::BT470BG | MatrixCoefficients::ST170M => 6,
-        MatrixCoefficients::ST240M => 7,
-        MatrixCoefficients::BT2020NonConstantLuminance => 9,
-        _ => u8::MAX,
-    }
+    const CODES: [(MatrixCoefficients, u8); 8] = [
+        (MatrixCoefficients::Identity, 0),
+        (MatrixCoefficients::BT709, 1),
+        (MatrixCoefficients::Unspecified, 2),
+        (MatrixCoefficients::BT470M, 4),
+        (MatrixCoefficients::BT470BG, 6),
+        (MatrixCoefficients::ST170M, 6),
+        (MatrixCoefficients::ST240M, 7),
+        (MatrixCoefficients::BT2020NonConstantLuminance, 9),
+    ];
+    CODES.iter().find(|(matrix, _)| *matrix == of).map_or(u8::MAX, |(_, code)| *code)
 }
 
 fn failed(error: Error) -> VideoError {
-    match error {
-        Error::UnsupportedBitstream => {
-            VideoError::Unsupported("AV1 of this profile is not decoded; encode with the profile Main".to_owned())
-        }
-        other => VideoError::damaged(format!("AV1: {other}; check the recorder's connection")),
+    if error == Error::UnsupportedBitstream {
+        return VideoError::Unsupported("AV1 of this profile is not decoded; encode with the profile Main".to_owned());
     }
+    VideoError::damaged(format!("AV1: {error}; check the recorder's connection"))
 }

@@ -73,21 +73,16 @@ impl H264 {
     /// Decodes a unit; `last` is whether it is the last slice of its picture. Returns the parameters of a slice.
     fn unit(&mut self, unit: &mut NalUnit<'_>, last: bool) -> Result<Option<SequenceSet>, VideoError> {
         let (mut of, mut ends) = (None, false);
-        match unit.nal_unit_type {
-            NalUnitType::Sps => {
-                let set = SequenceSet::parse(&unit.rbsp).map_err(damaged)?;
-                self.sequences.insert(set.id, set);
-            }
-            NalUnitType::Pps => {
-                let set = PictureSet::parse(&unit.rbsp).map_err(damaged)?;
-                self.sets.insert(set.id, set);
-            }
-            NalUnitType::Slice | NalUnitType::SliceIdr => {
-                let (sequence, set) = self.slice(unit)?;
-                // A CAVLC slice that is not the last ends where its bytes do.
-                (of, ends) = (Some(sequence), set.cabac || last);
-            }
-            _ => {}
+        if unit.nal_unit_type == NalUnitType::Sps {
+            let set = SequenceSet::parse(&unit.rbsp).map_err(damaged)?;
+            self.sequences.insert(set.id, set);
+        } else if unit.nal_unit_type == NalUnitType::Pps {
+            let set = PictureSet::parse(&unit.rbsp).map_err(damaged)?;
+            self.sets.insert(set.id, set);
+        } else if is_slice(unit) {
+            let (sequence, set) = self.slice(unit)?;
+            // A CAVLC slice that is not the last ends where its bytes do.
+            (of, ends) = (Some(sequence), set.cabac || last);
         }
         self.pictures.decode_nal(unit).map_err(failed)?;
         if ends {

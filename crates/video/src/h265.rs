@@ -22,11 +22,15 @@ pub(crate) fn glance(data: &[u8]) -> Result<Glance, VideoError> {
             continue;
         }
         glance.pictures += 1;
-        glance.part = match kind {
-            _ if glance.pictures > 1 => glance.part,
-            _ if kind.is_irap() => Part::Key,
-            _ if kind.is_rasl() => Part::Leading,
-            _ => Part::Follows,
+        if glance.pictures > 1 {
+            continue;
+        }
+        glance.part = if kind.is_irap() {
+            Part::Key
+        } else if kind.is_rasl() {
+            Part::Leading
+        } else {
+            Part::Follows
         };
     }
     Ok(glance)
@@ -155,11 +159,13 @@ fn picture(frame: &Frame, color: Color) -> Picture {
 }
 
 fn failed(error: Error) -> VideoError {
-    match error {
-        Error::Unsupported(what) => unsupported(&what),
-        Error::Unimplemented(what) => unsupported(what),
-        other => VideoError::damaged(format!("H.265: {other}; check the recorder's connection")),
+    if let Error::Unsupported(what) = &error {
+        return unsupported(what);
     }
+    if let Error::Unimplemented(what) = error {
+        return unsupported(what);
+    }
+    VideoError::damaged(format!("H.265: {error}; check the recorder's connection"))
 }
 
 fn unsupported(what: &str) -> VideoError {

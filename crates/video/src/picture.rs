@@ -143,7 +143,7 @@ impl Conversion {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the range is clamped first")]
+#[expect(clippy::cast_sign_loss, reason = "the range is clamped first")]
 fn byte(fixed: i32) -> u8 {
     (fixed >> POINT).clamp(0, 255) as u8
 }

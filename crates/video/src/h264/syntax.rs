@@ -50,7 +50,9 @@ impl SequenceSet {
             if chroma == 3 {
                 bits.read_flag()?;
             }
-            (bits.read_ue()?, bits.read_ue()?, bits.read_flag()?);
+            bits.read_ue()?;
+            bits.read_ue()?;
+            bits.read_flag()?;
             if bits.read_flag()? {
                 scaling_lists(&mut bits, if chroma == 3 { 12 } else { 8 })?;
             }
@@ -116,14 +118,16 @@ impl Slice {
     /// The id of the picture parameter set of a slice.
     pub(super) fn set(body: &[u8]) -> Result<u32, OutOfData> {
         let mut bits = BitReader::new(body);
-        (bits.read_ue()?, bits.read_ue()?);
+        bits.read_ue()?;
+        bits.read_ue()?;
         bits.read_ue()
     }
 
     pub(super) fn parse(body: &[u8], sequence: &SequenceSet) -> Result<Self, OutOfData> {
         let mut bits = BitReader::new(body);
         let first = bits.read_ue()? == 0;
-        (bits.read_ue()?, bits.read_ue()?);
+        bits.read_ue()?;
+        bits.read_ue()?;
         Ok(Self { first, frame_num: bits.read_bits(sequence.frame_num_bits)? })
     }
 }
@@ -135,7 +139,9 @@ fn presentation(bits: &mut BitReader<'_>) -> Result<(), OutOfData> {
             bits.read_ue()?;
         }
         1 => {
-            (bits.read_flag()?, bits.read_se()?, bits.read_se()?);
+            bits.read_flag()?;
+            bits.read_se()?;
+            bits.read_se()?;
             for _ in 0..bits.read_ue()?.min(255) {
                 bits.read_se()?;
             }
