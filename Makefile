@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test test-room crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-serving bench-pages load-test peers peers-serving fuzz kinds
+.PHONY: demo build test test-room crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-hour bench-serving bench-pages load-test peers peers-serving fuzz kinds
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -98,6 +98,10 @@ deny:
 # What a training step, encoding, an ACT inference and the nearest search cost here.
 bench: .libtorch
 	$(CARGO) bench -p gleaner-search -p gleaner-learn --bench '*' --locked --profile $(BENCH_PROFILE)
+
+# An hour of four cameras at 480 × 640, inspected within 512 MiB. Takes most of an hour and 70 GB in the temporary folder.
+bench-hour:
+	$(CARGO) bench -p gleaner-inspector --bench hour --locked --profile $(BENCH_PROFILE) -- 3600
 
 # The pretraining step beside eager PyTorch's. Fetches PyTorch (about 3 GB) the first time.
 peers: .libtorch

@@ -8,7 +8,8 @@ use gleaner_search::SearchError;
 use safetensors::SafeTensorError;
 use tch::TchError;
 
-use crate::steps::SourceError;
+/// The reason why the steps of an episode could not be read.
+pub type SourceError = Box<dyn std::error::Error + Send + Sync>;
 
 /// Reason why a call into this crate failed.
 #[derive(Debug, thiserror::Error)]

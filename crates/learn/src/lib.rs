@@ -62,7 +62,7 @@ mod weighting;
 
 pub use checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION, inspect};
 pub use device::set_threads;
-pub use error::LearnError;
+pub use error::{LearnError, SourceError};
 pub use history::{Embedding, History};
 pub use kinds::kinds;
 pub use policy::{Observed, Policy, PolicySession, Pretrained, train_policy};
@@ -72,6 +72,6 @@ pub use score::{
     SegmentScore, Similarity, extend_scores, features_kind, score,
 };
 pub use shape::{CameraShape, TaskShape};
-pub use steps::{Numbers, SourceError, StepSource, StepWidths};
+pub use steps::{Numbers, StepSource, StepWidths};
 pub use train::{Monitor, Silent};
 pub use trajectory::{Trajectory, WeightedSegments};

@@ -1,14 +1,11 @@
 //! Where the steps of an episode are read from: memory, or whatever the caller implements [`StepSource`] for.
 //! Independent of tensors.
 
-use std::error::Error;
 use std::ops::Range;
 use std::sync::Arc;
 
+use crate::error::SourceError;
 use crate::shape::TaskShape;
-
-/// The reason why steps could not be read.
-pub type SourceError = Box<dyn Error + Send + Sync>;
 
 /// The T steps of one episode. Each method may be called by several threads at once, and returns the same for the same
 /// steps as long as a job runs.

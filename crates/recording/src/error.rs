@@ -101,7 +101,7 @@ pub enum RecordingError {
 }
 
 impl RecordingError {
-    /// Whether a reader of a frame cache can go on once the cache is made again from its recording: the file is gone,
+    /// Whether a reader of a frame cache can continue once the cache is made again from its recording: the file is gone,
     /// damaged or of another version.
     pub fn is_of_the_cache(&self) -> bool {
         let gone = |source: &std::io::Error| source.kind() == std::io::ErrorKind::NotFound;

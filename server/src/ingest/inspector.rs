@@ -30,7 +30,7 @@ const STDERR_BYTES: u64 = 16 << 10;
 /// An error travels in an HTTP/2 header, where non-ASCII takes three bytes for one and 16 KiB is common.
 const REFUSAL_BYTES: usize = 3000;
 
-/// Each so many bytes of a recording add one second to the limit of its inspection: about a tenth of the rate at which
+/// This many bytes of a recording add one second to the limit of its inspection: about a tenth of the rate at which
 /// JPEG images are decoded and compressed, because compressed video takes more time a byte.
 const BYTES_PER_SECOND: u64 = 512 << 10;
 

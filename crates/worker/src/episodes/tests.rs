@@ -1,9 +1,12 @@
-//! Frame caches that disappear or are damaged while a job reads them.
+//! Frame caches that a job reads: the same steps as in memory, also when a cache disappears or is damaged
+//! meanwhile.
 
 use std::fs;
 
 use gleaner_core::id::{BlobId, EpisodeId};
-use gleaner_recording::{EpisodeWriter, StepRef};
+use gleaner_core::{OptimSpec, PretrainSpec};
+use gleaner_learn::{Silent, pretrain};
+use gleaner_recording::{Episode, EpisodeWriter, StepRef};
 
 use super::*;
 
@@ -29,7 +32,7 @@ impl Lab {
         .unwrap();
         let mut writer = EpisodeWriter::create(std::io::Cursor::new(Vec::new()), &task).unwrap();
         for step in 0..12_u8 {
-            let frames: Vec<u8> = (0..16 * 16 * 5).map(|at| (at % 200) as u8 + step).collect();
+            let frames: Vec<u8> = (0..200_u8).cycle().take(16 * 16 * 5).map(|at| at + step).collect();
             let value = f32::from(step);
             let step_ref = StepRef { frames: &frames, proprioception: &[value, -value], action: &[value] };
             writer.step(i64::from(step) * 100_000_000, step_ref).unwrap();
@@ -74,6 +77,47 @@ fn an_episode_is_read_again_after_its_cache_is_evicted_or_damaged() {
     }
     fs::write(lab.cache(), &whole[..whole.len() / 3]).unwrap();
     assert!(frames(&lab.episodes().stored(&lab.input).unwrap()) == before.0);
+}
+
+/// Steps of two cameras with a slope, an edge and noise, as a cache of their own.
+fn drawn(lab: &Lab, seed: u32, side: u32, steps: u32) -> (InputEpisode, Trajectory) {
+    let mut state = seed + 1;
+    let mut noise = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        u8::try_from(state >> 29).unwrap()
+    };
+    let mut frames = Vec::new();
+    for step in 0..steps {
+        for at in 0..2 * side * side {
+            let (row, column) = (at / side % side, at % side);
+            let edge = if (column + step + seed) / 9 % 2 == row / 11 % 2 { 70 } else { 0 };
+            let base = 40 + edge + u8::try_from(row * 60 / side).unwrap();
+            frames.extend([base + noise(), base / 2 + noise(), 90 + noise()]);
+        }
+    }
+    let values = |width: u32| -> Vec<f32> { (0..steps * width).map(|at| ((at * 37 + seed) % 101) as f32).collect() };
+    let (m, a) = (values(2), values(1));
+    let stamps = (0..steps).map(|step| i64::from(step) * 100_000_000).collect();
+    let recording = BlobId::from(blake3::hash(&seed.to_le_bytes()));
+    let input = InputEpisode { id: EpisodeId::new(), recording, steps: steps.into(), file_name: String::new() };
+    let episode = Episode::new(&lab.task, stamps, m.clone(), a.clone(), frames.clone()).unwrap();
+    episode.write_cache(&lab.task, &frames_path(lab.folder.path(), &input.recording, &lab.task)).unwrap();
+    let in_memory = Trajectory::new(&(&lab.task).into(), input.id.as_str(), frames, m, a).unwrap();
+    (input, in_memory)
+}
+
+#[test]
+fn a_training_from_caches_gives_the_bytes_of_one_from_memory() {
+    let mut lab = Lab::new();
+    let mut camera = lab.task.cameras[0].clone();
+    camera.depth = false;
+    lab.task.cameras = vec![camera.clone(), gleaner_recording::CameraSpec { name: "hand".into(), ..camera }];
+    let (inputs, in_memory): (Vec<_>, Vec<_>) = (0..6).map(|seed| drawn(&lab, seed, 16, 40)).unzip();
+    let cached = lab.episodes().trajectories(&inputs).unwrap();
+    let optim = OptimSpec { steps: 2, ..OptimSpec::default() };
+    let spec = PretrainSpec { optim, threads: Some(1), ..PretrainSpec::default() };
+    let train = |data: &[Trajectory]| pretrain(&(&lab.task).into(), data, &spec, None, None, &mut Silent).unwrap();
+    assert!(train(&in_memory) == train(&cached));
 }
 
 #[test]

@@ -1,0 +1,19 @@
+//! Whether the recording of a lab passes an inspection within 512 MiB: four cameras of 480 × 640 at 15 Hz, for as many
+//! seconds as its argument gives (60). `cargo bench -p gleaner-inspector --bench hour -- 3600` takes most of an hour and
+//! 70 GB in the temporary folder.
+
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
+#[path = "../tests/long/mod.rs"]
+mod long;
+
+use std::time::Instant;
+
+use long::Long;
+
+fn main() {
+    let seconds = std::env::args().find_map(|argument| argument.parse::<u32>().ok()).unwrap_or(60);
+    let begun = Instant::now();
+    Long { cameras: 4, height: 480, width: 640, rate_hz: 15, steps: 15 * seconds }.passes_within(512 << 20);
+    println!("{seconds} s of recording passed; written, inspected and read in {:.0} s", begun.elapsed().as_secs_f64());
+}

@@ -1,0 +1,109 @@
+//! A long recording, and its inspection under a limit on memory.
+
+use std::path::Path;
+use std::process::{Command, ExitStatus};
+
+use gleaner_inspector::{Order, RecordingsConfig, Verdict};
+use gleaner_recording::{
+    CameraRef, CameraSpec, EpisodeWriter, FieldSpec, FrameCache, ImageRef, Limits, ObservationRef, PixelFormat,
+    TaskSpec, encode_jpeg,
+};
+
+/// A recording to be made: cameras of one size, all at the rate of the steps.
+pub(crate) struct Long {
+    pub(crate) cameras: usize,
+    pub(crate) height: u32,
+    pub(crate) width: u32,
+    pub(crate) rate_hz: u32,
+    pub(crate) steps: u32,
+}
+
+/// Pictures that a camera shows in turn.
+const PICTURES: u32 = 48;
+
+impl Long {
+    fn spec(&self) -> TaskSpec {
+        let camera = |at| CameraSpec {
+            name: format!("camera{at}"),
+            height: self.height,
+            width: self.width,
+            depth: false,
+            recorded: None,
+        };
+        let mut spec: TaskSpec = serde_json::from_value(serde_json::json!({
+            "name": "long", "rate_hz": self.rate_hz, "mappings": [], "proprioception": [], "action": [],
+        }))
+        .unwrap();
+        spec.cameras = (0..self.cameras).map(camera).collect();
+        (spec.proprioception, spec.action) = (vec![FieldSpec::new("joints", 14)], vec![FieldSpec::new("command", 14)]);
+        spec
+    }
+
+    /// A scene with slopes, edges and noise that differs from step to step, as JPEG.
+    fn picture(&self, at: u32) -> Vec<u8> {
+        let mut state = at + 1;
+        let mut noise = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            state >> 28
+        };
+        let mut rgb = Vec::new();
+        for row in 0..self.height {
+            for column in 0..self.width {
+                let edge = if (column + at * 3) / 24 % 2 == row / 32 % 2 { 70 } else { 0 };
+                let base = 40 + edge + row * 60 / self.height + noise();
+                rgb.extend([base, base + column * 50 / self.width, 200 - base / 2].map(|v| u8::try_from(v).unwrap()));
+            }
+        }
+        encode_jpeg(&rgb, self.height, self.width, 85).unwrap()
+    }
+
+    fn write(&self, path: &Path) {
+        let pictures: Vec<Vec<u8>> = (0..PICTURES).map(|at| self.picture(at)).collect();
+        let mut writer = EpisodeWriter::create(std::fs::File::create(path).unwrap(), &self.spec()).unwrap();
+        for step in 0..self.steps {
+            let values: Vec<f32> =
+                (0..14u8).map(|at| f32::from(u16::try_from(step % 1000).unwrap()) + f32::from(at)).collect();
+            let camera = |at: u32| {
+                let data = &pictures[((step + 7 * at) % PICTURES) as usize];
+                CameraRef { color: ImageRef { format: PixelFormat::Jpeg, data }, depth: None }
+            };
+            let cameras: Vec<_> = (0..u32::try_from(self.cameras).unwrap()).map(camera).collect();
+            let stamp = i64::from(step) * 1_000_000_000 / i64::from(self.rate_hz);
+            writer.observe(stamp, ObservationRef { cameras: &cameras, proprioception: &values }).unwrap();
+            writer.act(stamp, &values).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+
+    /// Inspects the recording in `folder` with this much memory.
+    fn inspect(&self, folder: &Path, memory_bytes: u64) -> (ExitStatus, Option<Verdict>) {
+        let order = Order {
+            recording: folder.join("recording.mcap"),
+            spec: folder.join("spec.json"),
+            report: folder.join("report.json"),
+            frames: folder.join("frames"),
+            salvage: None,
+            memory_bytes,
+            seconds: 7200,
+            limits: RecordingsConfig::from(Limits::default()),
+        };
+        std::fs::write(&order.spec, serde_json::to_vec(&self.spec()).unwrap()).unwrap();
+        let status = Command::new(env!("CARGO_BIN_EXE_gleaner-inspector")).args(order.arguments()).status().unwrap();
+        let verdict = std::fs::read(&order.report).ok().and_then(|json| serde_json::from_slice(&json).ok());
+        (status, verdict)
+    }
+
+    /// Checks that the recording is accepted with this much memory, far less than its pictures take.
+    pub(crate) fn passes_within(&self, memory_bytes: u64) {
+        let folder = tempfile::tempdir().unwrap();
+        self.write(&folder.path().join("recording.mcap"));
+        let (status, verdict) = self.inspect(folder.path(), memory_bytes);
+        let Some(Verdict::Usable(report)) = verdict else { unreachable!("{status}: {verdict:?}") };
+        assert_eq!((report.steps, report.findings.as_slice()), (self.steps.into(), &[][..]));
+        let cache = FrameCache::open(&folder.path().join("frames"), &self.spec()).unwrap();
+        let last = cache.steps() - 1;
+        let decoded = cache.frames(last..last + 1).unwrap();
+        assert!((cache.steps() * decoded.len()) as u64 > 2 * memory_bytes, "the pictures would fit into memory");
+        assert!(decoded.iter().any(|value| *value != decoded[0]));
+    }
+}
