@@ -107,8 +107,8 @@ pub struct ServeConfig {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Limits")]
 pub struct LimitConfig {
-    /// Maximum size of a gRPC message in bytes, at least 4194304. A job's input is one message, so a lower limit bounds
-    /// the size of jobs; with a higher one a single call can use more memory.
+    /// Maximum size of a gRPC message in bytes, at least 4194304. A lower limit bounds the size of snapshots and
+    /// observations; with a higher one a single call can use more memory.
     #[arg(long, env = "GLEANER_MAX_MESSAGE_BYTES", default_value_t = 32 << 20, value_name = "BYTES")]
     pub max_message_bytes: usize,
     /// Maximum size of a recording in bytes. Larger recordings are rejected before their upload.

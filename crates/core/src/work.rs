@@ -32,6 +32,28 @@ pub struct Inputs {
     pub base: Option<FrozenRun>,
 }
 
+/// Some episodes of a job's input, as many as one message carries.
+#[derive(Debug, Clone, PartialEq)]
+pub enum InputPart {
+    /// Of D_e.
+    Experts(Vec<InputEpisode>),
+    /// Of D_i; for pretraining and scoring.
+    Imperfect(Vec<InputEpisode>),
+    /// Of the kept part of D_i; for training and export.
+    Kept(Vec<KeptInput>),
+}
+
+impl Inputs {
+    /// Adds the next episodes.
+    pub fn add(&mut self, part: InputPart) {
+        match part {
+            InputPart::Experts(episodes) => self.experts.extend(episodes),
+            InputPart::Imperfect(episodes) => self.imperfect.extend(episodes),
+            InputPart::Kept(episodes) => self.kept.extend(episodes),
+        }
+    }
+}
+
 /// The values that an extending score run takes over, besides scores.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrozenRun {

@@ -65,11 +65,17 @@ impl Client {
         Ok(Self(client))
     }
 
-    /// The assignment: the job, its order and its inputs.
+    /// The assignment: the job, its order and its inputs with their episodes.
     pub(crate) async fn assignment(&mut self) -> Result<(JobId, JobOrder, Inputs)> {
-        let answer = with_retries(async || self.0.get_assignment(v1::GetAssignmentRequest {}).await).await;
-        match answer {
-            Ok(response) => proto::worker::assigned(response.into_inner()),
+        let received = match with_retries(async || self.0.get_assignment(v1::GetAssignmentRequest {}).await).await {
+            Ok(response) => {
+                let (job, order, mut inputs) = proto::worker::assigned(response.into_inner())?;
+                self.episodes(&mut inputs).await.map(|()| (job, order, inputs))
+            }
+            Err(status) => Err(status),
+        };
+        match received {
+            Ok(assignment) => Ok(assignment),
             Err(status) => {
                 if status.code() == Code::FailedPrecondition {
                     // Every attempt would get the same error.
@@ -78,6 +84,17 @@ impl Client {
                 Err(refused(status))
             }
         }
+    }
+
+    /// Adds the episodes of the inputs. A stream that breaks ends the attempt, and the next one begins it again.
+    async fn episodes(&mut self, inputs: &mut Inputs) -> tonic::Result<()> {
+        let stream = with_retries(async || self.0.stream_episodes(v1::StreamEpisodesRequest {}).await).await?;
+        let mut stream = stream.into_inner();
+        while let Some(response) = stream.message().await? {
+            let parts = proto::worker::episodes_from(response).map_err(|error| Status::internal(error.to_string()))?;
+            parts.into_iter().for_each(|part| inputs.add(part));
+        }
+        Ok(())
     }
 
     /// The scores of the run that the job extends.

@@ -32,13 +32,13 @@ impl Episodes<'_> {
     }
 
     /// Every episode with its kept segments and their weights.
-    pub(crate) fn weighted(&self, inputs: &[KeptInput]) -> Result<Vec<WeightedSegments>, Failure> {
+    pub(crate) fn weighted(&self, inputs: Vec<KeptInput>) -> Result<Vec<WeightedSegments>, Failure> {
         let shape = self.shape();
-        let weighted = |KeptInput { episode, segments, similarities: _, qualities: _ }: &KeptInput| {
+        let weighted = |KeptInput { episode, segments, similarities: _, qualities: _ }| {
             let steps = segments.iter().map(|segment| (segment.end_step, segment.weight)).collect();
-            Ok(WeightedSegments { trajectory: self.trajectory(&shape, episode)?, steps })
+            Ok(WeightedSegments { trajectory: self.trajectory(&shape, &episode)?, steps })
         };
-        inputs.iter().map(weighted).collect()
+        inputs.into_iter().map(weighted).collect()
     }
 
     fn trajectory(&self, shape: &TaskShape, input: &InputEpisode) -> Result<Trajectory, Failure> {

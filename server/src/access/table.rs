@@ -132,6 +132,7 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::PolicyServiceReportEvaluation => changes(Role::Trainer),
 
         Rpc::WorkerServiceGetAssignment
+        | Rpc::WorkerServiceStreamEpisodes
         | Rpc::WorkerServiceStreamBaseScores
         | Rpc::WorkerServiceReportProgress
         | Rpc::WorkerServiceSaveCheckpoint

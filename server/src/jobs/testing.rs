@@ -2,17 +2,20 @@
 
 use std::{
     path::Path,
+    pin::pin,
     sync::{Arc, atomic::AtomicU64},
 };
 
 use clap::Parser as _;
+use futures::TryStreamExt as _;
 use tempfile::TempDir;
 
 use super::Jobs;
 use crate::{
     blobs::Blobs,
     config::{Cli, Command},
-    domain::{attempt::Attempt, episode::Outcome, job::Job, task::Task},
+    domain::{attempt::Attempt, episode::Outcome, job::Job, task::Task, work::Inputs},
+    error::Result,
     store::{Store, testing},
 };
 
@@ -64,6 +67,16 @@ impl Bench {
         let issuer = super::token::Issuer::new();
         let job = self.store.claim_job(&issuer.hash).await.unwrap().expect("a job is ready");
         (issuer.attempt(&job.id), job)
+    }
+
+    /// The whole input of a job, as its worker collects it.
+    pub(super) async fn inputs(&self, job: &Job) -> Result<Inputs> {
+        let mut inputs = self.jobs.inputs(job).await?;
+        let mut parts = pin!(self.jobs.input_parts(job).await?);
+        while let Some(part) = parts.try_next().await? {
+            inputs.add(part);
+        }
+        Ok(inputs)
     }
 
     /// The blobs of the same folder.

@@ -128,7 +128,7 @@ async fn results_end_jobs_and_are_inputs_of_the_next() {
     let bench = Bench::new().await;
     let (jobs, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 0, None).await.unwrap();
     let (attempt, job) = bench.claim().await;
-    let inputs = bench.jobs.inputs(&job).await.unwrap();
+    let inputs = bench.inputs(&job).await.unwrap();
     assert_eq!((inputs.experts.len(), inputs.imperfect.len(), inputs.encoder), (1, 1, None));
     let absent = BlobId::from(blake3::hash(b"absent"));
     let refused = bench.jobs.complete(&attempt, &job, Made::Encoder { checkpoint: absent }).await.unwrap_err();
@@ -140,7 +140,7 @@ async fn results_end_jobs_and_are_inputs_of_the_next() {
     assert_eq!(bench.store.encoder(&encoder(&jobs[0])).await.unwrap().checkpoint, checkpoint);
 
     let (attempt, job) = bench.claim().await;
-    let inputs = bench.jobs.inputs(&job).await.unwrap();
+    let inputs = bench.inputs(&job).await.unwrap();
     assert_eq!(inputs.encoder, Some(checkpoint));
     let (expert, imperfect) = (inputs.experts[0].id.clone(), inputs.imperfect[0].id.clone());
     let made = |episodes| Made::Scores {
@@ -163,13 +163,13 @@ async fn results_end_jobs_and_are_inputs_of_the_next() {
     assert_eq!(bench.store.score_run(&run).await.unwrap().expert_ids, [expert]);
 
     let (_, job) = bench.claim().await;
-    let inputs = bench.jobs.inputs(&job).await.unwrap();
+    let inputs = bench.inputs(&job).await.unwrap();
     assert_eq!((inputs.experts.len(), inputs.imperfect.len(), inputs.kept.len()), (1, 0, 1));
     assert_eq!(inputs.kept[0].episode.id, imperfect);
     assert_eq!(inputs.kept[0].segments.iter().map(|kept| (kept.end_step, kept.weight)).collect::<Vec<_>>(), [(7, 0.8)]);
 
     let export = submit(&bench, JobOrder::Export { dataset_id: dataset.unwrap() }).await.unwrap();
-    let inputs = bench.jobs.inputs(&export).await.unwrap();
+    let inputs = bench.inputs(&export).await.unwrap();
     assert_eq!((inputs.segment_length, inputs.kept[0].segments.len()), (6, 1));
     assert_eq!((inputs.kept[0].similarities.len(), inputs.kept[0].qualities[7]), (20, 0.8));
 }

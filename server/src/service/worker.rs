@@ -3,7 +3,6 @@
 
 use futures::{StreamExt as _, TryStreamExt as _, stream};
 use gleaner_proto::v1::{self, worker_service_server::WorkerService};
-use prost::Message as _;
 use tonic::{Request, Streaming};
 
 use super::{
@@ -22,21 +21,23 @@ pub(crate) struct WorkerApi(pub(crate) Services);
 
 #[tonic::async_trait]
 impl WorkerService for WorkerApi {
+    type StreamEpisodesStream = Responses<v1::StreamEpisodesResponse>;
     type StreamBaseScoresStream = Responses<v1::StreamBaseScoresResponse>;
 
     async fn get_assignment(&self, request: Request<v1::GetAssignmentRequest>) -> Reply<v1::GetAssignmentResponse> {
         answer(async {
             let Worker { job, .. } = Worker::of(&request)?;
             let inputs = self.0.jobs.inputs(&job).await?;
-            let assignment = wire::worker::assignment(job, inputs);
-            let (size, most) = (assignment.encoded_len(), self.0.config.limits.max_message_bytes);
-            if size > most {
-                return Err(Error::precondition(format!(
-                    "the inputs of this job take {size} bytes, more than the {most} of one message: keep fewer steps, or \
-                     raise --max-message-bytes at the server"
-                )));
-            }
-            Ok(assignment)
+            Ok(wire::worker::assignment(job, inputs))
+        })
+        .await
+    }
+
+    async fn stream_episodes(&self, request: Request<v1::StreamEpisodesRequest>) -> Reply<Self::StreamEpisodesStream> {
+        answer(async {
+            let Worker { job, .. } = Worker::of(&request)?;
+            let parts = self.0.jobs.input_parts(&job).await?;
+            Ok(responses(parts.map_ok(wire::worker::episodes)))
         })
         .await
     }

@@ -2,10 +2,11 @@
 
 use futures::TryStreamExt as _;
 use sqlx::{Sqlite, Transaction, sqlite::SqliteRow};
+use tokio::sync::mpsc;
 
 use super::{
     Store, fault,
-    kept::Matched,
+    kept::{Matched, Recorded},
     row::{self, Column as _, Record, column, record, unreadable},
 };
 use crate::{
@@ -13,8 +14,9 @@ use crate::{
         dataset::{Dataset, DatasetContents, DatasetCounts, KeptEpisode, KeptSegment, Nearest},
         id::{DatasetId, EpisodeId, ScoreRunId, TaskId},
         score::ScoreRun,
-        selection::{Resolved, Rule, Selection, ranked},
+        selection::{Candidate, Resolved, Rule, Selection, ranked},
         time::Millis,
+        work::KeptInput,
     },
     error::{Error, Result},
 };
@@ -205,12 +207,49 @@ impl Store {
         })
     }
 
+    /// Sends every imperfect episode of a run with its segments that a selection keeps, if any, and its recording; rows
+    /// are read one by one. `detailed`: with the matches of segments and the scores of every step. Ends early once the
+    /// receiver is gone. Only a top fraction and a limit of phases hold the scores of the whole run, until the end.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn send_kept(
+        &self,
+        (run, selection): (&ScoreRun, Selection),
+        detailed: bool,
+        out: &mpsc::Sender<KeptInput>,
+    ) -> Result<()> {
+        let candidates = self.to_resolve(run, selection).await?;
+        let resolved = Resolved::new(selection, &ranked(&candidates), &candidates);
+        let mut rows = self.recorded(run, selection.limits_phases()).await?;
+        let mut marked = Vec::new();
+        while let Some(Recorded { mut matched, episode }) = rows.try_next().await? {
+            resolved.mark(&matched.candidate, &mut marked);
+            let (mut similarities, mut qualities) = (Vec::new(), Vec::new());
+            if detailed {
+                (similarities, qualities) = (matched.candidate.w.clone(), matched.candidate.q.clone());
+            } else {
+                matched.match_episode.clear();
+            }
+            let Some(KeptEpisode { segments, .. }) = matched.kept(&marked, &run.expert_ids)? else { continue };
+            if out.send(KeptInput { episode, segments, similarities, qualities }).await.is_err() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// The candidates that resolving a selection needs.
+    async fn to_resolve(&self, run: &ScoreRun, selection: Selection) -> Result<Vec<Candidate>> {
+        match selection.rule {
+            Rule::Beta(_) if !selection.limits_phases() => Ok(Vec::new()),
+            Rule::Beta(_) | Rule::TopFraction(_) => self.candidates(&run.id, selection.limits_phases()).await,
+        }
+    }
+
     /// Every imperfect episode with its kept segments, if any; rows are read one by one.
     async fn kept(&self, run: &ScoreRun, selection: Selection) -> Result<Vec<KeptEpisode>> {
-        let candidates = match selection.rule {
-            Rule::Beta(_) if !selection.limits_phases() => Vec::new(),
-            Rule::Beta(_) | Rule::TopFraction(_) => self.candidates(&run.id, selection.limits_phases()).await?,
-        };
+        let candidates = self.to_resolve(run, selection).await?;
         let ranked = ranked(&candidates);
         let resolved = Resolved::new(selection, &ranked, &candidates);
         let mut rows = self.matched(run, selection.limits_phases()).await?;

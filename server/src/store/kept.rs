@@ -16,6 +16,7 @@ use crate::{
         score::{Histogram, ScoreRun, expert_auroc},
         selection::{Candidate, Selection, WhatIf, count, places},
         snapshot::Role,
+        work::InputEpisode,
     },
     error::{Error, Result},
 };
@@ -27,7 +28,31 @@ pub(super) struct Matched {
     pub(super) match_step: Vec<u32>,
 }
 
+/// The same with its recording.
+pub(super) struct Recorded {
+    pub(super) matched: Matched,
+    pub(super) episode: InputEpisode,
+}
+
 record! { Matched: match_episode, match_step; candidate }
+
+impl Record for Recorded {
+    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+        Ok(Self { matched: Record::decode(row)?, episode: Record::decode(row)? })
+    }
+}
+
+impl AsMut<Matched> for Matched {
+    fn as_mut(&mut self) -> &mut Matched {
+        self
+    }
+}
+
+impl AsMut<Matched> for Recorded {
+    fn as_mut(&mut self) -> &mut Matched {
+        &mut self.matched
+    }
+}
 
 impl Record for Candidate {
     /// Without places, which are computed from the matches.
@@ -39,13 +64,14 @@ impl Record for Candidate {
 
 /// The query of a run's imperfect episodes in the snapshot's order, for its snapshot and the run.
 macro_rules! imperfect {
-    ($columns:literal) => {
+    ($columns:literal $(, $joined:literal)?) => {
         concat!(
-            "select episode_scores.episode_id, cohort, w, q",
+            "select episode_scores.episode_id, snapshot_episodes.cohort, w, q",
             $columns,
             " from episode_scores join snapshot_episodes \
-             on snapshot_id = ? and snapshot_episodes.episode_id = episode_scores.episode_id \
-             where score_run_id = ? and episode_scores.role = 'imperfect' order by episode_scores.position"
+             on snapshot_id = ? and snapshot_episodes.episode_id = episode_scores.episode_id ",
+            $($joined,)?
+            " where score_run_id = ? and episode_scores.role = 'imperfect' order by episode_scores.position"
         )
     };
 }
@@ -124,21 +150,44 @@ impl Store {
         run: &ScoreRun,
         with_places: bool,
     ) -> Result<impl Stream<Item = Result<Matched>> + Unpin> {
+        self.located(imperfect!(", match_episode, match_step"), run, with_places).await
+    }
+
+    /// The same with matches and recordings, row by row.
+    pub(super) async fn recorded(
+        &self,
+        run: &ScoreRun,
+        with_places: bool,
+    ) -> Result<impl Stream<Item = Result<Recorded>> + Unpin> {
+        let query = imperfect!(
+            ", match_episode, match_step, recording, steps, file_name",
+            " join episodes on episodes.id = episode_scores.episode_id"
+        );
+        self.located(query, run, with_places).await
+    }
+
+    /// The rows of a query, their places computed if those are wanted.
+    async fn located<T: Record + AsMut<Matched> + Send + Unpin + 'static>(
+        &self,
+        query: &'static str,
+        run: &ScoreRun,
+        with_places: bool,
+    ) -> Result<impl Stream<Item = Result<T>> + Unpin> {
         let lengths = if with_places { Some(self.expert_lengths(run).await?) } else { None };
-        let located = move |mut matched: Matched| {
-            let Matched { candidate, match_episode, match_step } = &mut matched;
+        let located = move |mut row: T| {
+            let Matched { candidate, match_episode, match_step } = row.as_mut();
             if let Some(lengths) = &lengths {
                 let unknown = || {
                     Error::internal("reading a match", format!("{} matches an unknown expert", candidate.episode_id))
                 };
                 candidate.places = places(match_episode, match_step, lengths).ok_or_else(unknown)?;
             }
-            Ok(matched)
+            Ok(row)
         };
-        let rows = sqlx::query(imperfect!(", match_episode, match_step"))
+        let rows = sqlx::query(query)
             .bind(run.snapshot_id.param())
             .bind(run.id.param())
-            .try_map(row::read::<Matched>)
+            .try_map(row::read::<T>)
             .fetch(self.read());
         Ok(rows.map(move |row| row.map_err(fault("reading a run's scores")).and_then(&located)))
     }

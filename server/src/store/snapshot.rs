@@ -15,9 +15,13 @@ use crate::{
         limit::{Member, limited},
         snapshot::{Role, RoleRule, Snapshot, SnapshotEpisode},
         time::Millis,
+        work::InputEpisode,
     },
     error::{Error, Result},
 };
+
+/// Episodes of one insertion.
+const BATCH: usize = 1000;
 
 const COLUMNS: &str = "select snapshots.id, task_id, rule, created_at, \
      (select count(*) from snapshot_episodes where snapshot_id = snapshots.id and role = 'expert') as experts, \
@@ -26,6 +30,14 @@ const COLUMNS: &str = "select snapshots.id, task_id, rule, created_at, \
 
 record! { Snapshot: id, task_id, rule, expert_episodes = "experts", imperfect_episodes = "imperfect", created_at }
 record! { SnapshotEpisode: episode_id, outcome, cohort, role, steps }
+record! { InputEpisode: id = "episode_id", recording, steps, file_name }
+record! { Placed: position; episode }
+
+/// An episode at its place in a snapshot.
+pub(crate) struct Placed {
+    pub(crate) position: i64,
+    pub(crate) episode: InputEpisode,
+}
 
 impl Store {
     /// Freezes the task's present episodes and labels under a rule.
@@ -87,6 +99,32 @@ impl Store {
         let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
         query.push("where task_id = ").push_bind(task.param()).push(" order by created_at desc, id desc");
         query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing snapshots"))
+    }
+
+    /// Up to `most` episodes of a role behind a position of a snapshot, in its order.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn input_episodes(
+        &self,
+        id: &SnapshotId,
+        role: Role,
+        behind: i64,
+        most: u32,
+    ) -> Result<Vec<Placed>> {
+        sqlx::query(
+            "select position, episode_id, recording, steps, file_name \
+             from snapshot_episodes join episodes on episodes.id = episode_id \
+             where snapshot_id = ? and position > ? and role = ? order by position limit ?",
+        )
+        .bind(id.param())
+        .bind(behind)
+        .bind(role.param())
+        .bind(most)
+        .try_map(row::read)
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("reading a snapshot's episodes"))
     }
 
     /// The episodes of a snapshot in its order, each with its role and with its outcome and cohort at that time.
@@ -177,20 +215,16 @@ async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: 
         .execute(&mut **tx)
         .await
         .map_err(fault("inserting a snapshot"))?;
-    for (position, (member, outcome)) in (0i64..).zip(members) {
-        sqlx::query(
-            "insert into snapshot_episodes (snapshot_id, position, episode_id, outcome, cohort, role) \
-             values (?, ?, ?, ?, ?, ?)",
-        )
-        .bind(snapshot.id.param())
-        .bind(position)
-        .bind(member.episode_id.param())
-        .bind(outcome.param())
-        .bind(&member.cohort)
-        .bind(member.role.param())
-        .execute(&mut **tx)
-        .await
-        .map_err(fault("inserting a snapshot's episode"))?;
+    for (batch, members) in (0i64..).zip(members.chunks(BATCH)) {
+        let mut query = QueryBuilder::<Sqlite>::new(
+            "insert into snapshot_episodes (snapshot_id, position, episode_id, outcome, cohort, role) ",
+        );
+        let first = batch * BATCH as i64;
+        query.push_values((first..).zip(members), |mut row, (position, (member, outcome))| {
+            row.push_bind(snapshot.id.as_str()).push_bind(position).push_bind(member.episode_id.as_str());
+            row.push_bind(outcome.as_str()).push_bind(&member.cohort).push_bind(member.role.as_str());
+        });
+        query.build().execute(&mut **tx).await.map_err(fault("inserting a snapshot's episodes"))?;
     }
     Ok(())
 }

@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// How many kinds of messages [`message`] knows.
-pub const KINDS: u8 = 33;
+pub const KINDS: u8 = 34;
 
 /// Decodes `bytes` as a message of this kind and converts it. What is refused is refused as Invalid or Exhausted, and
 /// names a field and a fix.
@@ -56,6 +56,7 @@ pub fn message(kind: u8, bytes: &[u8]) {
         29 => convert(bytes, |response: v1::GetAssignmentResponse| worker::assigned(response).map(|_| ())),
         30 => convert(bytes, |request| import::open(Some(request))),
         31 => convert(bytes, import::batch),
+        32 => convert(bytes, worker::episodes_from),
         _ => convert(bytes, infer),
     }
 }

@@ -18,6 +18,7 @@ async fn workers_without_a_token_are_rejected() {
     let mut clients = Clients { workers: WorkerServiceClient::connect(shared.server.workers_url()).await.unwrap() };
     expect_errors!(clients.workers:
         get_assignment(GetAssignmentRequest {}) => Unauthenticated ["token"];
+        stream_episodes(StreamEpisodesRequest {}) => Unauthenticated ["token"];
         stream_base_scores(StreamBaseScoresRequest {}) => Unauthenticated ["token"];
         report_progress(ReportProgressRequest::default()) => Unauthenticated ["token"];
         save_checkpoint(SaveCheckpointRequest::default()) => Unauthenticated ["token"];

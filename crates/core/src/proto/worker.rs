@@ -14,22 +14,18 @@ use crate::{
     job::Job,
     order::JobOrder,
     score::EpisodeScores,
-    work::{FrozenRun, InputEpisode, Inputs, Progress},
+    work::{FrozenRun, InputEpisode, InputPart, Inputs, Progress},
 };
 
 /// Longest stored error of a worker, in characters.
 const LONGEST_ERROR: usize = 2000;
 
-/// The assignment of a worker.
+/// The assignment of a worker, without episodes.
 pub fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
-    let Inputs { task: spec, experts, imperfect, kept, encoder, checkpoint, segment_length, policy, base } = inputs;
-    let (kept, match_episode_ids) = kept::to(kept);
+    let Inputs { task: spec, encoder, checkpoint, segment_length, policy, base, .. } = inputs;
     v1::GetAssignmentResponse {
         job: Some(job::job(assigned)),
         task: Some(task::spec_to_proto(spec)),
-        experts: experts.into_iter().map(episode_to).collect(),
-        imperfect: imperfect.into_iter().map(episode_to).collect(),
-        kept,
         encoder: encoder.map(String::from).unwrap_or_default(),
         checkpoint: checkpoint.map(String::from).unwrap_or_default(),
         segment_length,
@@ -40,8 +36,35 @@ pub fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
             quantiles,
             expert_ids: expert_ids.into_iter().map(Into::into).collect(),
         }),
-        match_episode_ids,
     }
+}
+
+/// Some episodes of an assignment.
+pub fn episodes(part: InputPart) -> v1::StreamEpisodesResponse {
+    let all = |episodes: Vec<InputEpisode>| episodes.into_iter().map(episode_to).collect();
+    let none = v1::StreamEpisodesResponse::default();
+    match part {
+        InputPart::Experts(episodes) => v1::StreamEpisodesResponse { experts: all(episodes), ..none },
+        InputPart::Imperfect(episodes) => v1::StreamEpisodesResponse { imperfect: all(episodes), ..none },
+        InputPart::Kept(kept) => {
+            let (kept, match_episode_ids) = kept::to(kept);
+            v1::StreamEpisodesResponse { kept, match_episode_ids, ..none }
+        }
+    }
+}
+
+/// Reads some episodes of an assignment.
+///
+/// # Errors
+/// Invalid when the server speaks another version.
+pub fn episodes_from(response: v1::StreamEpisodesResponse) -> Result<[InputPart; 3]> {
+    let v1::StreamEpisodesResponse { experts, imperfect, kept, match_episode_ids } = response;
+    let all = |episodes: Vec<v1::AssignedEpisode>| episodes.into_iter().map(episode_from).collect::<Result<_>>();
+    Ok([
+        InputPart::Experts(all(experts)?),
+        InputPart::Imperfect(all(imperfect)?),
+        InputPart::Kept(kept::from(kept, match_episode_ids)?),
+    ])
 }
 
 /// One episode's scores of the run that a job extends.
@@ -63,30 +86,18 @@ fn episode_to(episode: InputEpisode) -> v1::AssignedEpisode {
     v1::AssignedEpisode { episode_id: id.into(), recording: recording.into(), steps, file_name }
 }
 
-/// Reads an assignment: the job, its order and its inputs.
+/// Reads an assignment: the job, its order and its inputs without episodes.
 ///
 /// # Errors
 /// Invalid when the server speaks another version.
 pub fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, JobOrder, Inputs)> {
-    let v1::GetAssignmentResponse {
-        job,
-        task: spec,
-        experts,
-        imperfect,
-        kept,
-        encoder,
-        checkpoint,
-        segment_length,
-        policy,
-        base,
-        match_episode_ids,
-    } = response;
+    let v1::GetAssignmentResponse { job, task: spec, encoder, checkpoint, segment_length, policy, base } = response;
     let job = field::required("job", job)?;
     let inputs = Inputs {
         task: task::spec_from_proto(field::required("task", spec)?)?,
-        experts: experts.into_iter().map(episode_from).collect::<Result<_>>()?,
-        imperfect: imperfect.into_iter().map(episode_from).collect::<Result<_>>()?,
-        kept: kept::from(kept, match_episode_ids)?,
+        experts: Vec::new(),
+        imperfect: Vec::new(),
+        kept: Vec::new(),
         encoder: blob_from("encoder", encoder)?,
         checkpoint: blob_from("checkpoint", checkpoint)?,
         segment_length,

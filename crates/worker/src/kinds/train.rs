@@ -14,7 +14,9 @@ pub(super) fn perform(work: &mut Work, spec: TrainSpec) -> Result<Made, Failure>
     let named = spec.image_weights().map_err(LearnError::from)?;
     let weights = work.image_weights(&named)?;
     let experts = work.episodes().trajectories(&work.inputs.experts)?;
-    let kept = work.episodes().weighted(&work.inputs.kept)?;
+    // There may be millions of kept segments: one copy of them is enough.
+    let kept = std::mem::take(&mut work.inputs.kept);
+    let kept = work.episodes().weighted(kept)?;
     work.monitor.phase("training");
     let (resume, monitor) = (resume.as_deref(), &mut work.monitor);
     let pretrained = Pretrained { encoder: encoder.as_deref(), image_weights: weights.as_deref() };

@@ -6,10 +6,12 @@ use crate::{
         dataset::ExportFile,
         id::{DatasetId, ExportId, TaskId},
         job::{Job, JobSpec},
+        score::ScoreRun,
+        snapshot::Role,
         work::Inputs,
     },
     error::Result,
-    jobs::{Jobs, input_episodes::join},
+    jobs::{Jobs, input_episodes::Source},
     store::finish::JobResult,
 };
 
@@ -19,17 +21,21 @@ pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, dataset_id: DatasetId) -
 }
 
 pub(super) async fn inputs(jobs: &Jobs, dataset: &DatasetId, inputs: &mut Inputs) -> Result<()> {
-    let store = &jobs.0.store;
-    let contents = store.dataset_contents(dataset).await?;
-    let (experts, imperfect) = jobs.by_role(&contents.snapshot_id).await?;
-    inputs.experts = experts;
-    inputs.kept = join(contents.kept, imperfect)?;
-    for kept in &mut inputs.kept {
-        let scores = store.episode_scores(&contents.run.id, &kept.episode.id).await?;
-        (kept.similarities, kept.qualities) = (scores.w, scores.q);
-    }
-    inputs.segment_length = store.segment_length(contents.run.origin.encoder_id()).await?;
+    let run = run_of(jobs, dataset).await?;
+    inputs.segment_length = jobs.0.store.segment_length(run.origin.encoder_id()).await?;
     Ok(())
+}
+
+/// The run's experts, and the kept segments with their matches and scores.
+pub(super) async fn sources(jobs: &Jobs, dataset: &DatasetId) -> Result<Vec<Source>> {
+    let run = run_of(jobs, dataset).await?;
+    let kept = Source::Kept { dataset: dataset.clone(), detailed: true };
+    Ok(vec![Source::Snapshot(run.snapshot_id, Role::Expert), kept])
+}
+
+async fn run_of(jobs: &Jobs, dataset: &DatasetId) -> Result<ScoreRun> {
+    let dataset = jobs.0.store.dataset(dataset).await?;
+    jobs.0.store.score_run(&dataset.score_run_id).await
 }
 
 pub(super) fn accept(job: &Job, dataset: &DatasetId, files: Vec<ExportFile>) -> Result<JobResult> {

@@ -11,7 +11,7 @@ mod tests;
 mod train;
 
 pub(super) use self::evaluate::simulated;
-use super::Jobs;
+use super::{Jobs, input_episodes::Source};
 use crate::{
     domain::{
         id::{BlobId, EncoderId, EvaluationId, ExportId, JobId, PolicyId, ScoreRunId, TaskId},
@@ -64,21 +64,30 @@ pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, order: JobOrder) -> Resu
     }
 }
 
-/// Adds the inputs of a kind's worker to `inputs`.
+/// Adds the inputs of a kind's worker to `inputs`, apart from episodes.
 ///
 /// # Errors
 /// When the database cannot be read, or a required input is missing.
 pub(super) async fn add_inputs(jobs: &Jobs, spec: &JobSpec, inputs: &mut Inputs) -> Result<()> {
     match spec {
-        JobSpec::Pretrain { snapshot_id, spec: _ } => pretrain::inputs(jobs, snapshot_id, inputs).await,
-        JobSpec::Score { encoder_id, snapshot_id, extends, spec: _ } => {
-            score::inputs(jobs, (encoder_id, snapshot_id), extends.as_ref(), inputs).await
-        }
-        JobSpec::Train { encoder_id, snapshot_id, dataset_id, spec: _ } => {
-            train::inputs(jobs, snapshot_id, (encoder_id.as_ref(), dataset_id.as_ref()), inputs).await
-        }
+        JobSpec::Pretrain { .. } => Ok(()),
+        JobSpec::Score { encoder_id, extends, .. } => score::inputs(jobs, encoder_id, extends.as_ref(), inputs).await,
+        JobSpec::Train { encoder_id, .. } => train::inputs(jobs, encoder_id.as_ref(), inputs).await,
         JobSpec::Export { dataset_id } => export::inputs(jobs, dataset_id, inputs).await,
         JobSpec::Evaluate { policy_id, spec: _ } => evaluate::inputs(jobs, policy_id, inputs).await,
+    }
+}
+
+/// Where the episodes of a kind's worker come from, in the order of its input.
+///
+/// # Errors
+/// When the database cannot be read.
+pub(super) async fn sources(jobs: &Jobs, spec: &JobSpec) -> Result<Vec<Source>> {
+    match spec {
+        JobSpec::Pretrain { snapshot_id, .. } | JobSpec::Score { snapshot_id, .. } => Ok(Source::all(snapshot_id)),
+        JobSpec::Train { snapshot_id, dataset_id, .. } => Ok(train::sources(snapshot_id, dataset_id.as_ref())),
+        JobSpec::Export { dataset_id } => export::sources(jobs, dataset_id).await,
+        JobSpec::Evaluate { .. } => Ok(Vec::new()),
     }
 }
 

@@ -10,7 +10,6 @@ use crate::{
         score::Encoder,
         snapshot::RoleRule,
         time::Millis,
-        work::Inputs,
     },
     error::Result,
     jobs::Jobs,
@@ -27,11 +26,6 @@ pub(super) async fn resolve(
 ) -> Result<Resolved> {
     let snapshot_id = jobs.snapshot(task, "spec.pretrain.snapshot_id", snapshot_id, rule).await?;
     Ok(Resolved::new(JobSpec::Pretrain { snapshot_id, spec }, None))
-}
-
-pub(super) async fn inputs(jobs: &Jobs, snapshot: &SnapshotId, inputs: &mut Inputs) -> Result<()> {
-    (inputs.experts, inputs.imperfect) = jobs.by_role(snapshot).await?;
-    Ok(())
 }
 
 pub(super) fn accept(job: &Job, snapshot_id: &SnapshotId, checkpoint: BlobId) -> Result<JobResult> {

@@ -40,11 +40,10 @@ pub(super) async fn resolve(
 
 pub(super) async fn inputs(
     jobs: &Jobs,
-    (encoder, snapshot): (&EncoderId, &SnapshotId),
+    encoder: &EncoderId,
     extends: Option<&ScoreRunId>,
     inputs: &mut Inputs,
 ) -> Result<()> {
-    (inputs.experts, inputs.imperfect) = jobs.by_role(snapshot).await?;
     inputs.encoder = Some(jobs.0.store.encoder(encoder).await?.checkpoint);
     if let Some(run) = extends {
         let ScoreRun { lo, hi, quantiles, expert_ids, .. } = jobs.0.store.score_run(run).await?;

@@ -1,5 +1,6 @@
 //! Orders of every kind in the queue: keys, extensions, policies from scratch, evaluations.
 
+use futures::TryStreamExt as _;
 use gleaner_core::{Chosen, EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
 use serde_json::json;
 
@@ -11,11 +12,11 @@ use crate::{
         order::{Queueing, Subject, TrainData},
         score::ScoreRun,
         selection::Selection,
-        snapshot::RoleRule,
-        work::{FrozenRun, Made},
+        snapshot::{Role, RoleRule},
+        work::{FrozenRun, InputEpisode, InputPart, KeptInput, Made},
     },
     error::Kind,
-    jobs::testing::Bench,
+    jobs::{input_episodes::PartSize, testing::Bench},
     store::testing::{self, results},
 };
 
@@ -101,7 +102,7 @@ async fn an_extension_has_the_settings_of_its_base() {
     assert_eq!((Some(encoder_id), snapshot_id, extends.as_ref()), (base.origin.encoder_id(), &grown, Some(&base.id)));
     assert_eq!(*spec, frozen);
 
-    let inputs = bench.jobs.inputs(&job).await.unwrap();
+    let inputs = bench.inputs(&job).await.unwrap();
     let FrozenRun { lo, hi, quantiles, expert_ids } = inputs.base.unwrap();
     assert_eq!((lo, hi, quantiles, expert_ids), (base.lo, base.hi, base.quantiles, base.expert_ids));
     assert_eq!(inputs.experts.len(), 2);
@@ -158,11 +159,58 @@ async fn a_policy_from_scratch_does_not_wait_for_an_encoder() {
         assert!(job.needs.is_empty());
         let JobSpec::Train { encoder_id, snapshot_id: own, .. } = &job.spec else { panic!("not train") };
         assert_eq!((encoder_id, own), (&None, snapshot_id));
-        let inputs = bench.jobs.inputs(&job).await.unwrap();
+        let inputs = bench.inputs(&job).await.unwrap();
         assert_eq!((inputs.experts.len(), inputs.encoder), (1, None));
     }
     let unknown = submit(&bench, scratch(TrainData::ExpertsIn(SnapshotId::new()))).await.unwrap_err();
     assert_eq!(unknown.kind(), Kind::NotFound);
+}
+
+/// The worker gets as many parts as its episodes take, in the order of the snapshot.
+#[tokio::test]
+async fn episodes_come_in_parts_of_a_limited_size() {
+    let bench = Bench::new().await;
+    for outcome in [crate::domain::episode::Outcome::Failure; 4] {
+        testing::episode(&bench.store, &bench.task, outcome, "").await;
+    }
+    let encoder = results::encoder(&bench.store, &bench.task).await;
+    let members = bench.store.snapshot(&encoder.snapshot_id).await.unwrap().1;
+    let imperfect = || members.iter().filter(|member| member.role == Role::Imperfect);
+    let scores: Vec<_> =
+        imperfect().map(|member| results::scores(&member.episode_id, Role::Imperfect, &[0.5; 20])).collect();
+    let run = results::run(&bench.store, &bench.task, &encoder, &scores).await;
+    let dataset = bench.store.insert_dataset(&run.id, Selection::beta(0.1)).await.unwrap();
+    let size = PartSize { episodes: 2, steps: 42 };
+    let parts = async |order| {
+        let job = submit(&bench, order).await.unwrap();
+        let parts = bench.jobs.parts(sources(&bench.jobs, &job.spec).await.unwrap(), size).await.unwrap();
+        parts.try_collect::<Vec<InputPart>>().await.unwrap()
+    };
+    let ids = |episodes: &[InputEpisode]| episodes.iter().map(|episode| episode.id.clone()).collect::<Vec<_>>();
+    let mut found = Vec::new();
+    let mut sizes = Vec::new();
+    for part in parts(pretrain(3)).await {
+        sizes.push(match part {
+            InputPart::Experts(episodes) => ("experts", episodes.len()),
+            InputPart::Imperfect(episodes) => {
+                found.extend(ids(&episodes));
+                ("imperfect", episodes.len())
+            }
+            InputPart::Kept(kept) => ("kept", kept.len()),
+        });
+    }
+    assert_eq!(sizes, [("experts", 1), ("imperfect", 2), ("imperfect", 2), ("imperfect", 1)]);
+    assert!(imperfect().map(|member| &member.episode_id).eq(&found));
+
+    let kept: Vec<KeptInput> = parts(scratch(TrainData::Dataset(dataset.id)))
+        .await
+        .into_iter()
+        .filter_map(|part| if let InputPart::Kept(kept) = part { Some(kept) } else { None })
+        .inspect(|kept| assert!(kept.len() <= 2, "two episodes of 20 steps complete a part"))
+        .flatten()
+        .collect();
+    assert_eq!(kept.len(), 5);
+    assert!(kept.iter().all(|kept| kept.segments.len() == 20 && kept.qualities.is_empty()));
 }
 
 #[tokio::test]
@@ -193,7 +241,7 @@ async fn an_evaluation_is_of_a_task_that_can_be_simulated() {
     assert_eq!(job.needs, [mine.job_id]);
     let JobSpec::Evaluate { policy_id, spec } = &job.spec else { panic!("not evaluate") };
     assert_eq!((policy_id, spec.simulation.as_str()), (&mine.id, "pick_cube"));
-    assert_eq!(bench.jobs.inputs(&job).await.unwrap().policy, Some(mine.checkpoint));
+    assert_eq!(bench.inputs(&job).await.unwrap().policy, Some(mine.checkpoint));
 
     let result = |seed, episodes| SeedResult { seed, episodes, successes: 1, mean_steps: 5.0 };
     let of = |seeds| super::accept(&bench.store, &job, Made::Trials(seeds));

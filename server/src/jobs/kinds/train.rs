@@ -9,12 +9,12 @@ use crate::{
         job::{Job, JobSpec},
         order::{TrainData, needs_encoder},
         policy::Policy,
-        snapshot::RoleRule,
+        snapshot::{Role, RoleRule},
         time::Millis,
         work::Inputs,
     },
     error::{Error, Result},
-    jobs::Jobs,
+    jobs::{Jobs, input_episodes::Source},
     store::finish::JobResult,
 };
 
@@ -54,23 +54,17 @@ async fn learned_from(
     }
 }
 
-pub(super) async fn inputs(
-    jobs: &Jobs,
-    snapshot: &SnapshotId,
-    (encoder, dataset): (Option<&EncoderId>, Option<&DatasetId>),
-    inputs: &mut Inputs,
-) -> Result<()> {
-    let (experts, imperfect) = jobs.by_role(snapshot).await?;
-    inputs.experts = experts;
-    if let Some(dataset) = dataset {
-        inputs.kept = jobs.kept(dataset, imperfect).await?;
-        // Training does not need the matches of steps, and there may be millions of them.
-        inputs.kept.iter_mut().flat_map(|kept| &mut kept.segments).for_each(|kept| kept.nearest = None);
-    }
+pub(super) async fn inputs(jobs: &Jobs, encoder: Option<&EncoderId>, inputs: &mut Inputs) -> Result<()> {
     if let Some(encoder) = encoder {
         inputs.encoder = Some(jobs.0.store.encoder(encoder).await?.checkpoint);
     }
     Ok(())
+}
+
+/// The experts, and the kept segments of the dataset. Training does not need the matches of steps.
+pub(super) fn sources(snapshot: &SnapshotId, dataset: Option<&DatasetId>) -> Vec<Source> {
+    let kept = dataset.map(|dataset| Source::Kept { dataset: dataset.clone(), detailed: false });
+    std::iter::once(Source::Snapshot(snapshot.clone(), Role::Expert)).chain(kept).collect()
 }
 
 pub(super) fn accept(

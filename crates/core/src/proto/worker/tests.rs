@@ -68,32 +68,30 @@ fn an_assignment_survives_the_wire() {
         base: Some(base),
     };
     let job = export();
-    let (id, order, read) = assigned(assignment(job.clone(), inputs.clone())).unwrap();
+    let (id, order, mut read) = assigned(assignment(job.clone(), inputs.clone())).unwrap();
+    assert!(read.experts.is_empty() && read.imperfect.is_empty() && read.kept.is_empty());
+    let Inputs { experts, imperfect, kept, .. } = inputs.clone();
+    for part in [InputPart::Experts(experts), InputPart::Imperfect(imperfect), InputPart::Kept(kept)] {
+        episodes_from(episodes(part)).unwrap().into_iter().for_each(|part| read.add(part));
+    }
     assert_eq!((id, read), (job.id, inputs));
     assert!(matches!(order, JobOrder::Export { .. }));
 }
 
-/// The proto states what fits a message of 32 MiB.
+/// A message has up to 100,000 segments of several episodes, or one episode with more.
 #[test]
-fn millions_of_kept_steps_fit_a_message() {
-    let (expert, steps) = (EpisodeId::new(), 20_000_u32);
-    let kept = |nearest: Option<Nearest>, scored: usize| {
-        let segment = |end_step| KeptSegment { end_step, weight: 0.95, nearest: nearest.clone() };
-        let segments = (0..steps).map(segment).collect();
-        let (similarities, qualities) = (vec![-0.5; scored], vec![0.95; scored]);
-        kept::to(vec![KeptInput { episode: input("kept"), segments, similarities, qualities }])
-    };
-    let bytes = |(kept, ids): (Vec<v1::KeptSegments>, Vec<String>)| {
-        assert!(ids.len() <= 1);
-        kept[0].encoded_len()
-    };
-    let fit = |bytes: usize| (32 << 20) / bytes * usize::try_from(steps).unwrap();
-    assert!(fit(bytes(kept(None, 0))) > 4_000_000);
-    let export = kept(Some(Nearest { episode_id: expert, end_step: 20_000 }), 20_000);
-    assert!(fit(bytes(export.clone())) > 1_200_000);
-    let (mut segments, ids) = export;
-    segments[0].match_episodes[7] = 2;
-    assert!(kept::from(segments, ids).unwrap_err().message().starts_with("kept.match_episodes: "));
+fn a_part_of_the_kept_steps_is_far_below_the_limit_of_a_message() {
+    let (expert, steps) = (EpisodeId::new(), 100_000_u32);
+    let nearest = Some(Nearest { episode_id: expert, end_step: steps });
+    let segment = |end_step| KeptSegment { end_step, weight: 0.95, nearest: nearest.clone() };
+    let (similarities, qualities) = (vec![-0.5; 100_000], vec![0.95; 100_000]);
+    let kept =
+        KeptInput { episode: input("kept"), segments: (0..steps).map(segment).collect(), similarities, qualities };
+    let mut message = episodes(InputPart::Kept(vec![kept]));
+    assert!(message.encoded_len() < 4 << 20, "{}", message.encoded_len());
+    message.kept[0].match_episodes[7] = 2;
+    let error = episodes_from(message).unwrap_err();
+    assert!(error.message().starts_with("kept.match_episodes: "), "{error}");
 }
 
 #[test]
