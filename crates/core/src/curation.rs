@@ -216,6 +216,15 @@ pub struct FrozenEpisode {
     pub standing: Standing,
 }
 
+/// What has become of a snapshot's episodes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct SnapshotChanges {
+    /// Episodes whose present label differs from the frozen one.
+    pub relabelled: u64,
+    /// Episodes whose recording was permanently deleted.
+    pub deleted: u64,
+}
+
 impl FrozenEpisode {
     /// Whether its present label differs from the frozen one.
     pub fn relabelled(&self) -> bool {

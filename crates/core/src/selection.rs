@@ -126,5 +126,26 @@ impl<'a> Resolved<'a> {
     }
 }
 
+impl Resolved<'_> {
+    /// The number of kept segments of an episode and the lowest w of them. Most selections decide by a segment's own
+    /// scores; of millions of segments, these are then counted without being marked. `marked` is memory for the others.
+    fn count(&self, candidate: &Candidate, marked: &mut Vec<bool>) -> (u64, Option<f64>) {
+        let scores = candidate.w.iter().copied().zip(candidate.q.iter().copied());
+        let (mut kept, mut lowest) = (0, f64::INFINITY);
+        // Without branches: which of the segments are kept cannot be predicted.
+        let mut add = |w: f64, keeps: bool| {
+            kept += u64::from(keeps);
+            lowest = lowest.min(if keeps { w } else { f64::INFINITY });
+        };
+        if self.shape.is_off() {
+            scores.for_each(|(w, q)| add(w, self.filter.keeps(w, q)));
+        } else {
+            self.mark(candidate, marked);
+            scores.zip(&*marked).for_each(|((w, _), &keeps)| add(w, keeps));
+        }
+        (kept, (kept > 0).then_some(lowest))
+    }
+}
+
 #[cfg(test)]
 mod tests;

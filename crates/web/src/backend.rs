@@ -13,7 +13,8 @@ use gleaner_core::{
     Result,
     access::AuditEntry,
     curation::{
-        FrozenEpisode, Input, Labelled, Lineage, SegmentRef, SnapshotUse, TableFilter, TableRow, TaskOverview, Totals,
+        FrozenEpisode, Input, Labelled, Lineage, SegmentRef, SnapshotChanges, SnapshotUse, SortKey, TableFilter,
+        TableRow, TaskOverview, Totals,
     },
     dataset::{Dataset, ExportFile},
     episode::{Episode, InspectedEpisode, Label, NewLabel},
@@ -88,7 +89,17 @@ pub trait Episodes: Send + Sync {
     async fn episode(&self, id: &EpisodeId) -> Result<InspectedEpisode>;
     /// The task of an episode, which may be in the trash.
     async fn task_of_episode(&self, id: &EpisodeId) -> Result<TaskId>;
-    /// The matching episodes of a task.
+    /// The number of matching episodes of a task.
+    async fn count_episodes(&self, task: &TaskId, filter: &TableFilter) -> Result<u64>;
+    /// The matching episodes of a task by a key other than the mean q, and whether descending: (skipped, most).
+    async fn episode_page(
+        &self,
+        task: &TaskId,
+        filter: &TableFilter,
+        order: (SortKey, bool),
+        part: (usize, usize),
+    ) -> Result<Vec<TableRow>>;
+    /// Every matching episode of a task.
     async fn episode_table(&self, task: &TaskId, filter: &TableFilter) -> Result<Vec<TableRow>>;
     /// The cohorts of a task, in alphabetical order.
     async fn cohorts(&self, task: &TaskId) -> Result<Vec<String>>;
@@ -160,7 +171,9 @@ pub trait Artifacts: Send + Sync {
     /// The snapshots of a task.
     async fn snapshots(&self, task: &TaskId) -> Result<Vec<Snapshot>>;
     /// The episodes of a snapshot, each with its label then and now.
-    async fn snapshot_episodes(&self, id: &SnapshotId) -> Result<Vec<FrozenEpisode>>;
+    async fn snapshot_episodes(&self, id: &SnapshotId, most: Option<u32>) -> Result<Vec<FrozenEpisode>>;
+    /// What has become of a snapshot's episodes.
+    async fn snapshot_changes(&self, id: &SnapshotId) -> Result<SnapshotChanges>;
     /// One encoder.
     async fn encoder(&self, id: &EncoderId) -> Result<Encoder>;
     /// One dataset.

@@ -1,5 +1,5 @@
-//! Data that only the pages need: the scores of whole runs in memory, and single steps of recordings as images and
-//! numbers.
+//! Scores of whole runs in memory, for the pages and for counts of selections, and single steps of recordings as images
+//! and numbers, which only the pages need.
 //!
 //! Must not depend on pages, wire types or SQL.
 
@@ -16,6 +16,7 @@ use self::{steps::Steps, summary::Weigh};
 use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId},
+        selection::{Selection, WhatIf},
         steps::{FrameView, Numbers},
     },
     error::{Error, Kind, Result},
@@ -60,6 +61,19 @@ impl Curation {
             off_runtime("summing up a run", move || Ok(Arc::new(Summary::new(of, candidates, experts)))).await
         };
         self.0.runs.get_or_insert_async(run, load).await
+    }
+
+    /// The counts of each selection of a run; the same as [`Store::count_kept`], which reads the run each time.
+    ///
+    /// # Errors
+    /// As for [`Curation::summary`].
+    pub(crate) async fn count_kept(&self, run: &ScoreRunId, selections: Vec<Selection>) -> Result<Vec<WhatIf>> {
+        let summary = self.summary(run).await?;
+        let mut counts = Vec::with_capacity(selections.len());
+        for selection in selections {
+            counts.push(summary.what_if(selection).await?);
+        }
+        Ok(counts)
     }
 
     /// Loads the newest run ahead of its first use.

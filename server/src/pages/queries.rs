@@ -12,8 +12,8 @@ use crate::{
     curation::Summary,
     domain::{
         curation::{
-            FrozenEpisode, Input, Labelled, Lineage, SegmentRef, SnapshotUse, TableFilter, TableRow, TaskOverview,
-            Totals,
+            FrozenEpisode, Input, Labelled, Lineage, SegmentRef, SnapshotChanges, SnapshotUse, SortKey, TableFilter,
+            TableRow, TaskOverview, Totals,
         },
         dataset::{Dataset, ExportFile},
         episode::{Episode, InspectedEpisode, Label, NewLabel},
@@ -70,6 +70,20 @@ impl Episodes for PageBackend {
 
     async fn task_of_episode(&self, id: &EpisodeId) -> Result<TaskId> {
         Ok(self.services.store.recording_of(id).await?.0)
+    }
+
+    async fn count_episodes(&self, task: &TaskId, filter: &TableFilter) -> Result<u64> {
+        self.services.store.count_episodes(task, filter).await
+    }
+
+    async fn episode_page(
+        &self,
+        task: &TaskId,
+        filter: &TableFilter,
+        order: (SortKey, bool),
+        part: (usize, usize),
+    ) -> Result<Vec<TableRow>> {
+        self.services.store.episode_page(task, filter, order, part).await
     }
 
     async fn episode_table(&self, task: &TaskId, filter: &TableFilter) -> Result<Vec<TableRow>> {
@@ -154,8 +168,12 @@ impl Artifacts for PageBackend {
         self.services.store.snapshots(task).await
     }
 
-    async fn snapshot_episodes(&self, id: &SnapshotId) -> Result<Vec<FrozenEpisode>> {
-        self.services.store.frozen_episodes(id).await
+    async fn snapshot_episodes(&self, id: &SnapshotId, most: Option<u32>) -> Result<Vec<FrozenEpisode>> {
+        self.services.store.frozen_episodes(id, most).await
+    }
+
+    async fn snapshot_changes(&self, id: &SnapshotId) -> Result<SnapshotChanges> {
+        self.services.store.snapshot_changes(id).await
     }
 
     async fn encoder(&self, id: &EncoderId) -> Result<Encoder> {

@@ -61,7 +61,7 @@ impl ScoreService for ScoreApi {
     async fn count_kept(&self, request: Request<v1::CountKeptRequest>) -> Reply<v1::CountKeptResponse> {
         answer(async {
             let (run, selections, per_episode) = wire::selection::count_request(request.into_inner())?;
-            let counts = self.0.store.count_kept(&run, selections).await?;
+            let counts = self.0.curation.count_kept(&run, selections).await?;
             let counts = counts.into_iter().map(|counted| wire::selection::what_if(counted, per_episode)).collect();
             Ok(v1::CountKeptResponse { counts })
         })

@@ -55,12 +55,9 @@ pub fn what_if(selection: Selection, ranked: &[(f32, f64)], candidates: &[Candid
     let (mut total, mut threshold) = (Kept::default(), None::<f64>);
     let (mut cohorts, mut episodes) = (BTreeMap::<String, Kept>::new(), Vec::with_capacity(candidates.len()));
     for candidate in candidates {
-        let (mut kept, of) = (0, candidate.w.len() as u64);
-        resolved.mark(candidate, &mut marked);
-        for (&w, _) in candidate.w.iter().zip(&marked).filter(|(_, kept)| **kept) {
-            kept += 1;
-            threshold = Some(threshold.map_or(w, |lowest| lowest.min(w)));
-        }
+        let of = candidate.w.len() as u64;
+        let (kept, lowest) = resolved.count(candidate, &mut marked);
+        threshold = lowest.map(|w| threshold.map_or(w, |before| before.min(w))).or(threshold);
         total.add(kept, of);
         match cohorts.get_mut(&candidate.cohort) {
             Some(cohort) => cohort.add(kept, of),

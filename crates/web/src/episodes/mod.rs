@@ -10,7 +10,7 @@ use std::sync::Arc;
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::{
     Error, Result,
-    curation::{TableRow, sort},
+    curation::{SortKey, TableRow, sort},
     id::ScoreRunId,
     score::ScoreRun,
     task::Task,
@@ -31,7 +31,10 @@ use super::{
     shell::{self, Head, Tab},
     text,
 };
-use crate::{backend::RunSummary, page::Page};
+use crate::{
+    backend::{Backend, RunSummary},
+    page::Page,
+};
 
 /// Episodes on one page.
 const PER_PAGE: usize = 100;
@@ -44,7 +47,9 @@ struct View<'a> {
     query: &'a EpisodeQuery,
     /// The run of the shown q, if the task has any.
     scores: Option<Arc<dyn RunSummary>>,
-    /// Every matching episode, sorted.
+    /// The number of matching episodes.
+    count: usize,
+    /// Those of the shown page, or all of a sheet, sorted.
     rows: Vec<TableRow>,
 }
 
@@ -60,13 +65,7 @@ impl View<'_> {
 
     /// The shown page, from 1, and the number of pages. A page beyond the end is the last.
     fn page(&self) -> (usize, usize) {
-        paging::within(self.query.page, self.rows.len(), PER_PAGE)
-    }
-
-    /// The rows of that page.
-    fn shown(&self) -> &[TableRow] {
-        let first = (self.page().0 - 1) * PER_PAGE;
-        &self.rows[first..(first + PER_PAGE).min(self.rows.len())]
+        paging::within(self.query.page, self.count, PER_PAGE)
     }
 }
 
@@ -80,9 +79,8 @@ pub(super) async fn show(request: PageRequest, Path(task): Path<String>) -> Answ
         Some(run) => Some(backend.summary(run).await?),
         None => None,
     };
-    let rows = backend.episode_table(&task.id, &query.filter).await?;
-    let rows = ordered(rows, scores.clone(), query.mean_q, query.order).await?;
-    let view = View { request: &request, task: &task, parameters: &parameters, query: &query, scores, rows };
+    let (count, rows) = rows(backend, &task, &query, parameters.format, scores.clone()).await?;
+    let view = View { request: &request, task: &task, parameters: &parameters, query: &query, scores, count, rows };
     if parameters.format != Format::Html {
         return Ok(sheet_of(&view).answer(parameters.format)?);
     }
@@ -95,6 +93,32 @@ pub(super) async fn show(request: PageRequest, Path(task): Path<String>) -> Answ
         script: Some("episodes.js"),
     };
     Ok(shell::page(&request, &head, &body(&view, &runs, &cohorts)).into_response())
+}
+
+/// The number of matching episodes, and those of the shown page, or all for a sheet. The database sorts and cuts, unless
+/// the order or the filter is by mean q, which it does not have.
+async fn rows(
+    backend: &dyn Backend,
+    task: &Task,
+    query: &EpisodeQuery,
+    format: Format,
+    scores: Option<Arc<dyn RunSummary>>,
+) -> Result<(usize, Vec<TableRow>)> {
+    let first = |count: usize| (paging::within(query.page, count, PER_PAGE).0 - 1) * PER_PAGE;
+    let Order { key, descending } = query.order;
+    if format == Format::Html && key != SortKey::MeanQ && query.mean_q.is_none() {
+        let count = backend.count_episodes(&task.id, &query.filter).await?;
+        let count = usize::try_from(count).unwrap_or(usize::MAX);
+        let part = (first(count), PER_PAGE);
+        return Ok((count, backend.episode_page(&task.id, &query.filter, (key, descending), part).await?));
+    }
+    let rows = backend.episode_table(&task.id, &query.filter).await?;
+    let mut rows = ordered(rows, scores, query.mean_q, query.order).await?;
+    let count = rows.len();
+    if format == Format::Html {
+        rows = rows.into_iter().skip(first(count)).take(PER_PAGE).collect();
+    }
+    Ok((count, rows))
 }
 
 /// The rows with matching mean q, in order. Ten thousand rows take long, so this runs off the runtime.
@@ -125,7 +149,7 @@ fn chosen<'a>(runs: &'a [ScoreRun], named: Option<&ScoreRunId>, task: &Task) -> 
 
 fn body(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {
     let (page, pages) = view.page();
-    let count = u64::try_from(view.rows.len()).unwrap_or(u64::MAX);
+    let count = u64::try_from(view.count).unwrap_or(u64::MAX);
     html! {
         h1 { "Episodes" }
         p.lead { (text::counted(count, "episode")) @if count != 0 { ", page " (page) " of " (pages) } }

@@ -18,7 +18,7 @@ pub(super) fn table(view: &View) -> Markup {
                 caption.unseen { "Episodes of " (view.task.spec.name) }
                 (heads(view, camera.is_some()))
                 tbody {
-                    @for row in view.shown() { (row_of(view, row, camera)) }
+                    @for row in &view.rows { (row_of(view, row, camera)) }
                 }
             }
         }

@@ -4,7 +4,7 @@ use sqlx::sqlite::SqliteRow;
 
 use crate::{
     domain::{
-        curation::{FrozenEpisode, LabelSeen, SnapshotUse, Standing},
+        curation::{FrozenEpisode, LabelSeen, SnapshotChanges, SnapshotUse, Standing},
         id::{EpisodeId, SnapshotId},
     },
     error::Result,
@@ -14,6 +14,7 @@ use crate::{
     },
 };
 
+record! { SnapshotChanges: relabelled, deleted }
 record! { SnapshotUse: snapshot_id, created_at, role, outcome, cohort }
 
 impl Record for FrozenEpisode {
@@ -38,14 +39,15 @@ impl Record for FrozenEpisode {
 }
 
 impl Store {
-    /// The episodes of a snapshot in its order, with their labels then and now; no episode for an unknown snapshot.
+    /// The first episodes of a snapshot in its order, or all, with their labels then and now; no episode for an unknown
+    /// snapshot.
     ///
     /// A snapshot stores labels, not their versions: the version is that of the newest equal label that is not younger
     /// than the snapshot.
     ///
     /// # Errors
     /// Internal.
-    pub(crate) async fn frozen_episodes(&self, id: &SnapshotId) -> Result<Vec<FrozenEpisode>> {
+    pub(crate) async fn frozen_episodes(&self, id: &SnapshotId, most: Option<u32>) -> Result<Vec<FrozenEpisode>> {
         sqlx::query(
             "select held.episode_id, file_name, role, held.outcome, held.cohort, episodes.outcome as outcome_now, \
                  episodes.cohort as cohort_now, deleted_at is not null as in_trash, purged_at is not null as purged, \
@@ -55,13 +57,31 @@ impl Store {
                  (select max(labels.id) from labels where labels.episode_id = held.episode_id) as version_now \
              from snapshot_episodes held join snapshots on snapshots.id = held.snapshot_id \
                  join episodes on episodes.id = held.episode_id \
-             where held.snapshot_id = ? order by held.position",
+             where held.snapshot_id = ? order by held.position limit ?",
         )
         .bind(id.param())
+        .bind(most.map_or(-1, i64::from))
         .try_map(row::read)
         .fetch_all(self.read())
         .await
         .map_err(fault("reading a snapshot's episodes and their labels"))
+    }
+
+    /// The number of a snapshot's episodes that have another label now, and of those whose recording is gone.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn snapshot_changes(&self, id: &SnapshotId) -> Result<SnapshotChanges> {
+        sqlx::query(
+            "select count(*) filter (where (held.outcome, held.cohort) <> (episodes.outcome, episodes.cohort)) \
+                 as relabelled, count(*) filter (where purged_at is not null) as deleted \
+             from snapshot_episodes held join episodes on episodes.id = held.episode_id where held.snapshot_id = ?",
+        )
+        .bind(id.param())
+        .try_map(row::read)
+        .fetch_one(self.read())
+        .await
+        .map_err(fault("counting the changes of a snapshot's episodes"))
     }
 
     /// At most `most` snapshots that contain an episode, newest first, and the number of all of them.
@@ -118,7 +138,7 @@ mod tests {
         store.delete_episodes(std::slice::from_ref(&expert), true).await.unwrap();
 
         let of = async |episode: &EpisodeId| {
-            let held = store.frozen_episodes(&id).await.unwrap();
+            let held = store.frozen_episodes(&id, None).await.unwrap();
             held.into_iter().find(|held| held.episode_id == *episode).unwrap()
         };
         let held = of(&failure).await;
@@ -129,7 +149,9 @@ mod tests {
         assert_eq!((held.relabelled(), held.standing), (false, Standing::InTrash));
         store.sweep_trash(Millis(i64::MAX)).await.unwrap();
         assert_eq!(of(&expert).await.standing, Standing::Deleted);
-        assert!(store.frozen_episodes(&SnapshotId::new()).await.unwrap().is_empty());
+        assert_eq!(store.snapshot_changes(&id).await.unwrap(), SnapshotChanges { relabelled: 1, deleted: 1 });
+        assert_eq!(store.frozen_episodes(&id, Some(1)).await.unwrap().len(), 1);
+        assert!(store.frozen_episodes(&SnapshotId::new(), None).await.unwrap().is_empty());
     }
 
     #[tokio::test]

@@ -4,7 +4,7 @@ use sqlx::{QueryBuilder, Sqlite};
 
 use crate::{
     domain::{
-        curation::{TableFilter, TableRow},
+        curation::{SortKey, TableFilter, TableRow},
         id::TaskId,
     },
     error::Result,
@@ -38,11 +38,74 @@ impl Store {
             .await
             .map_err(fault("listing a table of episodes"))
     }
+
+    /// The number of a task's episodes that match the filter.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn count_episodes(&self, task: &TaskId, filter: &TableFilter) -> Result<u64> {
+        let mut query = QueryBuilder::<Sqlite>::new("select count(*) from episodes where task_id = ");
+        push_conditions(&mut query, task, filter);
+        query.build().try_map(row::read).fetch_one(self.read()).await.map_err(fault("counting episodes"))
+    }
+
+    /// Of the task's episodes that match the filter, sorted by a key other than the mean q: up to `most` behind the first
+    /// `skip`.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn episode_page(
+        &self,
+        task: &TaskId,
+        filter: &TableFilter,
+        order: (SortKey, bool),
+        (skip, most): (usize, usize),
+    ) -> Result<Vec<TableRow>> {
+        let number = |count: usize| i64::try_from(count).unwrap_or(i64::MAX);
+        page(task, filter, order, number(skip), number(most))
+            .build()
+            .try_map(row::read)
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("listing a page of episodes"))
+    }
 }
 
+/// The episodes of a task that match the filter, with their labels, oldest first.
 fn query(task: &TaskId, filter: &TableFilter) -> QueryBuilder<Sqlite> {
-    let TableFilter { outcome, cohort, from, before, warnings, text } = filter;
     let mut query = QueryBuilder::<Sqlite>::new(TABLE);
+    push_conditions(&mut query, task, filter);
+    query.push(" order by episodes.id");
+    query
+}
+
+/// One page of them. Only the ids are sorted, and only the page's rows meet their labels.
+fn page(task: &TaskId, filter: &TableFilter, order: (SortKey, bool), skip: i64, most: i64) -> QueryBuilder<Sqlite> {
+    let (key, descending) = order;
+    let direction = if descending { " desc" } else { "" };
+    // Ids are in the order of time, and an index has them by task. Equal keys are in the order of their ids.
+    let order = match key {
+        SortKey::Date | SortKey::MeanQ => format!(" order by episodes.id{direction}"),
+        SortKey::Steps => format!(" order by steps{direction}, episodes.id"),
+        SortKey::Outcome => format!(" order by episodes.outcome{direction}, episodes.id"),
+        SortKey::Cohort => format!(" order by episodes.cohort{direction}, episodes.id"),
+        SortKey::Findings => format!(" order by warnings{direction}, episodes.id"),
+    };
+    let mut query = QueryBuilder::<Sqlite>::new(concat!(
+        "select ",
+        episode_columns!(),
+        ", labels.id as label_version, author as labelled_by, labels.created_at as labelled_at from episodes join labels \
+         on labels.id = (select max(id) from labels where episode_id = episodes.id) \
+         where episodes.id in (select id from episodes where task_id = "
+    ));
+    push_conditions(&mut query, task, filter);
+    query.push(&order).push(" limit ").push_bind(most).push(" offset ").push_bind(skip).push(")").push(&order);
+    query
+}
+
+/// Adds the task and the conditions of a filter behind `where task_id = `.
+fn push_conditions(query: &mut QueryBuilder<Sqlite>, task: &TaskId, filter: &TableFilter) {
+    let TableFilter { outcome, cohort, from, before, warnings, text } = filter;
     query.push_bind(task.param()).push(" and deleted_at is null");
     if let Some(outcome) = outcome {
         query.push(" and episodes.outcome = ").push_bind(outcome.param());
@@ -65,8 +128,6 @@ fn query(task: &TaskId, filter: &TableFilter) -> QueryBuilder<Sqlite> {
         query.push(" and (instr(lower(file_name), ").push_bind(text.clone()).push(") > 0 ");
         query.push("or instr(lower(episodes.id), ").push_bind(text).push(") > 0)");
     }
-    query.push(" order by episodes.id");
-    query
 }
 
 #[cfg(test)]

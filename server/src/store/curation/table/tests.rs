@@ -74,7 +74,32 @@ async fn every_filter_leaves_out_other_episodes() {
         let rows = store.episode_table(&task.id, &filter).await.unwrap();
         let found: Vec<_> = rows.iter().map(|row| ids.iter().position(|id| *id == row.episode.id).unwrap()).collect();
         assert_eq!(found, expected, "{filter:?}");
+        assert_eq!(store.count_episodes(&task.id, &filter).await.unwrap(), expected.len() as u64, "{filter:?}");
     }
+}
+
+/// The database sorts and cuts as the list of all rows is sorted and cut.
+#[tokio::test]
+async fn a_page_is_a_part_of_the_sorted_table() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    for (name, warnings, at) in [("a.mcap", 1, 10), ("b.mcap", 0, 20), ("c.mcap", 1, 30), ("d.mcap", 2, 40)] {
+        episode(&store, &task, name, (warnings, at)).await;
+    }
+    let all = TableFilter::default();
+    for key in SortKey::ALL.into_iter().filter(|key| *key != SortKey::MeanQ) {
+        for descending in [false, true] {
+            let mut rows = store.episode_table(&task.id, &all).await.unwrap();
+            crate::domain::curation::sort(&mut rows, key, descending, |_| None);
+            let names = |rows: &[TableRow]| rows.iter().map(|row| row.episode.file_name.clone()).collect::<Vec<_>>();
+            let page = store.episode_page(&task.id, &all, (key, descending), (1, 2)).await.unwrap();
+            assert_eq!(names(&page), names(&rows[1..3]), "{key:?} {descending}");
+        }
+    }
+    let few = TableFilter { warnings: Some(true), ..all };
+    let page = store.episode_page(&task.id, &few, (SortKey::Date, true), (0, 9)).await.unwrap();
+    assert_eq!(page.iter().map(|row| row.episode.warnings).collect::<Vec<_>>(), [2, 1, 1]);
+    assert!(store.episode_page(&task.id, &few, (SortKey::Date, true), (3, 9)).await.unwrap().is_empty());
 }
 
 #[tokio::test]
