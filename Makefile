@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test test-room crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-hour bench-serving bench-pages load-test peers peers-serving fuzz kinds
+.PHONY: demo build test test-room crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab load-test peers peers-serving fuzz kinds
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -119,6 +119,12 @@ load-test: .libtorch
 # Every page on a database of 10,000 episodes and two million scored segments.
 bench-pages: .libtorch
 	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/pages/run.sh
+
+# A lab of 100,000 episodes and 10 million segments: made in minutes, then walked. Takes up to 10 GB of disk while it runs;
+# LAB_ARGS="--episodes 1000" is the short form.
+bench-lab: .libtorch $(PYTHON_ENV)
+	$(PYTHON_ENV)/bin/pip install -q client/python
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" PYTHON=$(PYTHON_ENV)/bin/python benches/lab/run.sh $(LAB_ARGS)
 
 # The same load on servers in Python that run the same network. Fetches PyTorch (about 3 GB) the first time.
 peers-serving: .libtorch

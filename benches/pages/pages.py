@@ -8,35 +8,18 @@ the other. Nothing but Python's own library is needed.
 import argparse
 import array
 import json
-import os
 import pathlib
 import random
 import shutil
-import sqlite3
 import statistics
-import subprocess
+import sys
 import tempfile
 import time
 import urllib.request
 
-CROCKFORD = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
-OUTCOMES = ["success", "failure", "failure", "unknown"]
-
-
-class Server:
-    """A server in a process of its own."""
-
-    def __init__(self, bin: pathlib.Path, data: pathlib.Path, workers: int):
-        command = [bin / "gleaner-server", "--log", "warn", "serve", "--data-dir", data, "--listen", "127.0.0.1:0"]
-        command += ["--web-listen", "127.0.0.1:0", "--workers", str(workers)]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        self.pages = self.process.stdout.readline().split()[-1]
-        self.url = self.process.stdout.readline().split()[-1]
-
-    def stop(self):
-        self.process.terminate()
-        if self.process.wait() != 0:
-            raise SystemExit("the server did not end well")
+sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "lab"))
+from process import Server, client  # noqa: E402
+from rows import OUTCOMES, add_episodes, connect, ulid  # noqa: E402
 
 
 def lab(bin: pathlib.Path, folder: pathlib.Path) -> None:
@@ -44,62 +27,41 @@ def lab(bin: pathlib.Path, folder: pathlib.Path) -> None:
     server = Server(bin, folder / "data", workers=1)
 
     def run(*words):
-        command = [bin / "gleaner", *words, "--json"]
-        env = {**os.environ, "GLEANER_SERVER": server.url}
-        done = subprocess.run(command, cwd=folder, env=env, check=True, stdout=subprocess.PIPE, text=True)
-        return done.stdout
+        return client(bin, server, folder, *words)
 
     run("record", "--task", "pick_cube", "--out", "recordings", "--agent", "expert:6", "--agent", "early_release:1.0:6")
     run("task", "create", "--sim", "pick_cube")
     run("push", "recordings/", "--labels", "recordings/labels.csv")
     run("pretrain", "--steps", "3", "--wait")
-    with sqlite3.connect(folder / "data" / "gleaner.db") as rows:
+    with connect(folder / "data") as rows:
         (encoder,) = rows.execute("select id from encoders").fetchone()
     run("score", "--encoder", encoder, "--wait")
     server.stop()
 
 
-def ulid(millis: int, random_bits: random.Random) -> str:
-    number = millis << 80 | random_bits.getrandbits(80)
-    return "".join(CROCKFORD[number >> shift & 31] for shift in range(125, -1, -5))
-
-
-def fill(database: pathlib.Path, episodes: int, steps: int) -> None:
+def fill(data: pathlib.Path, episodes: int, steps: int) -> None:
     """Adds episodes, their labels, and their scores in the run there is."""
     chance = random.Random(7)
-    rows = sqlite3.connect(database)
+    rows = connect(data)
     task, report = rows.execute("select task_id, report from episodes limit 1").fetchone()
     run, snapshot = rows.execute("select id, snapshot_id from score_runs").fetchone()
     (position,) = rows.execute("select count(*) from snapshot_episodes where snapshot_id = ?", [snapshot]).fetchone()
-    begin = int(time.time() * 1000) - 40 * 86_400_000
+    recordings = ((f"{chance.getrandbits(256):064x}", 3_000_000) for _ in range(episodes))
     with rows:
-        for number in range(episodes):
-            at = begin + number * 300_000
-            episode = f"ep_{ulid(at, chance)}"
-            outcome, cohort = chance.choice(OUTCOMES), f"cohort_{chance.randrange(12)}"
-            digest = f"{chance.getrandbits(256):064x}"
-            rows.execute(
-                "insert into episodes (id, task_id, file_name, recording, size_bytes, steps, duration_s, mapping, warnings,"
-                " report, outcome, cohort, created_at) values (?, ?, ?, ?, ?, ?, ?, 'gleaner', ?, ?, ?, ?, ?)",
-                [episode, task, f"{number:06}.mcap", digest, 3_000_000, steps, steps / 10, chance.randrange(3), report,
-                 outcome, cohort, at],
-            )
-            rows.execute(
-                "insert into labels (episode_id, outcome, cohort, author, reason, created_at) values (?, ?, ?, 'bench', '', ?)",
-                [episode, outcome, cohort, at],
-            )
+        added = add_episodes(rows, task, report, recordings, steps, OUTCOMES, chance)
+        for place, (episode, outcome, cohort) in enumerate(added, position):
             rows.execute(
                 "insert into snapshot_episodes values (?, ?, ?, ?, ?, 'imperfect')",
-                [snapshot, position + number, episode, outcome, cohort],
+                [snapshot, place, episode, outcome, cohort],
             )
-            scored(rows, run, position + number, episode, steps, chance)
+            scored(rows, run, place, episode, steps, chance)
     rows.close()
 
 
-def add_tasks(database: pathlib.Path, tasks: int, each: int) -> None:
+def add_tasks(data: pathlib.Path, tasks: int, each: int) -> None:
     """Adds tasks like the one there is, with a few episodes each."""
     chance = random.Random(8)
-    rows = sqlite3.connect(database)
+    rows = connect(data)
     spec, report = rows.execute("select spec, report from tasks join episodes on task_id = tasks.id limit 1").fetchone()
     begin = int(time.time() * 1000) - 40 * 86_400_000
     with rows:
@@ -141,8 +103,8 @@ def ask(url: str) -> tuple[float, int]:
     return (time.perf_counter() - begun) * 1000, size
 
 
-def addresses(database: pathlib.Path) -> list[tuple[str, str]]:
-    rows = sqlite3.connect(database)
+def addresses(data: pathlib.Path) -> list[tuple[str, str]]:
+    rows = connect(data)
     run, snapshot, encoder = rows.execute("select id, snapshot_id, encoder_id from score_runs").fetchone()
     (task,) = rows.execute("select name from tasks join score_runs on task_id = tasks.id").fetchone()
     real = rows.execute("select id from episodes where file_name not like '0%.mcap'").fetchone()[0]
@@ -188,13 +150,13 @@ def main() -> None:
         folder = pathlib.Path(folder)
         print("recording, pushing, scoring a few episodes …", flush=True)
         lab(given.bin.resolve(), folder)
-        database = folder / "data" / "gleaner.db"
+        data = folder / "data"
         print(f"adding {given.episodes} episodes of {given.steps} segments …", flush=True)
-        fill(database, given.episodes, given.steps)
-        add_tasks(database, given.tasks, 10)
+        fill(data, given.episodes, given.steps)
+        add_tasks(data, given.tasks, 10)
         server = Server(given.bin.resolve(), folder / "data", workers=0)
         table = {}
-        for name, path in addresses(database):
+        for name, path in addresses(data):
             took = [ask(server.pages + path) for _ in range(given.times + 1)]
             rest = sorted(each for each, _ in took[1:])
             table[name] = {"first": took[0][0], "p50": statistics.median(rest), "worst": rest[-1], "bytes": took[0][1]}

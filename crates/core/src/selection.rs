@@ -131,14 +131,18 @@ impl Resolved<'_> {
     /// scores; of millions of segments, these are then counted without being marked. `marked` is memory for the others.
     fn count(&self, candidate: &Candidate, marked: &mut Vec<bool>) -> (u64, Option<f64>) {
         let scores = candidate.w.iter().copied().zip(candidate.q.iter().copied());
-        let add = |(kept, lowest): (u64, f64), w: f64| (kept + 1, lowest.min(w));
-        let none = (0, f64::INFINITY);
-        let (kept, lowest) = if self.shape.is_off() {
-            scores.filter(|&(w, q)| self.filter.keeps(w, q)).map(|(w, _)| w).fold(none, add)
+        let (mut kept, mut lowest) = (0, f64::INFINITY);
+        // Without branches: which of the segments are kept cannot be predicted.
+        let mut add = |w: f64, keeps: bool| {
+            kept += u64::from(keeps);
+            lowest = lowest.min(if keeps { w } else { f64::INFINITY });
+        };
+        if self.shape.is_off() {
+            scores.for_each(|(w, q)| add(w, self.filter.keeps(w, q)));
         } else {
             self.mark(candidate, marked);
-            scores.zip(&*marked).filter(|(_, kept)| **kept).map(|((w, _), _)| w).fold(none, add)
-        };
+            scores.zip(&*marked).for_each(|((w, _), &keeps)| add(w, keeps));
+        }
         (kept, (kept > 0).then_some(lowest))
     }
 }

@@ -14,5 +14,5 @@ mod recordings;
 pub use error::InspectError;
 pub use inspect::{Verdict, inspect};
 pub use limits::apply as apply_limits;
-pub use order::Order;
+pub use order::{Order, most_written};
 pub use recordings::RecordingsConfig;

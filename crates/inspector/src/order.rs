@@ -39,12 +39,16 @@ pub struct Order {
 /// times for JPEG images at their own size.
 const GROWTH: u64 = 16;
 
+/// The most bytes of a file that an inspection with this much memory may write for a recording of this size: decoded images
+/// grow with their recording, and a salvaged file is about as large as the original.
+pub fn most_written(memory_bytes: u64, recording_bytes: u64) -> u64 {
+    memory_bytes.saturating_add(recording_bytes.saturating_mul(GROWTH))
+}
+
 impl Order {
-    /// The most bytes of a file that the inspection may write: decoded images grow with their recording, and a salvaged
-    /// file is about as large as the original.
+    /// The most bytes of a file that the inspection may write.
     pub fn most_written(&self) -> u64 {
-        let recording = std::fs::metadata(&self.recording).map_or(0, |file| file.len());
-        self.memory_bytes.saturating_add(recording.saturating_mul(GROWTH))
+        most_written(self.memory_bytes, std::fs::metadata(&self.recording).map_or(0, |file| file.len()))
     }
 
     /// The arguments of the program.

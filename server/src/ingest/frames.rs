@@ -6,6 +6,7 @@ use std::{
     sync::Arc,
 };
 
+use gleaner_inspector::most_written;
 use gleaner_recording::{FrameCache, Numbers, RecordingError, TaskSpec};
 
 use super::{Ingest, inspector::Inspected, off_runtime};
@@ -75,7 +76,7 @@ impl Ingest {
             Err(error) if error.kind() == Kind::Exhausted => error,
             inspected => return inspected,
         };
-        let (blobs, most) = (self.blobs.clone(), self.inspector.memory_bytes);
+        let (blobs, most) = (self.blobs.clone(), most_written(self.inspector.memory_bytes, size_bytes));
         match off_runtime("making room for decoded steps", move || blobs.caches().evict(most)).await? {
             0 => Err(error),
             _ => self.inspect_once(recording, task, new).await,

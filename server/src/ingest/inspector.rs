@@ -40,7 +40,7 @@ pub(super) struct Inspector {
     /// A program and its first arguments.
     command: Vec<OsString>,
     tmp: PathBuf,
-    /// The most that one inspection may write, too.
+    /// Memory of one inspection.
     pub(super) memory_bytes: u64,
     seconds: u64,
     /// The limits on a recording's content.

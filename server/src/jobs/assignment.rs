@@ -1,9 +1,15 @@
 //! The input of a worker: what its kind of job needs, and the checkpoint to resume from.
 
-use super::{Jobs, kinds};
+use futures::Stream;
+
+use super::{Jobs, input_episodes::PART, kinds};
 use crate::{
     blobs,
-    domain::{id::BlobId, job::Job, work::Inputs},
+    domain::{
+        id::BlobId,
+        job::Job,
+        work::{InputPart, Inputs},
+    },
     error::{Error, Result},
 };
 
@@ -27,6 +33,14 @@ impl Jobs {
         };
         kinds::add_inputs(self, &job.spec, &mut inputs).await?;
         Ok(inputs)
+    }
+
+    /// The episodes of a running job, in parts that each fit a message.
+    ///
+    /// # Errors
+    /// Precondition when a recording was permanently deleted; when the database cannot be read.
+    pub(crate) async fn input_parts(&self, job: &Job) -> Result<impl Stream<Item = Result<InputPart>> + Send + use<>> {
+        self.parts(kinds::sources(self, &job.spec).await?, PART).await
     }
 
     /// The checkpoint to resume from. A missing or damaged checkpoint is never used: it is removed together with the

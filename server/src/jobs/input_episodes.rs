@@ -6,11 +6,10 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tracing::Instrument as _;
 
-use super::{Jobs, kinds};
+use super::Jobs;
 use crate::{
     domain::{
         id::{DatasetId, SnapshotId},
-        job::Job,
         snapshot::Role,
         work::{InputPart, KeptInput},
     },
@@ -28,7 +27,7 @@ pub(super) struct PartSize {
 }
 
 /// A few MiB at most.
-const PART: PartSize = PartSize { episodes: 1000, steps: 100_000 };
+pub(super) const PART: PartSize = PartSize { episodes: 1000, steps: 100_000 };
 /// Parts and kept episodes that wait for the worker.
 const WAITING: usize = 2;
 
@@ -49,21 +48,15 @@ impl Source {
 }
 
 impl Jobs {
-    /// The episodes of a running job, in parts that each fit a message.
+    /// The episodes of these sources, in parts of this size.
     ///
     /// # Errors
     /// Precondition when a recording was permanently deleted; when the database cannot be read.
-    pub(crate) async fn input_parts(&self, job: &Job) -> Result<impl Stream<Item = Result<InputPart>> + Send + use<>> {
-        self.parts_of(job, PART).await
-    }
-
-    /// The same in parts of this size.
-    pub(super) async fn parts_of(
+    pub(super) async fn parts(
         &self,
-        job: &Job,
+        sources: Vec<Source>,
         size: PartSize,
     ) -> Result<impl Stream<Item = Result<InputPart>> + Send + use<>> {
-        let sources = kinds::sources(self, &job.spec).await?;
         for source in &sources {
             if let Source::Snapshot(snapshot, _) = source {
                 self.0.store.expect_recordings(snapshot).await?;

@@ -183,7 +183,7 @@ async fn episodes_come_in_parts_of_a_limited_size() {
     let size = PartSize { episodes: 2, steps: 42 };
     let parts = async |order| {
         let job = submit(&bench, order).await.unwrap();
-        let parts = bench.jobs.parts_of(&job, size).await.unwrap();
+        let parts = bench.jobs.parts(sources(&bench.jobs, &job.spec).await.unwrap(), size).await.unwrap();
         parts.try_collect::<Vec<InputPart>>().await.unwrap()
     };
     let ids = |episodes: &[InputEpisode]| episodes.iter().map(|episode| episode.id.clone()).collect::<Vec<_>>();

@@ -1,0 +1,19 @@
+#!/usr/bin/env bash
+# Builds the programs, makes a lab of 100,000 episodes and walks it. Arguments go to lab.py.
+#
+# BENCH_PROFILE is cargo's profile (bench). PYTHON is a Python with the package gleaner.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+profile="${BENCH_PROFILE:-bench}"
+"${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-cli
+"${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-worker --example recordings
+case "$profile" in
+  dev) folder=target/debug ;;
+  bench) folder=target/release ;;
+  *) folder="target/$profile" ;;
+esac
+
+# Other load on the machine affects times more than ratios.
+uptime
+exec "${PYTHON:-python3}" benches/lab/lab.py --bin "$folder" --recordings "$folder/examples/recordings" "$@"
