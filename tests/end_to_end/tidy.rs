@@ -31,7 +31,7 @@ fn crates_are_named_in_their_place_only() {
         ("sqlx", &["server/src/store/"]),
         ("mcap", &["crates/recording/"]),
         ("image", &["crates/recording/"]),
-        ("gleaner_video", &["crates/recording/"]),
+        ("gleaner_video", &["crates/recording/", "crates/video/"]),
         ("re_rav1d", &["crates/video/"]),
         ("rust_h264", &["crates/video/"]),
         ("rusty_h265", &["crates/video/"]),

@@ -52,6 +52,8 @@ pub(crate) fn spawn_single<'scope>(
     let threads = tch::get_num_threads();
     let (started, wait) = channel::<()>();
     let single = move || {
+        // The first call on a thread takes the number of the process, so it comes before that of the thread.
+        let _process = tch::get_num_threads();
         tch::set_num_threads(1);
         drop(started);
         work();

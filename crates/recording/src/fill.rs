@@ -108,7 +108,7 @@ impl<'a> Filler<'a> {
         for (at, stream) in plan.images.iter().enumerate() {
             topics.entry(&stream.topic).or_default().push(at);
         }
-        let streams = plan.images.iter().map(|stream| Stream::new(stream)).collect();
+        let streams = plan.images.iter().map(Stream::new).collect();
         Self { spec, plan, topics, streams, keep }
     }
 

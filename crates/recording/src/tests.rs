@@ -11,7 +11,7 @@ mod integrity;
 mod rollouts;
 mod scene;
 mod steps;
-mod video;
+pub(crate) mod video;
 
 use std::path::{Path, PathBuf};
 

@@ -45,10 +45,10 @@ impl SmallDisk {
         Command::new("mount").args(["-o", options]).arg(self.path()).status().is_ok_and(|status| status.success())
     }
 
-    /// Fills it with a file, which the test removes to free the space.
+    /// Fills it with a file, which the test removes to free the space; again, if something else has freed some.
     pub fn fill(&self) -> PathBuf {
         let path = self.path().join("ballast");
-        let mut file = File::create(&path).unwrap();
+        let mut file = File::options().create(true).append(true).open(&path).unwrap();
         for block in [vec![7; 1 << 20], vec![7; 4096], vec![7; 1]] {
             while file.write_all(&block).is_ok() {}
         }

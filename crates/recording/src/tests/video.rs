@@ -1,21 +1,23 @@
 //! Video in recordings: streams of `gleaner-video`'s fixtures as messages.
 
+mod stretches;
+
 use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use gleaner_video::{Codec, Format, Stream};
+use gleaner_video::{Format, Stream};
 use serde_json::{Value, json};
 
 use super::scene::{Scene, check, read_bytes};
 use crate::testing::arm;
-use crate::{FindingCode, Kept, Reading, RecordingError, Severity, TaskSpec, extract, read_episode};
+use crate::{FindingCode, Reading, RecordingError, Severity, TaskSpec};
 
 /// Bytes of one picture.
 const PIXELS: usize = 48 * 64 * 3;
 
 /// A task with one camera of 48×64 pixels without depth.
-fn task() -> TaskSpec {
+pub(crate) fn task() -> TaskSpec {
     let mut spec = arm();
     let camera = &mut spec.cameras[0];
     (camera.height, camera.width, camera.depth) = (48, 64, false);
@@ -24,14 +26,14 @@ fn task() -> TaskSpec {
 }
 
 /// A stream: its format, the messages, and the place of each in the order of presentation.
-struct Film {
-    format: String,
-    messages: Vec<Vec<u8>>,
+pub(crate) struct Film {
+    pub(crate) format: String,
+    pub(crate) messages: Vec<Vec<u8>>,
     orders: Vec<i64>,
 }
 
 impl Film {
-    fn read(name: &str) -> Self {
+    pub(crate) fn read(name: &str) -> Self {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../video/fixtures");
         let described = std::fs::read(folder.join(format!("{name}.json"))).unwrap();
         let described: Value = serde_json::from_slice(&described).unwrap();
@@ -47,7 +49,7 @@ impl Film {
     }
 
     /// RGB of each picture in the order of presentation.
-    fn pictures(&self) -> Vec<Vec<u8>> {
+    pub(crate) fn pictures(&self) -> Vec<Vec<u8>> {
         let Format::Video(codec) = Format::named(&self.format) else { panic!("{} is no codec", self.format) };
         let mut stream = Stream::new(codec, (48, 64)).unwrap();
         let mut outcomes: Vec<_> =
@@ -61,7 +63,7 @@ impl Film {
     }
 
     /// A recording with a step for each picture, stamped with the time at which it is shown.
-    fn scene(&self) -> Scene {
+    pub(super) fn scene(&self) -> Scene {
         let mut scene = Scene::steps(i64::try_from(self.messages.len()).unwrap());
         for (at, (data, order)) in self.messages.iter().zip(&self.orders).enumerate() {
             let content = json!({"format": self.format, "frame_id": "front", "data": STANDARD.encode(data)});
@@ -73,7 +75,7 @@ impl Film {
 }
 
 /// The pictures of the steps.
-fn frames(reading: &Reading) -> Vec<Vec<u8>> {
+pub(crate) fn frames(reading: &Reading) -> Vec<Vec<u8>> {
     reading.episode.frames().as_ref().chunks(PIXELS).map(<[u8]>::to_vec).collect()
 }
 
@@ -223,7 +225,7 @@ fn cameras_of_other_rates_and_codecs_are_read_together() {
     assert_eq!(reading.report.findings, []);
 }
 
-/// A message of ROS 2 in CDR: FFMPEGPacket.
+/// The fields of FFMPEGPacket.
 #[test]
 fn packets_of_ros_are_read() {
     let film = Film::read("h264_b_frames");
@@ -235,66 +237,6 @@ fn packets_of_ros_are_read() {
         true
     });
     assert!(frames(&scene.read(&task()).unwrap()) == film.pictures());
-}
-
-/// Messages of a file by topic.
-fn count(bytes: &[u8], of: &str) -> usize {
-    let stream = mcap::MessageStream::new(bytes).unwrap();
-    stream.filter(|message| message.as_ref().unwrap().channel.topic == of).count()
-}
-
-#[test]
-fn a_stretch_of_video_reads_as_the_same_steps() {
-    for name in ["h264_baseline", "h264_b_frames", "h264_high10", "h265_main", "h265_open", "av1_aom"] {
-        let film = Film::read(name);
-        let folder = tempfile::tempdir().unwrap();
-        let (path, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
-        std::fs::write(&path, film.scene().mcap()).unwrap();
-        let whole = read_episode(&path, &task()).unwrap();
-        assert!(frames(&whole) == film.pictures(), "{name}");
-        for (first, last) in [(0, 3), (3, 5), (5, 8), (8, 10), (6, 11)] {
-            let steps = usize::try_from(last - first + 1).unwrap();
-            let kept = Kept { first_step: first, last_step: last, quality: vec![1.0; steps], weight: vec![1.0; steps] };
-            extract(&path, &task(), &kept, &out).unwrap();
-            let part = read_episode(&out, &task()).unwrap();
-            let range = usize::try_from(first).unwrap()..=usize::try_from(last).unwrap();
-            assert_eq!(part.episode.stamps(), &whole.episode.stamps()[range.clone()], "{name}: {range:?}");
-            assert!(frames(&part) == frames(&whole)[range.clone()], "{name}: {range:?}");
-            let copied = count(&std::fs::read(&out).unwrap(), "/front/color");
-            assert!(copied < film.messages.len() || first < 2, "{name}: {range:?} copied all");
-        }
-    }
-}
-
-#[test]
-fn a_stretch_copies_parameter_sets_that_come_once() {
-    let mut film = Film::read("h264_baseline");
-    let codec = Codec::H264;
-    // The second key frame without its sets: the bytes from its slice.
-    let slice = film.messages[6].windows(5).position(|bytes| bytes == [0, 0, 1, 0x65, 0x88]).unwrap();
-    film.messages[6].drain(..slice);
-    assert_eq!(Format::named(&film.format), Format::Video(codec));
-    let folder = tempfile::tempdir().unwrap();
-    let (path, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
-    std::fs::write(&path, film.scene().mcap()).unwrap();
-    let whole = read_episode(&path, &task()).unwrap();
-    let kept = Kept { first_step: 8, last_step: 10, quality: vec![1.0; 3], weight: vec![1.0; 3] };
-    extract(&path, &task(), &kept, &out).unwrap();
-    assert!(frames(&read_episode(&out, &task()).unwrap()) == frames(&whole)[8..=10]);
-    assert_eq!(count(&std::fs::read(&out).unwrap(), "/front/color"), 6);
-}
-
-#[test]
-fn a_stretch_whose_clock_is_video_is_refused() {
-    let mut spec = task();
-    spec.mappings[0].clock = Some("/front/color".into());
-    let folder = tempfile::tempdir().unwrap();
-    let (path, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
-    std::fs::write(&path, Film::read("h264_baseline").scene().mcap()).unwrap();
-    assert_eq!(read_episode(&path, &spec).unwrap().report.steps, 12);
-    let kept = Kept { first_step: 8, last_step: 9, quality: vec![1.0; 2], weight: vec![1.0; 2] };
-    let Err(RecordingError::Spec { problem, .. }) = extract(&path, &spec, &kept, &out) else { panic!("accepted") };
-    assert!(problem.contains("/front/color") && problem.contains("clock"), "{problem}");
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::io::Cursor;
 use super::*;
 use crate::read::read_episode;
 use crate::testing::arm;
+use crate::tests::video::{self, Film};
 
 /// Name and descriptors of the small test task's state message.
 pub(crate) fn state_schema() -> (String, Vec<u8>) {
@@ -84,4 +85,23 @@ fn a_step_that_does_not_fit_is_refused_by_name() {
     assert!(problem(START, StepRef { action: &[0.0], ..step }).contains("action"));
     assert!(problem(-1, step).contains("-1"));
     assert!(writer.annotate(STATE_TOPIC, START, &serde_json::Value::Null).is_err());
+}
+
+/// Video in protobuf: a schema with the fields of foxglove.CompressedVideo.
+#[test]
+fn video_in_protobuf_is_read() {
+    let film = Film::read("h264_baseline");
+    let mut spec = video::task();
+    spec.mappings = vec![written_mapping(&spec)];
+    let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &spec).unwrap();
+    for (stamp, data) in (START..).step_by(100_000_000).zip(&film.messages) {
+        writer.image(0, Channel::Color, stamp, images::Kept::Compressed("h264", data)).unwrap();
+        writer.state(stamp, &[0.5; 3]).unwrap();
+        writer.action(stamp, &[0.25; 2]).unwrap();
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    std::fs::write(&path, writer.finish().unwrap().into_inner()).unwrap();
+    let reading = read_episode(&path, &spec).unwrap();
+    assert!(video::frames(&reading) == film.pictures());
 }
