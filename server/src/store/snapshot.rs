@@ -215,11 +215,10 @@ async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: 
         .execute(&mut **tx)
         .await
         .map_err(fault("inserting a snapshot"))?;
-    for (batch, members) in (0i64..).zip(members.chunks(BATCH)) {
+    for (first, members) in (0i64..).step_by(BATCH).zip(members.chunks(BATCH)) {
         let mut query = QueryBuilder::<Sqlite>::new(
             "insert into snapshot_episodes (snapshot_id, position, episode_id, outcome, cohort, role) ",
         );
-        let first = batch * BATCH as i64;
         query.push_values((first..).zip(members), |mut row, (position, (member, outcome))| {
             row.push_bind(snapshot.id.as_str()).push_bind(position).push_bind(member.episode_id.as_str());
             row.push_bind(outcome.as_str()).push_bind(&member.cohort).push_bind(member.role.as_str());
