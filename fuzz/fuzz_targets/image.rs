@@ -2,7 +2,9 @@
 #![no_main]
 
 use gleaner_fuzz::{number, run, seeds, task::SIDE};
-use gleaner_recording::{PixelFormat, decode_color, decode_depth, fuzzing::raw_image};
+use gleaner_recording::{
+    Crop, PictureSizes, PixelFormat, RecordedSize, decode_color, decode_depth, fuzzing::raw_image,
+};
 use libfuzzer_sys::fuzz_target;
 
 const FORMATS: [PixelFormat; 5] =
@@ -14,11 +16,16 @@ fn image(bytes: &[u8]) {
     let mut data = bytes;
     let kind = number(&mut data, 1);
     if let Some(&format) = FORMATS.get(kind as usize) {
-        if let Ok(rgb) = decode_color(data, format, SIDE, SIDE) {
-            assert_eq!(rgb.len() as u32, SIDE * SIDE * 3);
-        }
-        if let Ok(depth) = decode_depth(data, format, SIDE, SIDE) {
-            assert_eq!(depth.len() as u32, SIDE * SIDE * 2);
+        // Pictures of the size of a step, and larger ones of which a part is resized.
+        let crop = Some(Crop { top: 1, left: 0, height: SIDE - 1, width: SIDE });
+        let recorded = Some(RecordedSize { height: SIDE, width: SIDE, crop });
+        for sizes in [PictureSizes::new(SIDE, SIDE), PictureSizes { height: 5, width: 3, recorded }] {
+            if let Ok(rgb) = decode_color(data, format, &sizes) {
+                assert_eq!(rgb.len() as u32, sizes.height * sizes.width * 3);
+            }
+            if let Ok(depth) = decode_depth(data, format, &sizes) {
+                assert_eq!(depth.len() as u32, sizes.height * sizes.width * 2);
+            }
         }
     } else {
         let [height, width, step] = [(); 3].map(|()| number(&mut data, 4) as u32);

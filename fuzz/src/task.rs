@@ -16,8 +16,7 @@ pub fn task() -> TaskSpec {
         serde_json::from_str(r#"{"name":"fuzz","rate_hz":10,"action":[{"name":"command","size":2}]}"#)
             .expect("the task is valid");
     spec.cameras = vec![CameraSpec { name: "front".into(), height: SIDE, width: SIDE, depth: true, recorded: None }];
-    spec.proprioception =
-        vec![FieldSpec::new("joints", 3), FieldSpec::new("tool", 2)];
+    spec.proprioception = vec![FieldSpec::new("joints", 3), FieldSpec::new("tool", 2)];
     spec.mappings = vec![ros2(), json()];
     spec.mappings.push(written_mapping(&spec));
     gleaner_recording::validate(&spec).expect("the task is valid");

@@ -10,7 +10,7 @@ use crate::limits::Limits;
 use crate::path::Path;
 use crate::picture::{self, Channel};
 use crate::tracks::collect;
-use gleaner_core::{CameraSpec, TaskSpec};
+use gleaner_core::{CameraSpec, PictureSizes, TaskSpec};
 
 pub use crate::mutants::{KINDS, Random, mutant};
 
@@ -30,10 +30,11 @@ pub fn raw_image(kind: u8, (height, width, step): (u32, u32, u32), wanted: (u32,
     const ENCODINGS: [&str; 9] = ["rgb8", "bgr8", "rgba8", "bgra8", "mono8", "16UC1", "mono16", "32FC1", "8UC3"];
     let encoding = ENCODINGS[usize::from(kind) % ENCODINGS.len()];
     let image = RawImage { height, width, encoding, step, big_endian: kind >= 128, data };
-    if let Ok(rgb) = crate::image::raw_color(image, wanted.0, wanted.1) {
+    let sizes = PictureSizes::new(wanted.0, wanted.1);
+    if let Ok(rgb) = crate::image::raw_color(image, &sizes) {
         assert_eq!(rgb.len() as u64, u64::from(wanted.0) * u64::from(wanted.1) * 3);
     }
-    if let Ok(depth) = crate::image::raw_depth(image, wanted.0, wanted.1) {
+    if let Ok(depth) = crate::image::raw_depth(image, &sizes) {
         assert_eq!(depth.len() as u64, u64::from(wanted.0) * u64::from(wanted.1) * 2);
     }
 }
