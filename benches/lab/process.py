@@ -24,7 +24,7 @@ class Server:
         return _status(self.process.pid, "VmHWM")
 
     def child_peak_mib(self, name: str) -> float:
-        """The most memory that a child of this name has held, in MiB; 0 when there is none."""
+        """The peak memory of the child of this name, in MiB; 0 without such a child."""
         peaks = []
         threads = pathlib.Path(f"/proc/{self.process.pid}/task").glob("*/children")
         for pid in " ".join(thread.read_text() for thread in threads).split():

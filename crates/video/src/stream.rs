@@ -19,7 +19,7 @@ use crate::picture::Picture;
 pub struct Outcome {
     /// The number of the message, as it was pushed.
     pub message: usize,
-    /// Its picture, or why there is none.
+    /// Its picture, or the reason for its absence.
     pub picture: Result<Picture, VideoError>,
 }
 

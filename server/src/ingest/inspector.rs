@@ -1,8 +1,9 @@
 //! Runs inspections: child processes, a limited number at once, each with limits and a deadline.
 
+mod failure;
+
 use std::{
     ffi::OsString,
-    os::unix::process::ExitStatusExt as _,
     path::{Path, PathBuf},
     process::{ExitStatus, Stdio},
     time::Duration,
@@ -10,7 +11,6 @@ use std::{
 
 use gleaner_inspector::{Order, RecordingsConfig, Verdict};
 use gleaner_recording::{Limits, Report, TaskSpec};
-use rustix::process::Signal;
 use tempfile::TempDir;
 use tokio::{io::AsyncReadExt as _, process::Command};
 
@@ -20,15 +20,11 @@ use crate::{
     config::{LimitConfig, worker_environment},
     domain::client::Client,
     error::{DISK_FULL, Error, Result},
-    file_limit::largest_file,
     program::Program,
 };
 
 /// The most bytes of a child's standard error kept for the log.
 const STDERR_BYTES: u64 = 16 << 10;
-
-/// An error travels in an HTTP/2 header, where non-ASCII takes three bytes for one and 16 KiB is common.
-const REFUSAL_BYTES: usize = 3000;
 
 /// This many bytes of a recording add one second to the limit of its inspection: about a tenth of the rate at which
 /// JPEG images are decoded and compressed, because compressed video takes more time a byte.
@@ -160,12 +156,12 @@ impl Inspector {
             Some(Verdict::Refused(why)) if status.success() => {
                 // The caller does not know our paths.
                 let why = why.replace(&order.recording.display().to_string(), shown);
-                Err(Error::invalid("recording", shortened(&why)))
+                Err(failure::refused(&why))
             }
             Some(Verdict::Full(why)) => Err(Error::refused_by_disk(DISK_FULL, "inspecting a recording", why)),
             Some(Verdict::Fault(why)) => Err(Error::internal("inspecting a recording", why)),
             Some(Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Refused(_)) | None => {
-                Err(broken(order, status, &stderr_text))
+                Err(failure::broken(order, status, &stderr_text))
             }
         }
     }
@@ -201,66 +197,15 @@ impl Inspector {
             Ok(ended) => ended.map_err(fault),
             Err(_) => {
                 child.kill().await.map_err(fault)?;
-                Err(took_too_long(order))
+                Err(failure::took_too_long(order))
             }
         }
-    }
-}
-
-fn took_too_long(order: &Order) -> Error {
-    Error::invalid(
-        "recording",
-        format!(
-            "reading it takes more than {} s; record shorter episodes, or raise --inspect-seconds at the server",
-            order.seconds
-        ),
-    )
-}
-
-/// The cause of death of a child without a verdict.
-fn broken(order: &Order, status: ExitStatus, stderr_text: &str) -> Error {
-    tracing::warn!(inspect.status = %status, inspect.stderr = stderr_text, "an inspection failed");
-    let (memory, written) = (order.memory_bytes >> 20, order.most_written());
-    match status.signal().and_then(Signal::from_named_raw) {
-        Some(Signal::XCPU) => took_too_long(order),
-        Some(Signal::XFSZ) if largest_file().is_some_and(|most| most < written) => Error::exhausted(
-            "the recording's decoded images take more than the file size limit of the server's process: raise it \
-             there (`ulimit -f`, LimitFSIZE= of its service), then push the file again",
-        ),
-        Some(Signal::XFSZ) => Error::invalid(
-            "recording",
-            format!(
-                "its decoded images take more than {} MiB; record shorter episodes or smaller images, or raise \
-                 --inspect-memory-bytes at the server",
-                written >> 20
-            ),
-        ),
-        // The exit status after a failed allocation.
-        Some(Signal::ABORT) => Error::invalid(
-            "recording",
-            format!(
-                "reading it takes more than {memory} MiB of memory: the file is damaged, or the episode too long. \
-                 Record it again, or raise --inspect-memory-bytes at the server"
-            ),
-        ),
-        // Signals of people and service managers, and of the kernel when the machine is out of memory: not caused
-        // by the recording, which has limits of its own.
-        Some(Signal::HUP | Signal::INT | Signal::QUIT | Signal::TERM | Signal::KILL) => {
-            Error::unavailable("the recording's inspection was stopped; retry")
-        }
-        Some(_) => Error::invalid("recording", BROKE_READER),
-        None if status.code() == Some(PANICKED) => Error::invalid("recording", BROKE_READER),
-        None => Error::internal("inspecting a recording", format!("{status}: {stderr_text}")),
     }
 }
 
 const SPEC: &str = "spec.json";
 const REPORT: &str = "report.json";
 const FRAMES: &str = "frames";
-
-/// The exit code of a Rust program that panicked.
-const PANICKED: i32 = 101;
-const BROKE_READER: &str = "the file is damaged and its reader crashed; record the episode again";
 
 impl Inspected {
     /// The folder of the decoded frames, removed on drop.
@@ -292,12 +237,4 @@ fn prepare(tmp: &Path, spec: Option<&TaskSpec>) -> Result<TempDir> {
         std::fs::write(folder.path().join(SPEC), json).map_err(fault)?;
     }
     Ok(folder)
-}
-
-fn shortened(text: &str) -> String {
-    if text.len() <= REFUSAL_BYTES {
-        return text.to_owned();
-    }
-    let end = text.floor_char_boundary(REFUSAL_BYTES);
-    format!("{} … (and more)", text.get(..end).unwrap_or_default())
 }

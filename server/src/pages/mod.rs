@@ -2,6 +2,7 @@
 
 mod live_frame;
 mod queries;
+mod scores;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]

@@ -1,19 +1,16 @@
 //! Reads and changes of the pages, handed to the module that does each. Must not contain a rule of its own.
 
-use std::sync::Arc;
-
 use async_trait::async_trait;
 use bytes::Bytes;
 use futures::{StreamExt as _, stream::BoxStream};
-use gleaner_web::{Artifacts, Deployments, Episodes, Jobs, RunSummary, Scores, Tasks};
+use gleaner_web::{Artifacts, Deployments, Episodes, Jobs, Tasks};
 
 use super::{PageBackend, live_frame};
 use crate::{
-    curation::Summary,
     domain::{
         curation::{
-            FrozenEpisode, Input, Labelled, Lineage, SegmentRef, SnapshotChanges, SnapshotUse, SortKey, TableFilter,
-            TableRow, TaskOverview, Totals,
+            FrozenEpisode, Input, Labelled, Lineage, SnapshotChanges, SnapshotUse, SortKey, TableFilter, TableRow,
+            TaskOverview, Totals,
         },
         dataset::{Dataset, ExportFile},
         episode::{Episode, InspectedEpisode, Label, NewLabel},
@@ -26,8 +23,8 @@ use crate::{
         live::{LiveSession, SessionState},
         order::JobFilter,
         policy::{Deployment, Policy},
-        score::{Encoder, EpisodeScores, Histogram, ScoreRun},
-        selection::{Selection, WhatIf},
+        score::Encoder,
+        selection::Selection,
         snapshot::Snapshot,
         steps::{FrameView, Numbers},
         task::Task,
@@ -124,37 +121,6 @@ impl Episodes for PageBackend {
 
     async fn recording(&self, episode: &Episode) -> Result<BoxStream<'static, Result<Bytes>>> {
         Ok(self.services.blobs.stream(&episode.recording).await?.boxed())
-    }
-}
-
-#[async_trait]
-impl Scores for PageBackend {
-    async fn score_run(&self, id: &ScoreRunId) -> Result<ScoreRun> {
-        self.services.store.score_run(id).await
-    }
-
-    async fn score_runs(&self, task: &TaskId) -> Result<Vec<ScoreRun>> {
-        self.services.store.score_runs(task).await
-    }
-
-    async fn runs_that_scored(&self, task: &TaskId, episode: &EpisodeId) -> Result<Vec<ScoreRunId>> {
-        self.services.store.runs_that_scored(task, episode).await
-    }
-
-    async fn episode_scores(&self, run: &ScoreRunId, episode: &EpisodeId) -> Result<EpisodeScores> {
-        self.services.store.episode_scores(run, episode).await
-    }
-
-    async fn segment_length(&self, encoder: Option<&EncoderId>) -> Result<u32> {
-        self.services.store.segment_length(encoder).await
-    }
-
-    async fn expert_segments(&self, run: &ScoreRun) -> Result<u64> {
-        Ok(self.services.store.run_counts(run).await?.expert_segments)
-    }
-
-    async fn summary(&self, run: &ScoreRunId) -> Result<Arc<dyn RunSummary>> {
-        Ok(Arc::new(Scored(self.services.curation.summary(run).await?)))
     }
 }
 
@@ -280,39 +246,5 @@ impl Deployments for PageBackend {
 
     async fn live_frame(&self, session: &SessionId, camera: &str) -> Result<(&'static str, Bytes)> {
         live_frame::read(&self.services, session, camera).await
-    }
-}
-
-/// A run's summary behind the trait of the pages.
-struct Scored(Arc<Summary>);
-
-#[async_trait]
-impl RunSummary for Scored {
-    fn run(&self) -> &ScoreRun {
-        self.0.run()
-    }
-
-    fn mean_q(&self, episode: &EpisodeId) -> Option<f64> {
-        self.0.mean_q(episode)
-    }
-
-    async fn what_if(&self, selection: Selection) -> Result<WhatIf> {
-        self.0.what_if(selection).await
-    }
-
-    async fn histogram(&self, bins: usize) -> Result<Histogram> {
-        self.0.histogram(bins).await
-    }
-
-    async fn expert_auroc(&self) -> Result<Option<f64>> {
-        self.0.expert_auroc().await
-    }
-
-    async fn best(&self, most: usize) -> Result<Vec<SegmentRef>> {
-        self.0.best(most).await
-    }
-
-    async fn worst(&self, most: usize) -> Result<Vec<SegmentRef>> {
-        self.0.worst(most).await
     }
 }

@@ -72,7 +72,7 @@ impl Head {
     /// Reads the head of a cache of this task.
     ///
     /// # Errors
-    /// The reason why it is none.
+    /// What does not fit: the file is foreign, cut, damaged, or of another version or task.
     pub(super) fn parse(bytes: &[u8], spec: &TaskSpec) -> Result<Self, String> {
         let mut rest = Cursor(bytes);
         let foreign = || "it is not a frame cache".to_owned();
