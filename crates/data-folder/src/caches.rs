@@ -1,7 +1,8 @@
 //! Files derived from recordings: decoded steps, and features of their segments. Each can be made again, so they are
 //! removed when their total exceeds a limit or when other data needs their space, the least recently used first.
 //!
-//! A reader opens a file for each read, and has one that is gone made again, so no lock is needed. Must not depend on the content of the files.
+//! A reader opens a file for each read, and has one that is gone made again, so no lock is needed. Must not depend on the
+//! content of the files.
 
 use std::{
     collections::BinaryHeap,

@@ -17,12 +17,10 @@ const OPEN_FILES: u64 = 64;
 pub fn apply(order: &Order) -> Result<(), InspectError> {
     let fault = InspectError::when::<Errno>("limiting this process");
     set_parent_process_death_signal(Some(Signal::KILL)).map_err(&fault)?;
-    let recording = std::fs::metadata(&order.recording).map_or(0, |file| file.len());
     let used = used().map_err(InspectError::when("reading the memory of this process"))?;
     // The memory of the program and its libraries is not caused by the recording.
     let data = used.data.saturating_add(order.memory_bytes);
-    // The recording itself may be mapped.
-    let address_space = used.size.saturating_add(order.memory_bytes).saturating_add(recording);
+    let address_space = used.size.saturating_add(order.memory_bytes);
     for (resource, limit) in [
         (Resource::Data, data),
         (Resource::As, address_space),

@@ -77,9 +77,8 @@ impl Ingest {
         })
         .await?;
         let recording = folder.path().join("recording.mcap");
-        self.receive(&recording, &declared, chunks).await?;
+        let size = self.receive(&recording, &declared, chunks).await?;
         let shown = if declared.file_name.is_empty() { "the recording" } else { &declared.file_name };
-        let size = declared.size_bytes.unwrap_or(0);
         let inspected = self.inspect(size, &recording, task, Some((client, shown))).await?;
         let frames = open_frames(inspected.frames_path(), task.clone()).await?;
         off_runtime("forgetting a recording", move || {
@@ -91,13 +90,13 @@ impl Ingest {
         Ok(Passing { frames, report: inspected.report, room })
     }
 
-    /// Writes the stream to a temporary file.
+    /// Writes the stream to a temporary file; returns its size.
     async fn receive(
         &self,
         path: &Path,
         declared: &Declared,
         mut chunks: impl Stream<Item = Result<Bytes>> + Unpin,
-    ) -> Result<()> {
+    ) -> Result<u64> {
         let fault = |error| refused("writing", path, error);
         let mut file = File::create_new(path).await.map_err(fault)?;
         let (mut size, mut looked) = (0_u64, 0);
@@ -122,7 +121,7 @@ impl Ingest {
                     if size > declared { "more" } else { "less" }
                 ),
             )),
-            Some(_) | None => Ok(()),
+            Some(_) | None => Ok(size),
         }
     }
 }

@@ -81,14 +81,23 @@ pub fn shape_from_proto(at: &str, shape: Option<v1::SelectionShape>) -> Result<S
 
 /// The shape of a selection; left out when it is off.
 pub fn shape_to_proto(shape: SelectionShape) -> Option<v1::SelectionShape> {
+    let SelectionShape {
+        close_gaps,
+        min_run,
+        context_before,
+        context_after,
+        max_share_of_episode,
+        phases,
+        max_per_phase,
+    } = shape;
     (!shape.is_off()).then_some(v1::SelectionShape {
-        close_gaps: shape.close_gaps,
-        min_run: shape.min_run,
-        context_before: shape.context_before,
-        context_after: shape.context_after,
-        max_share_of_episode: Some(shape.max_share_of_episode),
-        phases: Some(shape.phases),
-        max_per_phase: shape.max_per_phase,
+        close_gaps,
+        min_run,
+        context_before,
+        context_after,
+        max_share_of_episode: Some(max_share_of_episode),
+        phases: Some(phases),
+        max_per_phase,
     })
 }
 

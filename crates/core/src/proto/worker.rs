@@ -22,7 +22,9 @@ const LONGEST_ERROR: usize = 2000;
 
 /// The assignment of a worker, without episodes.
 pub fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
-    let Inputs { task: spec, encoder, checkpoint, segment_length, policy, base, .. } = inputs;
+    // The episodes have messages of their own.
+    let Inputs { experts: _, imperfect: _, kept: _, task: spec, encoder, checkpoint, segment_length, policy, base } =
+        inputs;
     v1::GetAssignmentResponse {
         job: Some(job::job(assigned)),
         task: Some(task::spec_to_proto(spec)),
