@@ -17,6 +17,9 @@ use tokio::{
 
 use super::{skipped::skipped, wait::LIMIT};
 
+/// How often the driver is started before a test fails.
+const STARTS: usize = 5;
+
 /// A browser; ended on drop.
 pub struct Browser {
     client: Client,
@@ -26,25 +29,10 @@ pub struct Browser {
 impl Browser {
     /// Starts a browser. `None`, with a line that the test is skipped, where Chromium or its driver is not installed.
     pub async fn start() -> Option<Self> {
-        let driver = Command::new("chromedriver")
-            .arg("--port=0")
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .kill_on_drop(true)
-            .spawn();
-        let Ok(mut driver) = driver else {
+        let Some((driver, port)) = start_driver().await else {
             skipped("chromedriver is not installed (Debian: chromium and chromium-driver)");
             return None;
         };
-        let mut lines = BufReader::new(driver.stdout.take().unwrap()).lines();
-        let port = loop {
-            let line = lines.next_line().await.unwrap().expect("chromedriver ended before it listened");
-            if let Some((_, port)) = line.split_once("started successfully on port ") {
-                break port.trim_end_matches('.').to_owned();
-            }
-        };
-        // The driver blocks if its output is not read.
-        tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
         let args =
             ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--window-size=1280,900"];
         let capabilities = [
@@ -139,6 +127,27 @@ impl Browser {
     pub async fn close(self) {
         self.client.close().await.unwrap();
     }
+}
+
+/// Starts the driver on a free port and returns it with that port. `None` where it is not installed.
+///
+/// The driver chooses a port for IPv4 and then needs the same one for IPv6; where a program beside it took that one, it
+/// ends, and is started again.
+async fn start_driver() -> Option<(Child, String)> {
+    for _ in 0..STARTS {
+        let driver = Command::new("chromedriver").arg("--port=0").stdout(Stdio::piped()).kill_on_drop(true).spawn();
+        let mut driver = driver.ok()?;
+        let mut lines = BufReader::new(driver.stdout.take().unwrap()).lines();
+        while let Some(line) = lines.next_line().await.unwrap() {
+            if let Some((_, port)) = line.split_once("started successfully on port ") {
+                // The driver blocks if its output is not read.
+                tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
+                return Some((driver, port.trim_end_matches('.').to_owned()));
+            }
+            eprintln!("chromedriver: {line}");
+        }
+    }
+    panic!("chromedriver ended {STARTS} times before it listened")
 }
 
 /// A command of Chromium's own developer tools.
