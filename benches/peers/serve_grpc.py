@@ -9,7 +9,7 @@ import grpc
 import torch
 from gleaner.v1 import policy_pb2, policy_pb2_grpc
 
-from serving_policy import Episode, Policy, from_command_line
+from serving_policy import Policy, from_command_line
 
 
 class Service(policy_pb2_grpc.PolicyServiceServicer):
@@ -17,7 +17,7 @@ class Service(policy_pb2_grpc.PolicyServiceServicer):
         self.policy = policy
 
     async def Session(self, requests, context):
-        episode = Episode(self.policy)
+        episode = self.policy.episode()
         async for request in requests:
             which = request.WhichOneof("message")
             if which == "open":
@@ -28,7 +28,7 @@ class Service(policy_pb2_grpc.PolicyServiceServicer):
                 yield policy_pb2.SessionResponse(closed=policy_pb2.SessionClosed())
                 return
 
-    def answer(self, episode: Episode, observation) -> policy_pb2.SessionResponse:
+    def answer(self, episode, observation) -> policy_pb2.SessionResponse:
         frames = {frame.camera: frame.color.data for frame in observation.cameras}
         state = torch.tensor(observation.proprioception)
         action = episode.act([frames[name] for name in self.policy.cameras], state)

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from websockets.asyncio.server import ServerConnection, serve
 
-from serving_policy import Episode, Policy, from_command_line
+from serving_policy import Policy, from_command_line
 
 
 def array(packed: dict) -> np.ndarray:
@@ -19,7 +19,7 @@ def array(packed: dict) -> np.ndarray:
 
 async def attend(policy: Policy, socket: ServerConnection) -> None:
     """One robot, from its greeting until it hangs up."""
-    episode = Episode(policy)
+    episode = policy.episode()
     await socket.send(msgpack.packb({"cameras": policy.cameras, "window": policy.window}))
     async for message in socket:
         begun = time.monotonic()

@@ -1,4 +1,4 @@
-"""A finetuned policy in eager PyTorch as a policy server runs it: each request encodes its whole window.
+"""A policy in eager PyTorch as a policy server runs it: each request of a finetuned policy encodes its whole window.
 
 Does not depend on the protocol of requests. Frames are made tensors once, when they come; as in LeRobot's policies, the
 window is a queue of them, and the network sees all of it each time.
@@ -17,6 +17,7 @@ from torch import Tensor
 from batches import Batch
 from model import SIZES, Shape, attention_mask
 from objective import Learner
+from serving_chunks import ChunkEpisode, ChunkPolicy
 
 PROPRIOCEPTION = 1
 
@@ -27,15 +28,24 @@ class Policy:
     def __init__(self, checkpoint: Path):
         with safe_open(checkpoint, "pt") as opened:
             header = json.loads(opened.metadata()["gleaner"])
-        if header["policy"] != "finetune":
-            raise SystemExit(f"{checkpoint} holds a policy of kind {header['policy']}, not finetune")
-        task, model = header["shape"], header["model"]
+        task, model, tensors = header["shape"], header["model"], load_file(checkpoint)
         self.cameras = [camera["name"] for camera in task["cameras"]]
-        camera = task["cameras"][0]
+        camera, size = task["cameras"][0], SIZES[model["preset"]]
         self.shape = Shape(camera["height"], camera["depth"], len(self.cameras), task["proprioception"], task["action"])
         self.window = model["segment_length"] + 1
-        self.learner = Learner(self.shape, SIZES[model["preset"]], self.window).eval()
-        self.learner.load_state_dict(load_file(checkpoint), strict=True)
+        match header["policy"]:
+            case "finetune":
+                self.chunks = None
+                self.learner = Learner(self.shape, size, self.window).eval()
+                self.learner.load_state_dict(tensors, strict=True)
+            case "flow" | "diffusion":
+                self.chunks = ChunkPolicy(header, tensors, self.shape, size)
+            case other:
+                raise SystemExit(f"{checkpoint} holds a policy of kind {other}; it must be finetune, flow or diffusion")
+
+    def episode(self) -> "Episode | ChunkEpisode":
+        """A session at the start of an episode."""
+        return ChunkEpisode(self.chunks) if self.chunks else Episode(self)
 
     @torch.inference_mode()
     def act(self, images: list[Tensor], proprioception: Tensor, action: Tensor) -> Tensor:
@@ -82,7 +92,7 @@ def from_command_line(description: str) -> Policy:
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     policy = Policy(options.checkpoint)
-    episode = Episode(policy)
+    episode = policy.episode()
     blank = [bytes(policy.shape.side**2 * 3) for _ in policy.cameras]
     for _ in range(policy.window + 1):
         episode.act(blank, torch.zeros(policy.shape.proprioception))

@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use gleaner_bench_serving::{
     Failure, Result,
+    cli::Kind,
     connection::Connection,
     prepare::{Prepared, set_up},
     process::{Program, allow_open_files},
@@ -44,7 +45,7 @@ pub async fn run(options: &Options) -> Result<Report> {
     allow_open_files()?;
     let folder = tempfile::tempdir()?;
     let server = serve(options, folder.path()).await?;
-    let prepared = set_up(&server, Preset::Tiny, folder.path()).await?;
+    let prepared = set_up(&server, Preset::Tiny, Kind::Finetune, folder.path()).await?;
     let target = target(&server, &prepared).await?;
     let stats = Stats::default();
 

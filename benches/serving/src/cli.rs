@@ -19,6 +19,9 @@ pub struct Options {
     /// Size of the policy.
     #[arg(long, value_enum, default_value_t = Size::Tiny)]
     pub preset: Size,
+    /// Kind of the policy.
+    #[arg(long, value_enum, default_value_t = Kind::Finetune)]
+    pub policy: Kind,
     /// Sessions at a time. Targets need 1 and 16.
     #[arg(long, value_delimiter = ',', default_value = "1,4,16,64")]
     pub sessions: Vec<usize>,
@@ -69,6 +72,29 @@ pub enum Size {
     Tiny,
     Small,
     Base,
+}
+
+/// Kinds of policies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// A finetuned encoder with a history.
+    Finetune,
+    /// Flow matching: chunks of actions, half of each executed before the next.
+    Flow,
+    /// Diffusion Policy, executed alike.
+    Diffusion,
+}
+
+impl Kind {
+    /// Its name in settings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Finetune => "finetune",
+            Self::Flow => "flow",
+            Self::Diffusion => "diffusion",
+        }
+    }
 }
 
 impl Options {

@@ -7,7 +7,7 @@ use gleaner_proto::v1::Observation;
 use tokio::process::Command;
 
 use crate::Result;
-use crate::cli::Options;
+use crate::cli::{Kind, Options};
 use crate::connection::{Address, Connection};
 use crate::load::Load;
 use crate::prepare::Prepared;
@@ -64,7 +64,7 @@ pub async fn beside_peers(options: &Options, prepared: &Prepared, folder: &Path,
             many.add(connections, &scene, options.slice()).await?;
         }
     }
-    add_rows(&contenders, report);
+    add_rows(&contenders, options.policy, report);
     drop(contenders);
     for program in programs {
         program.stop().await?;
@@ -97,12 +97,16 @@ async fn compare(contenders: &mut [Contender], scene: &[Observation]) -> Result<
     Ok(worst)
 }
 
-fn add_rows(contenders: &[Contender], report: &mut Report) {
+/// A policy that draws chunks answers most observations from the chunk it has, so the median of one session says nothing of
+/// its model, and has no target.
+fn add_rows(contenders: &[Contender], policy: Kind, report: &mut Report) {
     let rows: Vec<_> = contenders.iter().map(|each| (each.name, each.one.summary(), each.many.summary())).collect();
     if let Some(((_, one, many), peers)) = rows.split_first() {
         for (name, peer_one, peer_many) in peers {
-            let bound = Bound::at_least(&format!("p50 of {name} / gleaner, 1 session"), FASTER);
-            report.target(bound, peer_one.p50 / one.p50);
+            if policy == Kind::Finetune {
+                let bound = Bound::at_least(&format!("p50 of {name} / gleaner, 1 session"), FASTER);
+                report.target(bound, peer_one.p50 / one.p50);
+            }
             let bound = Bound::at_least(&format!("throughput of gleaner / {name}, {MANY} sessions"), MORE);
             report.target(bound, many.actions_per_second / peer_many.actions_per_second);
         }

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::path::Path;
 
 use gleaner_client::{Client, PushItem, UploadLabel};
-use gleaner_core::Preset;
+use gleaner_core::{Preset, Words as _};
 use gleaner_learn::CheckpointKind;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::train_spec::Data;
@@ -12,7 +12,7 @@ use gleaner_proto::v1::{CreateTaskRequest, DeployRequest, Job, Outcome, TrainSpe
 use gleaner_recording::{EpisodeWriter, StepRef, TaskSpec};
 use tokio::process::Command;
 
-use crate::cli::Options;
+use crate::cli::{Kind, Options};
 use crate::connection::Address;
 use crate::process::Program;
 use crate::scene::{self, Step};
@@ -61,12 +61,12 @@ pub fn address(url: &str) -> Address {
 /// A server with a policy deployed.
 pub async fn prepare(options: &Options, folder: &Path) -> Result<(Program, Prepared)> {
     let server = serve(options, folder, &[]).await?;
-    let prepared = set_up(&server, options.preset.into(), folder).await?;
+    let prepared = set_up(&server, options.preset.into(), options.policy, folder).await?;
     Ok((server, prepared))
 }
 
 /// Trains and deploys a policy on an empty server, whose data are in `folder`.
-pub async fn set_up(server: &Program, preset: Preset, folder: &Path) -> Result<Prepared> {
+pub async fn set_up(server: &Program, preset: Preset, policy: Kind, folder: &Path) -> Result<Prepared> {
     let client = Client::connect(server.url(), None).await?;
     let spec = scene::task();
     client
@@ -75,7 +75,7 @@ pub async fn set_up(server: &Program, preset: Preset, folder: &Path) -> Result<P
         .await?;
     push(&client, &spec, folder).await?;
     let encoder = succeed(&client, &spec, train::pretraining(preset, OPTIMISER_STEPS)).await?;
-    let policy_id = succeed(&client, &spec, finetuning(encoder)).await?;
+    let policy_id = succeed(&client, &spec, training(encoder, preset, policy)).await?;
     client.policies().deploy(DeployRequest { name: DEPLOYMENT.to_owned(), policy_id, ..Default::default() }).await?;
     let checkpoint = checkpoint(&folder.join("data/blobs"))?;
     let steps = scene::steps(99, 16);
@@ -108,11 +108,13 @@ pub fn record(spec: &TaskSpec, steps: &[Step], path: &Path) -> Result<()> {
     Ok(())
 }
 
-fn finetuning(encoder: String) -> Spec {
-    Spec::Train(TrainSpec {
-        data: Some(Data::ExpertsOf(encoder)),
-        settings: settings(&[("steps", OPTIMISER_STEPS.into()), ("batch", 8.into())]),
-    })
+fn training(encoder: String, preset: Preset, policy: Kind) -> Spec {
+    let mut given = vec![("policy", policy.name().into()), ("steps", OPTIMISER_STEPS.into()), ("batch", 8.into())];
+    // A finetuned policy has the size of its encoder.
+    if policy != Kind::Finetune {
+        given.push(("preset", preset.as_str().into()));
+    }
+    Spec::Train(TrainSpec { data: Some(Data::ExpertsOf(encoder)), settings: settings(&given) })
 }
 
 /// Runs a job; returns the id of its result.

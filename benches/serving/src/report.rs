@@ -7,7 +7,7 @@ use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use serde::Serialize;
 
 use crate::Result;
-use crate::cli::{Options, Part, Size};
+use crate::cli::{Kind, Options, Part, Size};
 use crate::load::Summary;
 use crate::scene::Images;
 pub use crate::targets::Bound;
@@ -26,6 +26,7 @@ pub struct Report {
 #[derive(Debug, Serialize)]
 struct Conditions {
     preset: Size,
+    policy: Kind,
     parts: Vec<Part>,
     processors: usize,
     /// Threads of each model.
@@ -60,6 +61,7 @@ impl Report {
         let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
         let conditions = Conditions {
             preset: options.preset,
+            policy: options.policy,
             parts: options.parts.clone(),
             processors: std::thread::available_parallelism().map_or(0, usize::from),
             model_threads: 1,
@@ -77,9 +79,10 @@ impl Report {
 
     /// Prints the tables and writes the file; returns whether every target was met.
     pub fn finish(&self, out: Option<&Path>) -> Result<bool> {
-        let Conditions { preset, processors, worker_threads, load_average, .. } = &self.conditions;
+        let Conditions { preset, policy, processors, worker_threads, load_average, .. } = &self.conditions;
         println!(
-            "\npreset {}, 2 x 128 x 128 RGB, {processors} processors, load average {load_average} at the beginning",
+            "\npolicy {}, preset {}, 2 x 128 x 128 RGB, {processors} processors, load average {load_average} at the beginning",
+            policy.name(),
             format!("{preset:?}").to_lowercase()
         );
         println!("threads: 1 for each model, 1 for the load, {worker_threads} for the training job; times in ms\n");
