@@ -6,6 +6,7 @@
 use std::ops::Range;
 use std::sync::mpsc::sync_channel;
 use std::thread;
+use std::time::{Duration, Instant};
 
 use crate::device;
 use crate::error::{LearnError, guard};
@@ -14,8 +15,14 @@ use crate::error::{LearnError, guard};
 /// step, three batches are in memory at once.
 const WAITING: usize = 1;
 
+/// A batch, and how long its thread took for it.
+pub(crate) struct Assembled<B> {
+    pub(crate) batch: B,
+    pub(crate) took: Duration,
+}
+
 /// Returns the next batch, and waits for it if it is not assembled yet.
-pub(crate) type Next<'a, B> = &'a mut dyn FnMut() -> Result<B, LearnError>;
+pub(crate) type Next<'a, B> = &'a mut dyn FnMut() -> Result<Assembled<B>, LearnError>;
 
 /// Runs `work` on this thread while another one assembles the batches with these numbers, in their order. The other
 /// thread computes on one processor, and ends with `work` after at most the batch that it is assembling.
@@ -31,7 +38,8 @@ pub(crate) fn ahead<B: Send, R>(
         let (sender, receiver) = sync_channel(WAITING);
         let assembling = move || {
             for number in numbers {
-                let batch = guard(|| assemble(number));
+                let begin = Instant::now();
+                let batch = guard(|| assemble(number)).map(|batch| Assembled { batch, took: begin.elapsed() });
                 let failed = batch.is_err();
                 // Sending fails once `work` has ended.
                 if sender.send(batch).is_err() || failed {
@@ -57,7 +65,7 @@ mod tests {
             3..7,
             |number| Ok(number * 10),
             |next| {
-                let batches = [next()?, next()?, next()?, next()?];
+                let batches = [next()?, next()?, next()?, next()?].map(|assembled| assembled.batch);
                 assert!(matches!(next(), Err(LearnError::Torch(_))));
                 Ok(batches)
             },
@@ -103,7 +111,7 @@ mod tests {
         let mut done = Vec::new();
         let failed = ahead(0..u64::MAX, assemble, |next| -> Result<(), _> {
             loop {
-                done.push(next()?);
+                done.push(next()?.batch);
             }
         });
         assert!(failed.unwrap_err().to_string().ends_with("batch 2 cannot be assembled"));
@@ -113,7 +121,7 @@ mod tests {
     #[test]
     fn the_thread_has_one_thread_of_the_tensor_library_and_the_caller_keeps_its_own() {
         let caller = tch::get_num_threads();
-        let threads = ahead(0..1, |_| Ok(tch::get_num_threads()), |next| Ok((next()?, tch::get_num_threads())));
+        let threads = ahead(0..1, |_| Ok(tch::get_num_threads()), |next| Ok((next()?.batch, tch::get_num_threads())));
         assert_eq!(threads.unwrap(), (1, caller));
     }
 }

@@ -28,7 +28,8 @@ const SCALE_SEGMENTS: usize = 4096;
 /// `image_weights` is the safetensors file that the setting of that name names. `resume` is a checkpoint that the
 /// monitor stored; on the CPU, with the same number of threads, the resumed run gives the same bytes as an
 /// uninterrupted one. Metrics: `loss`, `loss_mtp`, `loss_tr`, `loss_aa`, `grad_norm`, `learning_rate`, `ms_per_step`,
-/// `waited_share` (of the step's time, waiting for its batches).
+/// `ms_per_batch` (that assembling a batch took on the batches' own thread), `waited_share` (of the step's time, waiting
+/// for its batches).
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Cancelled`], [`LearnError::Diverged`],
@@ -160,7 +161,10 @@ pub(crate) fn pretrain_loss(
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
+    use crate::ahead::Assembled;
     use crate::checkpoint::inspect;
     use crate::toy::{self, Recorder};
     use crate::train::Silent;
@@ -208,7 +212,7 @@ mod tests {
             pretrain_loss(&objectives, network, &source.draw(number).unwrap(), &spec, number)
         };
         let (mut numbers, mut due) = (0.., Recorder::default());
-        let mut next = || Ok(numbers.next().unwrap());
+        let mut next = || Ok(Assembled { batch: numbers.next().unwrap(), took: Duration::ZERO });
         let bytes = training.take_steps(9, &mut next, &loss, &|_, _| Ok(Vec::new()), &mut due).unwrap();
         assert_eq!((ahead.losses, finished), (due.losses, with_feature_scale(&bytes, &data, &spec).unwrap()));
     }

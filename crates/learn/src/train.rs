@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use tch::Tensor;
 
-use crate::ahead::{Next, ahead};
+use crate::ahead::{Assembled, Next, ahead};
 use crate::checkpoint::{self, CheckpointInfo};
 use crate::error::LearnError;
 use crate::finished::Finished;
@@ -224,7 +224,7 @@ impl<N: Learner> Training<N> {
 
     /// One step of the optimiser, by the mean gradient of its batches. Its numbers are read from the device at once.
     fn step<B>(&mut self, next: Next<'_, B>, loss: &dyn Fn(&N, B) -> Loss) -> Result<Metrics, LearnError> {
-        let (begin, mut waited) = (Instant::now(), Duration::ZERO);
+        let (begin, mut waited, mut assembling) = (Instant::now(), Duration::ZERO, Duration::ZERO);
         let step = self.info.step;
         let rate = self.optim.learning_rate_at(step);
         self.optimizer.zero_grad();
@@ -232,8 +232,9 @@ impl<N: Learner> Training<N> {
         let mut sums = Sums::default();
         for _ in 0..self.optim.gradient_accumulation {
             let due = Instant::now();
-            let batch = next()?;
+            let Assembled { batch, took } = next()?;
             waited += due.elapsed();
+            assembling += took;
             let loss = precision::with(self.optim.precision, || loss(&self.network, batch));
             let total = loss.total / batches;
             total.backward();
@@ -252,6 +253,7 @@ impl<N: Learner> Training<N> {
             ("grad_norm", norm),
             ("learning_rate", rate),
             ("ms_per_step", took * 1e3),
+            ("ms_per_batch", assembling.as_secs_f64() * 1e3 / batches),
             ("waited_share", waited.as_secs_f64() / took.max(f64::MIN_POSITIVE)),
         ]);
         Ok(metrics)

@@ -45,8 +45,9 @@ async fn named(data_dir: &Path, before: &BTreeSet<String>) -> BTreeSet<String> {
 async fn metrics(api: &mut Api, job: &str) -> Vec<(u64, String, u64)> {
     let request = ListMetricsRequest { job_id: job.to_owned() };
     let metrics = api.jobs.list_metrics(request).await.unwrap().into_inner().metrics;
-    let timeless =
-        metrics.into_iter().filter(|metric| !["ms_per_step", "waited_share"].contains(&metric.name.as_str()));
+    let timeless = metrics
+        .into_iter()
+        .filter(|metric| !["ms_per_step", "ms_per_batch", "waited_share"].contains(&metric.name.as_str()));
     timeless.map(|metric| (metric.step, metric.name, metric.value.to_bits())).collect()
 }
 

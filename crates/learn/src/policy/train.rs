@@ -31,9 +31,9 @@ type Policy = Box<dyn PolicyModel>;
 /// Each step takes the mean over a batch of expert segments and λ times the mean of weight · loss over a batch of kept
 /// ones. `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`, `loss_expert`, `loss_kept` (before λ; only with
 /// kept segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`,
-/// `waited_share` (of the step's time, waiting for its batches); twenty times `loss_validation`, if a share of the
-/// experts is held out; of the last step also what the policy looks at: `share_images`, `share_camera_N`,
-/// `share_proprioception`, `share_history`.
+/// `ms_per_batch` (that assembling a batch took on the batches' own thread), `waited_share` (of the step's time, waiting
+/// for its batches); twenty times `loss_validation`, if a share of the experts is held out; of the last step also what
+/// the policy looks at: `share_images`, `share_camera_N`, `share_proprioception`, `share_history`.
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for an encoder that

@@ -119,4 +119,6 @@ fn metrics_are_means_over_the_batches_of_a_step() {
     let waited = monitor.metric("waited_share");
     assert!(waited.len() == 6 && waited.iter().all(|share| (0.0..1.0).contains(share)), "{waited:?}");
     assert!(waited[0] > 0.0, "the first batch is not assembled before the first step");
+    let assembled = monitor.metric("ms_per_batch");
+    assert!(assembled.len() == 6 && assembled.iter().all(|took| *took > 0.0), "{assembled:?}");
 }
