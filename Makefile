@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test test-room crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab load-test peers peers-serving fuzz kinds
+.PHONY: demo build test test-room crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -125,6 +125,10 @@ bench-pages: .libtorch
 bench-lab: .libtorch $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install -q client/python
 	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" PYTHON=$(PYTHON_ENV)/bin/python benches/lab/run.sh $(LAB_ARGS)
+
+# Samples a second that reach a training, beside PyTorch's DataLoader and LeRobot. Fetches both (about 8 GB) the first time.
+bench-loading: .libtorch
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/loading/run.sh $(LOADING_ARGS)
 
 # The same load on servers in Python that run the same network. Fetches PyTorch (about 3 GB) the first time.
 peers-serving: .libtorch

@@ -1,0 +1,25 @@
+#!/usr/bin/env bash
+# Loading of batches beside PyTorch's DataLoader and LeRobot, in one run. Arguments go to loading.py; see README.md.
+#
+# BENCH_PROFILE is cargo's profile (bench), LOADING_VENV where the virtual environment is or shall be.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+profile="${BENCH_PROFILE:-bench}"
+"${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-worker
+case "$profile" in
+  dev) folder=target/debug ;;
+  bench) folder=target/release ;;
+  *) folder="target/$profile" ;;
+esac
+
+venv="${LOADING_VENV:-${XDG_CACHE_HOME:-$HOME/.cache}/gleaner/loading}"
+[ -e "$venv/bin/python" ] || python3 -m venv "$venv"
+echo "loading: LeRobot and PyTorch in $venv (the first time about 8 GB)" >&2
+pip="$venv/bin/python -m pip install --quiet --disable-pip-version-check"
+$pip --require-hashes --only-binary=:all: --no-binary=evdev -r benches/loading/requirements.lock
+$pip --no-deps client/python
+
+# Other load on the machine affects times more than ratios.
+uptime
+PYTHONPATH=benches/lab exec "$venv/bin/python" -B benches/loading/loading.py --bin "$folder" "$@"
