@@ -34,6 +34,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--segment-length", type=int, default=6, help="l: a segment is l + 1 steps")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--encode", choices=["once", "window"], default="once", help="each frame, or once a window")
+    parser.add_argument("--precision", choices=["f32", "bf16"], default="f32", help="of the products, by autocast")
     parser.add_argument("--share", type=Path, help="folder with episodes and a checkpoint to begin from")
     parser.add_argument("--steps", type=int, default=20, help="steps to take the median of, after 3 to warm up")
     parser.add_argument("--paced", action="store_true")
@@ -89,7 +90,8 @@ class Run:
             for group in self.optimizer.param_groups:
                 group["lr"] = RATE * min((self.done + 1) / WARM_UP, 1.0)
             self.optimizer.zero_grad()
-            loss = self.learner.loss(self.episodes.collect(layout), self.objectives)
+            with torch.autocast("cpu", torch.bfloat16, enabled=options.precision == "bf16"):
+                loss = self.learner.loss(self.episodes.collect(layout), self.objectives)
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self.parameters, CLIP)
             self.optimizer.step()

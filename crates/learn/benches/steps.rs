@@ -12,7 +12,7 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use gleaner_core::{OptimSpec, Preset, PretrainSpec, RunSpec};
+use gleaner_core::{OptimSpec, Precision, Preset, PretrainSpec, RunSpec};
 use gleaner_learn::{LearnError, Monitor, TaskShape, Trajectory, pretrain, set_threads};
 use serde::Deserialize;
 use serde_json::json;
@@ -36,6 +36,7 @@ struct Job {
     batch: u32,
     stretch: u32,
     threads: u32,
+    precision: Precision,
     /// Where the peer finds the episodes and the weights after the first step.
     share: Option<PathBuf>,
 }
@@ -52,6 +53,7 @@ impl Default for Job {
             batch: optim.batch,
             stretch: optim.stretch,
             threads: 1,
+            precision: Precision::F32,
             share: None,
         }
     }
@@ -160,7 +162,8 @@ fn main() {
     let job: Job = given.as_ref().map(|text| serde_json::from_str(text).unwrap()).unwrap_or_default();
     let (model, shape) = episodes::sizes(job.preset, job.side, job.depth);
     let data = episodes::noise(&shape, job.episodes);
-    let optim = OptimSpec { steps: ENDLESS, batch: job.batch, stretch: job.stretch, ..OptimSpec::default() };
+    let (batch, stretch, precision) = (job.batch, job.stretch, job.precision);
+    let optim = OptimSpec { steps: ENDLESS, batch, stretch, precision, ..OptimSpec::default() };
     let run_of = |checkpoint_every| RunSpec { checkpoint_every, ..RunSpec::default() };
     let once = PretrainSpec { model, objectives: job.objectives, optim, run: run_of(1), ..PretrainSpec::default() };
     set_threads(job.threads);
