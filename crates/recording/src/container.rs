@@ -9,6 +9,7 @@ mod index;
 mod integrity;
 mod record;
 mod statistics;
+mod summary;
 
 use std::path::Path;
 
@@ -22,6 +23,7 @@ use integrity::Integrity;
 
 pub(crate) use integrity::Problem;
 pub(crate) use record::Record;
+pub(crate) use summary::summary;
 
 /// The end of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

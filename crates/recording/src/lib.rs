@@ -7,6 +7,7 @@
 //! - [`read_episode`] reads a recording as an [`Episode`] and a [`Report`] of its findings, within [`Limits`].
 //! - [`EpisodeWriter`] writes an episode; [`extract`] copies a stretch of a recording; [`salvage`] copies the intact part of
 //!   a damaged one.
+//! - [`summarize`] reads what a recording states about itself, and [`estimate`] what reading it takes.
 //! - [`cache_episode`] reads a recording as a frame cache: a file of which a [`FrameCache`] reads any step.
 //! - [`printable`] escapes untrusted text for terminals, pages and logs.
 //!
@@ -45,6 +46,7 @@ mod container;
 mod copy;
 mod dialect;
 mod error;
+mod estimate;
 mod extract;
 mod fill;
 mod frames;
@@ -76,12 +78,13 @@ mod write;
 
 // What the functions here take and return.
 pub use gleaner_core::{
-    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Finding, FindingCode, Mapping, PictureSizes,
-    RecordedSize, Report, Severity, TaskSpec, TopicReport,
+    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Finding, FindingCode, InspectionEstimate,
+    Mapping, PictureSizes, RecordedSize, RecordingSummary, Report, Severity, TaskSpec, TopicReport,
 };
 
 pub use cache::{FrameCache, Numbers};
 pub use error::RecordingError;
+pub use estimate::{MAX_MESSAGES, estimate, summarize};
 pub use extract::{Kept, extract};
 pub use frames::{Episode, FrameBytes, frame_bytes_per_step};
 pub use image::{PixelFormat, decode_color, decode_depth, encode_jpeg};

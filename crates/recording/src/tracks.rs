@@ -17,7 +17,7 @@ use gleaner_core::{FieldSource, TaskSpec};
 use gleaner_core::{FindingCode, TopicReport};
 
 /// Most messages of one topic.
-const MAX_MESSAGES: usize = 10_000_000;
+pub const MAX_MESSAGES: usize = 10_000_000;
 /// Most numbers of one field over the recording.
 const MAX_NUMBERS: usize = 500_000_000;
 
