@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::error::{ClientError, Result};
-use crate::file::open_regular;
+use crate::file::{off_runtime, open_regular};
 
 /// A file's size and digest.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,8 +21,7 @@ pub(crate) async fn digest_file(path: &Path) -> Result<Digest> {
         hasher.update_reader(open_regular(&owned)?).map_err(ClientError::io(&owned))?;
         Ok(Digest { size_bytes: hasher.count(), blake3: hasher.finalize().to_hex().to_string() })
     };
-    let failed = |failed| Err(ClientError::io(path)(std::io::Error::other::<tokio::task::JoinError>(failed)));
-    tokio::task::spawn_blocking(digest).await.unwrap_or_else(failed)
+    off_runtime(path, digest).await
 }
 
 #[cfg(test)]

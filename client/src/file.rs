@@ -58,6 +58,15 @@ pub(crate) fn name_to_send(path: &Path) -> String {
     name
 }
 
+/// Runs blocking work on a file off the runtime's own threads.
+pub(crate) async fn off_runtime<T: Send + 'static>(
+    path: &Path,
+    work: impl FnOnce() -> Result<T> + Send + 'static,
+) -> Result<T> {
+    let failed = |failed| Err(ClientError::io(path)(std::io::Error::other::<tokio::task::JoinError>(failed)));
+    tokio::task::spawn_blocking(work).await.unwrap_or_else(failed)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

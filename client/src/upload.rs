@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use futures::StreamExt as _;
+use gleaner_core::proto::recording::summary_to_proto;
 use gleaner_proto::v1::episode_service_client::EpisodeServiceClient;
 use gleaner_proto::v1::{
     Episode, FinishUploadRequest, GetUploadRequest, Outcome, Report, StartUploadRequest, WriteUploadRequest,
@@ -13,10 +14,9 @@ use gleaner_proto::v1::{
 use tonic::Code;
 
 use crate::connection::{Client, Transport};
-use crate::digest::digest_file;
 use crate::error::{ClientError, Result};
-use crate::file::name_to_send;
 use crate::retry::Backoff;
+use crate::source::{Declared, Source};
 use pieces::{Pieces, ReadFailure};
 
 pub(crate) mod pieces;
@@ -60,24 +60,32 @@ impl Client {
         label: &UploadLabel,
         progress: impl Fn(u64) + Send + Sync + 'static,
     ) -> Result<Uploaded> {
-        let digest = digest_file(path).await?;
+        let source = Source::of(path);
+        let start = start_request(task, source.declare().await?, label);
         let mut upload = Upload {
             service: self.episodes(),
             path: path.to_owned(),
-            start: StartUploadRequest {
-                task: task.to_owned(),
-                file_name: name_to_send(path),
-                size_bytes: digest.size_bytes,
-                blake3: digest.blake3,
-                outcome: label.outcome.into(),
-                cohort: label.cohort.clone(),
-                author: label.author.clone(),
-            },
+            start,
             progress: Arc::new(progress),
             stage: Stage::Unopened,
             restarts: 0,
         };
         upload.run().await
+    }
+}
+
+/// The request that starts an upload.
+pub(crate) fn start_request(task: &str, declared: Declared, label: &UploadLabel) -> StartUploadRequest {
+    StartUploadRequest {
+        task: task.to_owned(),
+        file_name: declared.file_name,
+        size_bytes: declared.digest.size_bytes,
+        blake3: declared.digest.blake3,
+        outcome: label.outcome.into(),
+        cohort: label.cohort.clone(),
+        author: label.author.clone(),
+        summary: declared.summary.map(summary_to_proto),
+        validate_only: false,
     }
 }
 

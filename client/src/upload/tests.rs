@@ -68,7 +68,7 @@ impl EpisodeService for Fake {
             store.open = Some((request, Vec::new()));
         }
         let committed_size = store.open.as_ref().unwrap().1.len() as u64;
-        Ok(Response::new(StartUploadResponse { upload_id, committed_size, existing }))
+        Ok(Response::new(StartUploadResponse { upload_id, committed_size, existing, estimate: None }))
     }
 
     async fn write_upload(&self, request: Request<Streaming<WriteUploadRequest>>) -> Reply<WriteUploadResponse> {

@@ -1,5 +1,7 @@
 //! `push`: recordings with their labels, many at a time.
 
+mod check;
+
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,6 +40,10 @@ pub(crate) struct PushArgs {
     /// Maximum number of concurrent uploads. More make better use of a fast network; fewer leave bandwidth to others.
     #[arg(long, default_value_t = 4, value_name = "N")]
     jobs: usize,
+    /// Check the recordings and send none of their bytes: whether they are stored already, or above a limit of the
+    /// server by what they state about themselves. A recording that passes can still be rejected by its inspection.
+    #[arg(long)]
+    check: bool,
 }
 
 impl PushArgs {
@@ -47,6 +53,9 @@ impl PushArgs {
         for task in items.iter().map(|item| item.task.clone()).collect::<BTreeSet<_>>() {
             // Once, before the first byte, rather than as the same failure of each file.
             client.tasks().get_task(GetTaskRequest { task }).await?;
+        }
+        if self.check {
+            return check::check(context, &client, items, self.jobs).await;
         }
         let task = items.first().map(|item| item.task.clone()).unwrap_or_default();
         let pushed = push(context, &client, items, self.jobs).await;
