@@ -127,6 +127,7 @@ impl Pass {
                 found.clone_into(&mut profile);
                 Ok(())
             }
+            Record::Attachment { .. } => Ok(()),
             Record::Schema { .. } | Record::Channel { .. } | Record::Metadata { .. } => {
                 channels.declare(&record, &|topic| wanted.contains_key(topic))
             }
