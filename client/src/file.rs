@@ -5,7 +5,7 @@
 
 use std::fs::{File, FileType};
 use std::os::unix::fs::FileTypeExt as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use gleaner_recording::printable;
 use rustix::fs::{Mode, OFlags};
@@ -60,11 +60,13 @@ pub(crate) fn name_to_send(path: &Path) -> String {
 
 /// Runs blocking work on a file off the runtime's own threads.
 pub(crate) async fn off_runtime<T: Send + 'static>(
-    path: &Path,
+    path: PathBuf,
     work: impl FnOnce() -> Result<T> + Send + 'static,
 ) -> Result<T> {
-    let failed = |failed| Err(ClientError::io(path)(std::io::Error::other::<tokio::task::JoinError>(failed)));
-    tokio::task::spawn_blocking(work).await.unwrap_or_else(failed)
+    match tokio::task::spawn_blocking(work).await {
+        Ok(done) => done,
+        Err(failed) => Err(ClientError::Io { path, source: std::io::Error::other(failed) }),
+    }
 }
 
 #[cfg(test)]

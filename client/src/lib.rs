@@ -36,6 +36,7 @@ mod find;
 mod import;
 mod labels;
 mod lowest;
+mod parts;
 mod push;
 mod reason;
 mod retry;

@@ -21,7 +21,7 @@ impl<W: Write + Seek> Copier<W> {
         Self { writer, schemas: HashMap::new(), channels: HashMap::new() }
     }
 
-    /// Forgets the identifiers of the source: the next records are those of another one. Equal schemas and channels have
+    /// Drops the identifiers of the source: the next records are those of another one. Equal schemas and channels have
     /// the same identifier in the copy.
     pub(crate) fn next_source(&mut self) {
         self.schemas.clear();

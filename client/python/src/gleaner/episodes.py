@@ -35,6 +35,7 @@ class Episodes:
     ) -> Episode:
         """Uploads a recording (MCAP) under a label: `outcome` is success, failure or unknown.
 
+        The parts of a recording that its recorder has cut are joined and pushed by the command `gleaner push` only.
         A broken connection is reopened and the upload resumes where it was. Content that the task holds already
         under this label is not sent again. `progress` is called with the bytes sent so far.
 

@@ -19,7 +19,7 @@ type Row = (PathBuf, std::result::Result<Checked, ClientError>);
 /// Checks each recording and shows a line for it.
 pub(super) async fn check(context: &Context, client: &Client, items: Vec<PushItem>, parallel: usize) -> Result<()> {
     let checks = items.into_iter().map(|item| async move {
-        let checked = client.check(&item.task, &item.path, &item.label).await;
+        let checked = client.check(&item).await;
         (item.path, checked)
     });
     let rows: Vec<Row> = futures::stream::iter(checks).buffered(parallel.max(1)).collect().await;
