@@ -94,8 +94,8 @@ fn digest_joined(parts: &[PathBuf]) -> Result<(Digest, Option<RecordingSummary>)
 }
 
 fn not_joined(error: RecordingError) -> ClientError {
-    match error {
-        RecordingError::Io { path, source } => ClientError::Io { path, source },
-        error => ClientError::Invalid(error.to_string()),
+    if let RecordingError::Io { path, source } = error {
+        return ClientError::Io { path, source };
     }
+    ClientError::Invalid(error.to_string())
 }

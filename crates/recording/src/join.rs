@@ -73,6 +73,11 @@ impl<W: Write> Joint<W> {
                 times = Some(Times(first.min(header.log_time), last.max(header.log_time)));
             }
             self.record(path, &record)
+        });
+        let scanned = scanned.map_err(|error| {
+            // These errors do not name their file.
+            let unnamed = matches!(error, RecordingError::Damaged { .. } | RecordingError::TooLarge { .. });
+            if unnamed { wrong(path, &error.to_string()) } else { error }
         })?;
         check_whole(path, &scanned)?;
         let Some(times) = times else { return Ok(()) };

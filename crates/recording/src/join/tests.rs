@@ -38,10 +38,9 @@ impl Parts {
 
     /// The name of the part that is refused, and the reason.
     fn refusal(&self) -> (String, String) {
-        match join(&self.paths, std::io::sink()).unwrap_err() {
-            RecordingError::Part { path, problem } => (path.file_name().unwrap().to_str().unwrap().to_owned(), problem),
-            error => panic!("{error}"),
-        }
+        let error = join(&self.paths, std::io::sink()).unwrap_err();
+        let RecordingError::Part { path, problem } = error else { panic!("{error}") };
+        (path.file_name().unwrap().to_str().unwrap().to_owned(), problem)
     }
 }
 
@@ -201,6 +200,7 @@ fn damaged_and_foreign_parts_are_refused_by_name() {
     for (parts, word) in [
         (changed(&|part| part.truncate(part.len() - 9)), "ends in the middle"),
         (changed(&|bytes| *bytes = part("", &[("/a", 2000)])), "profile"),
+        (changed(&|bytes| bytes[120] ^= 1), "damaged MCAP file"),
         (changed(&|bytes| bytes.extend(b"tail")), "follow its closing magic bytes"),
     ] {
         let (name, problem) = parts.refusal();
