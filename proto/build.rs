@@ -40,6 +40,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         // Two bytes of a message can be an empty tensor: what it may hold lies elsewhere until there is any.
         .boxed(".inference.ModelInferRequest.InferInputTensor.contents")
         .btree_map(".inference")
+        .btree_map(".gleaner.v1.RecordingSummary")
         .client_mod_attribute(".", "#[cfg(feature = \"services\")]")
         .server_mod_attribute(".", "#[cfg(feature = \"services\")]")
         .compile_fds(descriptors)?;

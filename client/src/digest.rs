@@ -13,35 +13,32 @@ pub(crate) struct Digest {
     pub(crate) blake3: String,
 }
 
-/// Reads a file through once, off the runtime's own threads.
-pub(crate) async fn digest_file(path: &Path) -> Result<Digest> {
-    let owned = path.to_owned();
-    let digest = move || {
+impl Digest {
+    /// Reads a file through once.
+    pub(crate) fn of(path: &Path) -> Result<Self> {
         let mut hasher = blake3::Hasher::new();
-        hasher.update_reader(open_regular(&owned)?).map_err(ClientError::io(&owned))?;
-        Ok(Digest { size_bytes: hasher.count(), blake3: hasher.finalize().to_hex().to_string() })
-    };
-    let failed = |failed| Err(ClientError::io(path)(std::io::Error::other::<tokio::task::JoinError>(failed)));
-    tokio::task::spawn_blocking(digest).await.unwrap_or_else(failed)
+        hasher.update_reader(open_regular(path)?).map_err(ClientError::io(path))?;
+        Ok(Self { size_bytes: hasher.count(), blake3: hasher.finalize().to_hex().to_string() })
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[tokio::test]
-    async fn digests_are_those_of_the_blake3_paper() {
+    #[test]
+    fn digests_are_those_of_the_blake3_paper() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("empty");
         std::fs::write(&file, b"").unwrap();
-        let digest = digest_file(&file).await.unwrap();
+        let digest = Digest::of(&file).unwrap();
         assert_eq!(digest.size_bytes, 0);
         assert_eq!(digest.blake3, "af1349b9f5f9a1a6a0404dea36dcc9499bcb25c9adc112b7cc9a93cae41f3262");
     }
 
-    #[tokio::test]
-    async fn a_missing_file_is_named() {
-        let error = digest_file(Path::new("no/such/file.mcap")).await.unwrap_err();
+    #[test]
+    fn a_missing_file_is_named() {
+        let error = Digest::of(Path::new("no/such/file.mcap")).unwrap_err();
         assert!(error.to_string().contains("no/such/file.mcap"));
     }
 }

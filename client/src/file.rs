@@ -5,7 +5,7 @@
 
 use std::fs::{File, FileType};
 use std::os::unix::fs::FileTypeExt as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use gleaner_recording::printable;
 use rustix::fs::{Mode, OFlags};
@@ -56,6 +56,17 @@ pub(crate) fn name_to_send(path: &Path) -> String {
     let mut name = printable::field(&name).into_owned();
     name.truncate(name.floor_char_boundary(LONGEST_NAME));
     name
+}
+
+/// Runs blocking work on a file off the runtime's own threads.
+pub(crate) async fn off_runtime<T: Send + 'static>(
+    path: PathBuf,
+    work: impl FnOnce() -> Result<T> + Send + 'static,
+) -> Result<T> {
+    match tokio::task::spawn_blocking(work).await {
+        Ok(done) => done,
+        Err(failed) => Err(ClientError::Io { path, source: std::io::Error::other(failed) }),
+    }
 }
 
 #[cfg(test)]

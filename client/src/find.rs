@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{ClientError, Result};
 use crate::file;
+use crate::parts::Rosbag;
 
 /// What a search found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -30,7 +31,8 @@ pub struct Skipped {
 }
 
 /// Finds recordings: a file stands for itself, a folder for every regular file `*.mcap` below it. In a folder, what
-/// cannot be sent (FIFOs, sockets, devices, links that lead nowhere, folders that cannot be read) is skipped.
+/// cannot be sent (FIFOs, sockets, devices, links that lead nowhere, folders that cannot be read) is skipped. A folder
+/// whose `metadata.yaml` lists several parts (rosbag2) stands for one recording.
 ///
 /// # Errors
 /// [`ClientError::Io`] for a path that is not there; [`ClientError::Invalid`] for a path that is neither a regular file
@@ -74,6 +76,16 @@ impl Search {
     }
 
     fn folder(&mut self, folder: &Path) {
+        match Rosbag::of(folder) {
+            Ok(Some(rosbag)) if !rosbag.is_mcap() => {
+                let reason = "is a rosbag2 recording in another storage; convert it to MCAP with `ros2 bag convert`";
+                return self.skip(folder, reason.to_owned());
+            }
+            // The reason why its metadata cannot be used is returned when it is sent.
+            Ok(Some(rosbag)) if !rosbag.is_whole() => return self.parts(folder),
+            Err(ClientError::Invalid(_)) => return self.parts(folder),
+            Ok(_) | Err(_) => {}
+        }
         match std::fs::read_dir(folder) {
             Err(error) => self.skip(folder, format!("cannot be read: {error}")),
             Ok(entries) => {
@@ -85,6 +97,10 @@ impl Search {
                 }
             }
         }
+    }
+
+    fn parts(&mut self, folder: &Path) {
+        self.recordings.insert(folder.to_owned());
     }
 
     fn entry(&mut self, entry: &DirEntry) {

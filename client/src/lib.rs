@@ -1,8 +1,8 @@
 //! The client library of gleaner: connections, uploads, jobs, scores and sessions of a gleaner server.
 //!
 //! - [`Client`] is the connection; `client.tasks()`, `client.jobs()` and the like return the generated client of each service.
-//! - [`Client::upload`], [`Client::push`] and the downloads transfer recordings; [`find_recordings`] and [`read_labels`]
-//!   find them.
+//! - [`Client::upload`], [`Client::push`] and the downloads transfer recordings, and [`Client::check`] checks them first;
+//!   [`find_recordings`] and [`read_labels`] find them.
 //! - [`Client::watch`] and [`Client::wait`] follow a job.
 //! - [`Client::score_recording`] and [`StepScorer`] score what is not stored; [`Client::import_scores`] stores scores made
 //!   elsewhere, which [`read_scores`] reads.
@@ -24,6 +24,7 @@
 //! # }
 //! ```
 
+mod check;
 mod connection;
 mod credentials;
 mod digest;
@@ -35,6 +36,7 @@ mod find;
 mod import;
 mod labels;
 mod lowest;
+mod parts;
 mod push;
 mod reason;
 mod retry;
@@ -42,10 +44,12 @@ pub mod robot;
 mod score_table;
 mod scoring;
 mod session;
+mod source;
 mod token;
 mod upload;
 mod watch;
 
+pub use check::Checked;
 pub use connection::{Authorize, Client, Transport};
 pub use credentials::Credentials;
 pub use drive::{DrivePlan, Driven, DrivenEpisode, RealTime, Recorded};

@@ -8,13 +8,16 @@ use futures::StreamExt as _;
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
+use crate::source::Source;
 use crate::upload::{UploadLabel, Uploaded};
 
 /// One recording to push.
 #[derive(Clone, Debug)]
 pub struct PushItem {
-    /// The recording.
+    /// The recording: a file, or a folder of the parts of one.
     pub path: PathBuf,
+    /// The parts `NAME_0.mcap`, `NAME_1.mcap` and so on of one recording; `path` is then for messages. Empty: `path`.
+    pub parts: Vec<PathBuf>,
     /// The task's name or id.
     pub task: String,
     /// Its label.
@@ -89,7 +92,10 @@ impl Client {
             async move {
                 let sent = Arc::clone(&on_event);
                 let progress = move |bytes| sent(PushEvent::Sent { item: index, bytes });
-                let result = client.upload(&item.task, &item.path, &item.label, progress).await;
+                let result = match Source::of(&item.path, &item.parts) {
+                    Ok(source) => client.upload_source(source, &item.task, &item.label, Arc::new(progress)).await,
+                    Err(error) => Err(error),
+                };
                 on_event(PushEvent::Done { item: index });
                 PushResult { path: item.path, result }
             }

@@ -61,7 +61,7 @@ impl Client {
         let failure = ReadFailure::default();
         let progress = Arc::clone(progress);
         let pieces = Pieces { offset: 0, end: open.size_bytes, progress, failure: failure.clone() };
-        let parts = pieces.of(path).await?.map(|(_, data)| Part::Data(data));
+        let parts = pieces.of(path.to_owned()).await?.map(|(_, data)| Part::Data(data));
         let parts = futures::stream::iter([Part::Open(open.clone())]).chain(parts);
         let requests = parts.map(|part| ScoreRecordingRequest { message: Some(part) });
         let reply = self.scores().score_recording(requests).await;

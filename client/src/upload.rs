@@ -1,11 +1,12 @@
 //! Upload of one recording to the server: hashed, in pieces, resumed when the connection breaks.
 //!
-//! Handles one file; `push` handles many.
+//! Handles one recording; `push` handles many.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use futures::StreamExt as _;
+use gleaner_core::proto::recording::summary_to_proto;
 use gleaner_proto::v1::episode_service_client::EpisodeServiceClient;
 use gleaner_proto::v1::{
     Episode, FinishUploadRequest, GetUploadRequest, Outcome, Report, StartUploadRequest, WriteUploadRequest,
@@ -13,10 +14,9 @@ use gleaner_proto::v1::{
 use tonic::Code;
 
 use crate::connection::{Client, Transport};
-use crate::digest::digest_file;
 use crate::error::{ClientError, Result};
-use crate::file::name_to_send;
 use crate::retry::Backoff;
+use crate::source::{Declared, Source};
 use pieces::{Pieces, ReadFailure};
 
 pub(crate) mod pieces;
@@ -47,8 +47,8 @@ pub struct Uploaded {
 pub(crate) type Progress = Arc<dyn Fn(u64) + Send + Sync>;
 
 impl Client {
-    /// Uploads a recording (MCAP) to a task (name or id) under a label. `progress` is called with the bytes sent so
-    /// far; the number falls back when the connection breaks and the upload resumes.
+    /// Uploads a recording (MCAP, or a folder of the parts of one) to a task (name or id) under a label. `progress` is
+    /// called with the bytes sent so far; the number falls back when the connection breaks and the upload resumes.
     ///
     /// # Errors
     /// [`ClientError::Io`] when the file can't be read, [`ClientError::Rejected`] with the server's reason (the codes
@@ -60,24 +60,35 @@ impl Client {
         label: &UploadLabel,
         progress: impl Fn(u64) + Send + Sync + 'static,
     ) -> Result<Uploaded> {
-        let digest = digest_file(path).await?;
-        let mut upload = Upload {
-            service: self.episodes(),
-            path: path.to_owned(),
-            start: StartUploadRequest {
-                task: task.to_owned(),
-                file_name: name_to_send(path),
-                size_bytes: digest.size_bytes,
-                blake3: digest.blake3,
-                outcome: label.outcome.into(),
-                cohort: label.cohort.clone(),
-                author: label.author.clone(),
-            },
-            progress: Arc::new(progress),
-            stage: Stage::Unopened,
-            restarts: 0,
-        };
+        self.upload_source(Source::of(path, &[])?, task, label, Arc::new(progress)).await
+    }
+
+    pub(crate) async fn upload_source(
+        &self,
+        source: Source,
+        task: &str,
+        label: &UploadLabel,
+        progress: Progress,
+    ) -> Result<Uploaded> {
+        let start = start_request(task, source.declare().await?, label);
+        let mut upload =
+            Upload { service: self.episodes(), source, start, progress, stage: Stage::Unopened, restarts: 0 };
         upload.run().await
+    }
+}
+
+/// The request that starts an upload.
+pub(crate) fn start_request(task: &str, declared: Declared, label: &UploadLabel) -> StartUploadRequest {
+    StartUploadRequest {
+        task: task.to_owned(),
+        file_name: declared.file_name,
+        size_bytes: declared.digest.size_bytes,
+        blake3: declared.digest.blake3,
+        outcome: label.outcome.into(),
+        cohort: label.cohort.clone(),
+        author: label.author.clone(),
+        summary: declared.summary.map(summary_to_proto),
+        validate_only: false,
     }
 }
 
@@ -100,7 +111,7 @@ const RESTARTS: u32 = 3;
 
 struct Upload {
     service: EpisodeServiceClient<Transport>,
-    path: PathBuf,
+    source: Source,
     start: StartUploadRequest,
     progress: Progress,
     stage: Stage,
@@ -175,9 +186,9 @@ impl Upload {
         };
         let upload_id = id.clone();
         let message = move |(offset, data)| WriteUploadRequest { upload_id: upload_id.clone(), offset, data };
-        let reply = self.service.write_upload(pieces.of(&self.path).await?.map(message)).await;
+        let reply = self.service.write_upload(pieces.of_files(self.source.files.clone()).await?.map(message)).await;
         if let Some(source) = failure.take() {
-            return Err(ClientError::Io { path: self.path.clone(), source });
+            return Err(ClientError::Io { path: self.source.path.clone(), source });
         }
         match reply.map(|reply| reply.into_inner().committed_size) {
             Ok(now) if now > committed => {
@@ -186,7 +197,7 @@ impl Upload {
             }
             Ok(_) => Err(ClientError::Invalid(format!(
                 "{}: the file was truncated during the upload; push it again once it is complete",
-                self.path.display()
+                self.source.path.display()
             ))),
             // InvalidArgument: an older stream of this client was still being written when this one began.
             Err(status) => self.after(status, &[Code::NotFound, Code::InvalidArgument]),

@@ -48,6 +48,7 @@ mod schedules;
 mod scoring;
 mod selection;
 mod serving;
+mod split_recordings;
 mod stages;
 mod telemetry;
 mod tidy;

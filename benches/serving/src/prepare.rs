@@ -88,7 +88,7 @@ async fn push(client: &Client, spec: &TaskSpec, folder: &Path) -> Result<()> {
         let path = folder.join(format!("{seed}.mcap"));
         record(spec, &scene::steps(seed, STEPS), &path)?;
         let label = UploadLabel { outcome, cohort: String::new(), author: "bench".to_owned() };
-        items.push(PushItem { path, task: spec.name.clone(), label });
+        items.push(PushItem { path, parts: Vec::new(), task: spec.name.clone(), label });
     }
     let pushed = client.push(items, 1, |_| ()).await;
     match pushed.failures().next() {

@@ -33,7 +33,7 @@ macro_rules! described {
 
 described! {
     CreateTaskResponse, GetTaskResponse, ListTasksResponse,
-    Episode, GetEpisodeResponse, ListEpisodesResponse, LabelEpisodesResponse, ListLabelsResponse,
+    Episode, InspectionEstimate, GetEpisodeResponse, ListEpisodesResponse, LabelEpisodesResponse, ListLabelsResponse,
     DeleteEpisodesResponse, UndeleteEpisodesResponse,
     CreateSnapshotResponse, GetSnapshotResponse, ListSnapshotsResponse,
     Job, GetJobResponse, ListJobsResponse, CancelJobResponse, SubmitPipelineResponse, WatchJobResponse,

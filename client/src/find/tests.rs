@@ -78,3 +78,26 @@ fn a_named_fifo_is_rejected_and_a_folder_of_irregular_files_lists_them() {
         "{error}"
     );
 }
+
+#[test]
+fn a_folder_of_several_rosbag2_parts_is_one_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = |name: &str, storage: &str, parts: usize| {
+        let at = folder.path().join(name);
+        std::fs::create_dir(&at).unwrap();
+        let names: Vec<String> = (0..parts).map(|part| format!("{name}_{part}.mcap")).collect();
+        names.iter().for_each(|part| std::fs::write(at.join(part), b"x").unwrap());
+        let list: String = names.iter().map(|part| format!("    - {part}\n")).collect();
+        let metadata =
+            format!("rosbag2_bagfile_information:\n  storage_identifier: {storage}\n  relative_file_paths:\n{list}");
+        std::fs::write(at.join("metadata.yaml"), metadata).unwrap();
+        at
+    };
+    let (split, whole, old) = (bag("split", "mcap", 3), bag("whole", "mcap", 1), bag("old", "sqlite3", 2));
+    std::fs::create_dir(folder.path().join("torn")).unwrap();
+    std::fs::write(folder.path().join("torn/metadata.yaml"), "rosbag2_bagfile_information: [").unwrap();
+    let found = find_recordings(&[folder.path().to_owned()]).unwrap();
+    assert_eq!(found.recordings, [split, folder.path().join("torn"), whole.join("whole_0.mcap")]);
+    assert_eq!(found.skipped.iter().map(|skipped| &skipped.path).collect::<Vec<_>>(), [&old]);
+    assert!(found.skipped[0].reason.contains("ros2 bag convert"));
+}

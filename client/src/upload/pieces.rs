@@ -1,15 +1,19 @@
-//! A file's bytes as messages, read as the connection takes them.
+//! A recording's bytes as messages, read as the connection takes them.
 
-use std::path::Path;
+mod joined;
+
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use bytes::{Bytes, BytesMut};
 use futures::Stream;
+use futures::future::Either;
 use tokio::io::{AsyncReadExt as _, AsyncSeekExt as _};
 
 use super::Progress;
 use crate::error::{ClientError, Result};
 use crate::file::open_regular;
+use crate::source::Files;
 
 // Half of the server's message limit.
 pub(super) const PIECE: usize = 1 << 20;
@@ -25,10 +29,19 @@ pub(crate) struct Pieces {
 }
 
 impl Pieces {
+    /// The pieces of a file, or of the join of several.
+    pub(crate) async fn of_files(self, files: Files) -> Result<impl Stream<Item = (u64, Bytes)> + Send + use<>> {
+        Ok(match files {
+            Files::One(path) => Either::Left(self.of(path).await?),
+            Files::Parts(parts) => Either::Right(joined::pieces(self, parts)),
+        })
+    }
+
     /// Opens the file and returns its pieces, each with its offset.
-    pub(crate) async fn of(self, path: &Path) -> Result<impl Stream<Item = (u64, Bytes)> + Send + use<>> {
-        let mut file = tokio::fs::File::from_std(open_regular(path)?);
-        file.seek(std::io::SeekFrom::Start(self.offset)).await.map_err(ClientError::io(path))?;
+    pub(crate) async fn of(self, path: PathBuf) -> Result<impl Stream<Item = (u64, Bytes)> + Send + use<>> {
+        let mut file = tokio::fs::File::from_std(open_regular(&path)?);
+        let sought = file.seek(std::io::SeekFrom::Start(self.offset)).await;
+        sought.map_err(|source| ClientError::Io { path, source })?;
         Ok(futures::stream::unfold((self, file), |(mut pieces, mut file)| async move {
             let piece = pieces.next(&mut file).await?;
             Some((piece, (pieces, file)))

@@ -1,5 +1,7 @@
 //! The upload's rules against an in-process service that fails on demand.
 
+mod joined;
+
 use std::collections::VecDeque;
 use std::pin::Pin;
 use std::sync::Mutex;
@@ -68,7 +70,7 @@ impl EpisodeService for Fake {
             store.open = Some((request, Vec::new()));
         }
         let committed_size = store.open.as_ref().unwrap().1.len() as u64;
-        Ok(Response::new(StartUploadResponse { upload_id, committed_size, existing }))
+        Ok(Response::new(StartUploadResponse { upload_id, committed_size, existing, estimate: None }))
     }
 
     async fn write_upload(&self, request: Request<Streaming<WriteUploadRequest>>) -> Reply<WriteUploadResponse> {
@@ -150,20 +152,27 @@ fn recording() -> Vec<u8> {
     (0..PIECE * 5 / 2).map(|i| u8::try_from(i % 251).unwrap()).collect()
 }
 
-async fn upload_through(faults: &[Fault]) -> (Result<Uploaded>, Fake) {
-    let fake = Fake::default();
-    fake.store().faults.extend(faults);
+fn label() -> UploadLabel {
+    UploadLabel { outcome: Outcome::Failure, cohort: "noise".into(), author: "me".into() }
+}
+
+/// A client of the fake, and the task that serves it.
+async fn connected(fake: &Fake) -> (Client, tokio::task::JoinHandle<std::result::Result<(), tonic::transport::Error>>) {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
     let server = tonic::transport::Server::builder().add_service(EpisodeServiceServer::new(fake.clone()));
     let serving = tokio::spawn(server.serve_with_incoming(TcpListenerStream::new(listener)));
+    (Client::connect(&url, None).await.unwrap(), serving)
+}
 
+async fn upload_through(faults: &[Fault]) -> (Result<Uploaded>, Fake) {
+    let fake = Fake::default();
+    fake.store().faults.extend(faults);
+    let (client, serving) = connected(&fake).await;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     std::fs::write(&path, recording()).unwrap();
-    let client = Client::connect(&url, None).await.unwrap();
-    let label = UploadLabel { outcome: Outcome::Failure, cohort: "noise".into(), author: "me".into() };
-    let uploaded = client.upload("pick", &path, &label, |_| {}).await;
+    let uploaded = client.upload("pick", &path, &label(), |_| {}).await;
     serving.abort();
     (uploaded, fake)
 }

@@ -5,7 +5,7 @@ use super::{
     id::{BlobId, EpisodeId, TaskId, UploadId},
     time::{Millis, seconds},
 };
-use crate::{Report, Severity};
+use crate::{RecordingSummary, Report, Severity};
 
 /// Outcome of an attempt at the task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -135,6 +135,8 @@ pub struct NewUpload {
     pub author: String,
     /// The client that the upload and its inspection are counted for.
     pub client: Client,
+    /// What the recording states about itself, if the client read it.
+    pub summary: Option<RecordingSummary>,
 }
 
 /// An upload that is not finished.
@@ -165,7 +167,7 @@ pub struct Upload {
 impl NewUpload {
     /// The open upload of this declaration, under a new id and without content.
     pub fn open(self) -> Upload {
-        let Self { task_id, file_name, size_bytes, blake3, outcome, cohort, author, client } = self;
+        let Self { task_id, file_name, size_bytes, blake3, outcome, cohort, author, client, summary: _ } = self;
         let id = UploadId::new();
         Upload { id, task_id, file_name, size_bytes, blake3, committed: 0, outcome, cohort, author, client }
     }

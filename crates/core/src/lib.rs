@@ -52,6 +52,7 @@ pub mod order;
 mod picture_sizes;
 pub mod policy;
 pub mod printable;
+mod recording_summary;
 mod report;
 pub mod schedule;
 pub mod schema;
@@ -77,6 +78,7 @@ pub mod proto;
 
 pub use error::{Error, Result};
 pub use picture_sizes::{Crop, PictureSizes, RecordedSize};
+pub use recording_summary::{InspectionEstimate, RecordingSummary};
 pub use report::{Finding, FindingCode, Report, Severity, TopicReport};
 pub use schema::{Problem, Setting, Shape, Values};
 pub use secret::Secret;

@@ -12,6 +12,7 @@ pub mod job;
 pub mod kinds;
 pub mod order;
 pub mod policy;
+pub mod recording;
 pub mod schedule;
 pub mod score;
 pub mod selection;

@@ -119,7 +119,11 @@ impl Channels {
                 self.channels.insert(*id, Channel { topic: at, decoder });
                 self.check("channels", self.channels.len())
             }
-            Record::Channel { .. } | Record::Header { .. } | Record::Message { .. } | Record::Metadata { .. } => Ok(()),
+            Record::Channel { .. }
+            | Record::Header { .. }
+            | Record::Message { .. }
+            | Record::Metadata { .. }
+            | Record::Attachment { .. } => Ok(()),
         }
     }
 

@@ -9,6 +9,7 @@ mod index;
 mod integrity;
 mod record;
 mod statistics;
+mod summary;
 
 use std::path::Path;
 
@@ -22,6 +23,7 @@ use integrity::Integrity;
 
 pub(crate) use integrity::Problem;
 pub(crate) use record::Record;
+pub(crate) use summary::summary;
 
 /// The end of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -213,7 +215,13 @@ impl<'a> Scan<'a> {
             op::MESSAGE_INDEX => self.integrity.message_index(frame, index::message_index(&self.body)),
             op::CHUNK_INDEX => self.integrity.chunk_index(ChunkIndex::parse(&self.body)),
             op::STATISTICS => self.integrity.statistics(Statistics::parse(&self.body)),
-            op::ATTACHMENT => self.integrity.attachment(index::attachment(&self.body)),
+            op::ATTACHMENT => {
+                self.integrity.attachment(index::attachment(&self.body));
+                // One that does not fit its length is a problem of the file, which is read without it.
+                if let Ok(Some(record)) = record::parse(op::ATTACHMENT, &self.body) {
+                    visit(record)?;
+                }
+            }
             op::ATTACHMENT_INDEX | op::METADATA_INDEX | op::SUMMARY_OFFSET => {
                 self.integrity.places(index::fits(frame.opcode, &self.body));
             }
@@ -275,7 +283,7 @@ fn check_names(record: &Record<'_>, limits: &Limits) -> Result<(), RecordingErro
         Record::Channel { topic, encoding, .. } => [("a topic", *topic), ("a channel's encoding", *encoding)],
         Record::Header { profile } => [("the profile", *profile), ("", "")],
         Record::Metadata { name, .. } => [("the name of metadata", *name), ("", "")],
-        Record::Message { .. } => return Ok(()),
+        Record::Message { .. } | Record::Attachment { .. } => return Ok(()),
     };
     for (what, name) in names {
         if name.len() > limits.name_bytes {

@@ -1,8 +1,7 @@
 //! Copies records of a recording into another one without changes; the caller selects the messages.
 
 use std::collections::HashMap;
-use std::fs::File;
-use std::io::BufWriter;
+use std::io::{Seek, Write};
 
 use mcap::records::{MessageHeader, Metadata};
 
@@ -10,16 +9,28 @@ use crate::container::Record;
 use crate::error::RecordingError;
 
 /// A recording that is being written from another one's records.
-pub(crate) struct Copier {
-    pub(crate) writer: mcap::Writer<BufWriter<File>>,
+pub(crate) struct Copier<W: Write + Seek> {
+    pub(crate) writer: mcap::Writer<W>,
     /// Identifiers in the source to identifiers in the copy.
     schemas: HashMap<u16, u16>,
     channels: HashMap<u16, u16>,
 }
 
-impl Copier {
-    pub(crate) fn new(writer: mcap::Writer<BufWriter<File>>) -> Self {
+impl<W: Write + Seek> Copier<W> {
+    pub(crate) fn new(writer: mcap::Writer<W>) -> Self {
         Self { writer, schemas: HashMap::new(), channels: HashMap::new() }
+    }
+
+    /// Drops the identifiers of the source: the next records are those of another one. Equal schemas and channels have
+    /// the same identifier in the copy.
+    pub(crate) fn next_source(&mut self) {
+        self.schemas.clear();
+        self.channels.clear();
+    }
+
+    /// Whether messages of this channel of the source can be copied.
+    pub(crate) fn declares(&self, channel: u16) -> bool {
+        self.channels.contains_key(&channel)
     }
 
     /// Copies a schema, a channel or metadata.
@@ -39,7 +50,11 @@ impl Copier {
                 let metadata = Metadata { name: (*name).to_owned(), metadata: values.clone() };
                 self.writer.write_metadata(&metadata).map_err(RecordingError::Write)?;
             }
-            Record::Schema { .. } | Record::Channel { .. } | Record::Header { .. } | Record::Message { .. } => {}
+            Record::Schema { .. }
+            | Record::Channel { .. }
+            | Record::Header { .. }
+            | Record::Message { .. }
+            | Record::Attachment { .. } => {}
         }
         Ok(())
     }
@@ -51,7 +66,7 @@ impl Copier {
     }
 
     /// Ends the copy.
-    pub(crate) fn finish(mut self) -> Result<BufWriter<File>, RecordingError> {
+    pub(crate) fn finish(mut self) -> Result<W, RecordingError> {
         self.writer.finish().map_err(RecordingError::Write)?;
         Ok(self.writer.into_inner())
     }

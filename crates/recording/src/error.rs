@@ -87,6 +87,14 @@ pub enum RecordingError {
         /// The reason.
         problem: String,
     },
+    /// A part of a recording cannot be joined with the others.
+    #[error("{}: {problem}", path.display())]
+    Part {
+        /// The part.
+        path: PathBuf,
+        /// The reason and the fix.
+        problem: String,
+    },
     /// A step for the writer does not fit the task.
     #[error("step {step}: {problem}")]
     Step {

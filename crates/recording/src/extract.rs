@@ -138,7 +138,7 @@ struct Copy<'a> {
     kept: &'a Kept,
     /// Channel of the q and w.
     quality: u16,
-    copier: Copier,
+    copier: Copier<BufWriter<File>>,
 }
 
 impl Copy<'_> {
@@ -152,7 +152,10 @@ impl Copy<'_> {
         if declared_late {
             scan(path, &Limits::ADMITTED, &mut |record| match record {
                 Record::Schema { .. } | Record::Channel { .. } => self.copier.declare(&record),
-                Record::Header { .. } | Record::Message { .. } | Record::Metadata { .. } => Ok(()),
+                Record::Header { .. }
+                | Record::Message { .. }
+                | Record::Metadata { .. }
+                | Record::Attachment { .. } => Ok(()),
             })?;
         }
         scan(path, &Limits::ADMITTED, &mut |record| {

@@ -6,7 +6,8 @@
 //! - [`TaskSpec`] names the cameras, the proprioception and the action of a task, and their topics in a recording.
 //! - [`read_episode`] reads a recording as an [`Episode`] and a [`Report`] of its findings, within [`Limits`].
 //! - [`EpisodeWriter`] writes an episode; [`extract`] copies a stretch of a recording; [`salvage`] copies the intact part of
-//!   a damaged one.
+//!   a damaged one; [`join`] makes one recording of the parts that a recorder has cut it into.
+//! - [`summarize`] reads what a recording states about itself, and [`estimate`] what reading it takes.
 //! - [`cache_episode`] reads a recording as a frame cache: a file of which a [`FrameCache`] reads any step.
 //! - [`printable`] escapes untrusted text for terminals, pages and logs.
 //!
@@ -45,6 +46,7 @@ mod container;
 mod copy;
 mod dialect;
 mod error;
+mod estimate;
 mod extract;
 mod fill;
 mod frames;
@@ -53,6 +55,7 @@ mod frames;
 pub mod fuzzing;
 mod image;
 mod inspect;
+mod join;
 mod limits;
 #[cfg(any(test, feature = "fuzzing"))]
 #[cfg_attr(not(feature = "fuzzing"), expect(unreachable_pub, reason = "its re-export is built with the feature only"))]
@@ -76,15 +79,17 @@ mod write;
 
 // What the functions here take and return.
 pub use gleaner_core::{
-    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Finding, FindingCode, Mapping, PictureSizes,
-    RecordedSize, Report, Severity, TaskSpec, TopicReport,
+    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Finding, FindingCode, InspectionEstimate,
+    Mapping, PictureSizes, RecordedSize, RecordingSummary, Report, Severity, TaskSpec, TopicReport,
 };
 
 pub use cache::{FrameCache, Numbers};
 pub use error::RecordingError;
+pub use estimate::{MAX_MESSAGES, estimate, summarize};
 pub use extract::{Kept, extract};
 pub use frames::{Episode, FrameBytes, frame_bytes_per_step};
 pub use image::{PixelFormat, decode_color, decode_depth, encode_jpeg};
+pub use join::join;
 pub use limits::{Limits, MOST_JSON_DEPTH};
 pub use read::{Reading, cache_episode, memory_per_step, read_episode, read_episode_within};
 pub use salvage::salvage;

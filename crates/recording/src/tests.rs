@@ -18,11 +18,11 @@ use std::path::{Path, PathBuf};
 use gleaner_core::TaskSpec;
 
 /// The pick-cube task as the repository's example describes it.
-fn pick_cube() -> TaskSpec {
+pub(crate) fn pick_cube() -> TaskSpec {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/pick_cube_maniskill.toml");
     toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-fn fixture(name: &str) -> PathBuf {
+pub(crate) fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
 }

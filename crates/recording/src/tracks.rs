@@ -17,7 +17,7 @@ use gleaner_core::{FieldSource, TaskSpec};
 use gleaner_core::{FindingCode, TopicReport};
 
 /// Most messages of one topic.
-const MAX_MESSAGES: usize = 10_000_000;
+pub const MAX_MESSAGES: usize = 10_000_000;
 /// Most numbers of one field over the recording.
 const MAX_NUMBERS: usize = 500_000_000;
 
@@ -127,6 +127,7 @@ impl Pass {
                 found.clone_into(&mut profile);
                 Ok(())
             }
+            Record::Attachment { .. } => Ok(()),
             Record::Schema { .. } | Record::Channel { .. } | Record::Metadata { .. } => {
                 channels.declare(&record, &|topic| wanted.contains_key(topic))
             }

@@ -203,14 +203,19 @@ const CHUNK_BYTES: u64 = 64 << 10;
 
 /// An MCAP writer as this crate uses it: zstd, small chunks, and no threads of its own.
 pub(crate) fn mcap_writer<W: Write + Seek>(writer: W, profile: &str) -> Result<mcap::Writer<W>, RecordingError> {
-    let options = mcap::WriteOptions::new()
+    let library = concat!("gleaner-recording/", env!("CARGO_PKG_VERSION"));
+    let options = write_options(profile, CHUNK_BYTES).library(library);
+    options.create(writer).map_err(RecordingError::Write)
+}
+
+/// The options of every MCAP writer of this crate: their bytes follow from what is written.
+pub(crate) fn write_options(profile: &str, chunk_bytes: u64) -> mcap::WriteOptions {
+    mcap::WriteOptions::new()
         .compression_threads(0)
         // A chunk is then written in one piece and not changed afterwards, so that a crash leaves complete chunks and a tail.
         .disable_seeking(true)
-        .chunk_size(Some(CHUNK_BYTES))
+        .chunk_size(Some(chunk_bytes))
         .profile(profile)
-        .library(concat!("gleaner-recording/", env!("CARGO_PKG_VERSION")));
-    options.create(writer).map_err(RecordingError::Write)
 }
 
 fn add_channel<W: Write + Seek>(

@@ -40,7 +40,7 @@ pub(super) struct Inspector {
     pub(super) memory_bytes: u64,
     seconds: u64,
     /// The limits on a recording's content.
-    limits: RecordingsConfig,
+    pub(super) limits: RecordingsConfig,
     pub(super) slots: Slots,
 }
 

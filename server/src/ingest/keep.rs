@@ -48,7 +48,17 @@ impl Ingest {
         let existing = || async { self.store.episode_of(&task_id, &blake3).await };
         let (task, digest) = (task_id.clone(), blake3.clone());
         let client = Client::Server;
-        let new = NewUpload { task_id: task, file_name, size_bytes, blake3: digest, outcome, cohort, author, client };
+        let new = NewUpload {
+            task_id: task,
+            file_name,
+            size_bytes,
+            blake3: digest,
+            outcome,
+            cohort,
+            author,
+            client,
+            summary: None,
+        };
         let stored = match self.start(new).await {
             Ok(Started::Existing(episode)) => Ok(episode),
             Ok(Started::Open(upload)) => self.finish_file(&upload.id, recording, size_bytes).await,

@@ -1,8 +1,12 @@
-//! Checks of a recording's declared size, before its first byte: the limit on recordings, that on files, and the room of
-//! the disk beside the uploads that are on their way.
+//! Checks of what a client declares about a recording, before its first byte: its size, what its own summary states, and
+//! the room of the disk beside the uploads that are on their way. A declaration may be wrong; the inspection decides.
+
+use gleaner_inspector::most_written;
+use gleaner_recording::{InspectionEstimate, MAX_MESSAGES, RecordingSummary, TaskSpec, estimate};
 
 use super::Ingest;
 use crate::{
+    domain::episode::NewUpload,
     error::{Error, Result},
     file_limit::largest_file,
 };
@@ -29,6 +33,77 @@ impl Ingest {
         }
     }
 
+    /// Whether a recording with this declaration may be stored here. Returns what its inspection takes, if the declaration
+    /// has a summary.
+    ///
+    /// # Errors
+    /// Exhausted names the limit, its value and the declared number.
+    pub(super) async fn within_declared_limits(&self, new: &NewUpload) -> Result<Option<InspectionEstimate>> {
+        self.within_limits("size_bytes", new.size_bytes)?;
+        let Some(summary) = &new.summary else { return Ok(None) };
+        self.within_content_limits(summary)?;
+        let task = self.store.task_by_id(&new.task_id).await?.spec;
+        messages_fit(summary, &task)?;
+        let estimate = estimate(summary, &task);
+        let memory = self.inspector.memory_bytes;
+        let length = format!("{} s with {} steps", summary.duration_ns / 1_000_000_000, estimate.steps);
+        if estimate.least_memory_bytes > memory {
+            return Err(Error::exhausted(format!(
+                "summary: reading {length} takes at least {} bytes of memory, and an inspection has {memory} \
+                 (--inspect-memory-bytes): record shorter episodes, or raise the limit at the server",
+                estimate.least_memory_bytes
+            )));
+        }
+        let most = most_written(memory, new.size_bytes);
+        if estimate.least_decoded_bytes > most {
+            return Err(Error::exhausted(format!(
+                "summary: the decoded images of {length} take at least {} bytes, and an inspection may write {most} \
+                 (--inspect-memory-bytes, and 16 times the recording): record shorter episodes or smaller images, or \
+                 raise the limit at the server",
+                estimate.least_decoded_bytes
+            )));
+        }
+        Ok(Some(estimate))
+    }
+
+    /// Whether the reader accepts this many messages, channels and bytes in a chunk.
+    fn within_content_limits(&self, summary: &RecordingSummary) -> Result<()> {
+        let limits = self.inspector.limits.limits();
+        let channels = limits.channels as u64;
+        let topics = summary.topics.len() as u64;
+        let longest = summary.topics.keys().map(String::len).max().unwrap_or_default();
+        for (field, stated, what, most, flag, remedy) in [
+            ("messages", summary.messages, "messages", limits.records, "--max-records", "split the recording"),
+            ("channels", summary.channels, "channels", channels, "--max-channels", "record fewer topics"),
+            ("schemas", summary.schemas, "schemas", channels, "--max-channels", "record fewer topics"),
+            ("topics", topics, "topics", channels, "--max-channels", "record fewer topics"),
+            (
+                "topics",
+                longest as u64,
+                "bytes in a topic's name",
+                limits.name_bytes as u64,
+                "--max-name-bytes",
+                "record it under a shorter name",
+            ),
+            (
+                "largest_chunk_bytes",
+                summary.largest_chunk_bytes,
+                "bytes in a chunk",
+                limits.chunk_bytes as u64,
+                "--max-chunk-bytes",
+                "record smaller chunks",
+            ),
+        ] {
+            if stated > most {
+                return Err(Error::exhausted(format!(
+                    "summary.{field}: the recording states {stated} {what}, and this server reads at most {most} ({flag}): \
+                     {remedy}, or raise the limit at the server"
+                )));
+            }
+        }
+        Ok(())
+    }
+
     /// Makes room for a recording of this size beside the bytes that active uploads still have to send.
     ///
     /// # Errors
@@ -43,3 +118,18 @@ impl Ingest {
         })
     }
 }
+
+/// Whether the reader accepts this many messages of the topics that the task reads.
+fn messages_fit(summary: &RecordingSummary, task: &TaskSpec) -> Result<()> {
+    let read = |topic: &str| task.mappings.iter().any(|mapping| mapping.topics(task).contains(topic));
+    match summary.topics.iter().find(|(topic, count)| **count > MAX_MESSAGES as u64 && read(topic)) {
+        Some((topic, count)) => Err(Error::exhausted(format!(
+            "summary.topics: the recording states {count} messages of {topic}, and {MAX_MESSAGES} of a topic are read at \
+             most: split the recording"
+        ))),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests;

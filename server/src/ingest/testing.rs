@@ -134,6 +134,7 @@ impl Fixture {
             cohort: "ada".into(),
             author: "tests".into(),
             client: Client::Token("tests".into()),
+            summary: None,
         }
     }
 

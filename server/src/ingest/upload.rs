@@ -1,5 +1,6 @@
 //! The life of an upload without its bytes: start, status, finish.
 
+use gleaner_recording::InspectionEstimate;
 use tracing::Instrument as _;
 
 use super::{Ingest, existing::same_label, off_runtime, part};
@@ -27,10 +28,10 @@ impl Ingest {
     /// Opens an upload, or resumes an inactive one of the same content.
     ///
     /// # Errors
-    /// Exists when the task holds the content under another label; Exhausted above a limit on its size, when the disk
-    /// lacks room beside the active uploads, or when the client has too many open uploads.
+    /// Exists when the task holds the content under another label; Exhausted above a limit on its size or on what its
+    /// summary states, when the disk lacks room beside the active uploads, or when the client has too many open uploads.
     pub(crate) async fn start(&self, new: NewUpload) -> Result<Started> {
-        self.within_limits("size_bytes", new.size_bytes)?;
+        let estimate = self.within_declared_limits(&new).await?.unwrap_or_default();
         self.store.verify()?;
         let upload = new.open();
         if let Some(existing) = self.stored(&upload).await? {
@@ -52,7 +53,7 @@ impl Ingest {
         if let Some(existing) = self.stored(&upload).await? {
             return same_label(existing, upload.outcome, &upload.cohort).map(Started::Existing);
         }
-        self.make_room_for_upload(upload.size_bytes).await?;
+        self.make_room_for_upload(upload.size_bytes.saturating_add(estimate.least_decoded_bytes)).await?;
         let path = self.part_path(&upload.id);
         off_runtime("making a part file", move || part::create(&path)).await?;
         crate::fail_point::pass("upload.part_made");
@@ -63,6 +64,20 @@ impl Ingest {
         }
         crate::fail_point::pass("upload.row_made");
         Ok(Started::Open(upload))
+    }
+
+    /// Checks an upload as [`Ingest::start`] does, and opens none. Returns the existing episode of its content, and what an
+    /// inspection takes by the recording's summary.
+    ///
+    /// # Errors
+    /// As for [`Ingest::start`], apart from the room of the disk that caches would leave and the number of open uploads.
+    pub(crate) async fn check(&self, new: NewUpload) -> Result<(Option<Episode>, Option<InspectionEstimate>)> {
+        let estimate = self.within_declared_limits(&new).await?;
+        let upload = new.open();
+        match self.stored(&upload).await? {
+            Some(existing) => Ok((Some(same_label(existing, upload.outcome, &upload.cohort)?), estimate)),
+            None => Ok((None, estimate)),
+        }
     }
 
     /// The most uploads that the client may have open. Recordings of sessions have no limit: their robots were accepted

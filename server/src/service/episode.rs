@@ -22,6 +22,16 @@ pub(crate) struct EpisodeApi(pub(crate) Services);
 impl EpisodeService for EpisodeApi {
     async fn start_upload(&self, request: Request<v1::StartUploadRequest>) -> Reply<v1::StartUploadResponse> {
         let client = Caller::client_of(&request);
+        if request.get_ref().validate_only {
+            return answer(async {
+                let request = request.into_inner();
+                let task = self.0.store.task(&request.task).await?;
+                let new = wire::upload::start_request(request, task.id, client?)?;
+                let (existing, estimate) = self.0.ingest.check(new).await?;
+                Ok(wire::upload::check_response(existing, estimate))
+            })
+            .await;
+        }
         change(request, async |request| {
             let task = self.0.store.task(&request.task).await?;
             let started = self.0.ingest.start(wire::upload::start_request(request, task.id, client?)?).await?;

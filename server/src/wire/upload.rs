@@ -1,5 +1,9 @@
 //! Uploads on the wire.
 
+use gleaner_core::{
+    InspectionEstimate,
+    proto::recording::{estimate_to_proto, summary_from_proto},
+};
 use gleaner_proto::v1;
 
 use super::{
@@ -9,7 +13,7 @@ use super::{
 use crate::{
     domain::{
         client::Client,
-        episode::{NewUpload, Upload},
+        episode::{Episode, NewUpload, Upload},
         id::{BlobId, TaskId, UploadId},
     },
     error::{Error, Result},
@@ -26,7 +30,17 @@ pub(crate) fn upload_id(text: &str) -> Result<UploadId> {
 
 /// Reads the declaration of an upload to the task. The outcome is required; `unknown` is one.
 pub(crate) fn start_request(request: v1::StartUploadRequest, task_id: TaskId, client: Client) -> Result<NewUpload> {
-    let v1::StartUploadRequest { task: _, file_name, size_bytes, blake3, outcome, cohort, author } = request;
+    let v1::StartUploadRequest {
+        task: _,
+        file_name,
+        size_bytes,
+        blake3,
+        outcome,
+        cohort,
+        author,
+        summary,
+        validate_only: _,
+    } = request;
     if size_bytes == 0 {
         return Err(Error::invalid("size_bytes", "the file is empty; record the episode again or push the right file"));
     }
@@ -39,21 +53,34 @@ pub(crate) fn start_request(request: v1::StartUploadRequest, task_id: TaskId, cl
         cohort: field::tag("cohort", cohort)?,
         author: field::tag("author", author)?,
         client,
+        summary: summary.map(summary_from_proto),
     })
 }
 
 /// How an upload started.
 pub(crate) fn start_response(started: Started) -> v1::StartUploadResponse {
     match started {
-        Started::Open(upload) => {
-            v1::StartUploadResponse { upload_id: upload.id.into(), committed_size: upload.committed, existing: None }
-        }
-        Started::Existing(existing) => v1::StartUploadResponse {
-            upload_id: String::new(),
-            committed_size: existing.size_bytes,
-            existing: Some(episode(existing)),
+        Started::Open(upload) => v1::StartUploadResponse {
+            upload_id: upload.id.into(),
+            committed_size: upload.committed,
+            ..Default::default()
         },
+        Started::Existing(existing) => existing_response(existing),
     }
+}
+
+/// What a checked upload would do.
+pub(crate) fn check_response(
+    existing: Option<Episode>,
+    estimate: Option<InspectionEstimate>,
+) -> v1::StartUploadResponse {
+    let response = existing.map(existing_response).unwrap_or_default();
+    v1::StartUploadResponse { estimate: estimate.map(estimate_to_proto), ..response }
+}
+
+fn existing_response(existing: Episode) -> v1::StartUploadResponse {
+    let committed_size = existing.size_bytes;
+    v1::StartUploadResponse { committed_size, existing: Some(episode(existing)), ..Default::default() }
 }
 
 /// Some bytes of an upload.

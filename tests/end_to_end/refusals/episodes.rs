@@ -18,6 +18,7 @@ fn start(change: fn(&mut StartUploadRequest)) -> StartUploadRequest {
         outcome: Outcome::Unknown.into(),
         cohort: "c".into(),
         author: "tests".into(),
+        ..StartUploadRequest::default()
     };
     change(&mut request);
     request

@@ -5,6 +5,7 @@ use tonic::Code;
 
 use crate::support::{
     api::Api,
+    command::{gleaner, json},
     errors::{expect_alive, expect_error, expect_errors},
     lab::{self, RECORDINGS},
     server::TestServer,
@@ -24,6 +25,54 @@ async fn each_limit_on_recordings_is_a_flag() {
         expect_error(&lab::push(&mut api, lab::TASK, recording).await.unwrap_err(), Code::InvalidArgument, &[words]);
         expect_alive(&mut api).await;
     }
+}
+
+/// The client reads a recording's summary and the server refuses it before its first byte.
+#[tokio::test]
+async fn recordings_that_state_too_much_are_rejected_before_they_are_sent() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    std::fs::write(&path, &RECORDINGS[0].bytes).unwrap();
+    let path = path.to_str().unwrap();
+    for (flag, value, field) in [
+        ("--max-records", "20", "summary.messages"),
+        ("--max-channels", "2", "summary.channels"),
+        ("--max-chunk-bytes", "1000", "summary.largest_chunk_bytes"),
+        ("--max-name-bytes", "5", "summary.topics"),
+    ] {
+        let (server, mut api) = lab::with_task(&["--workers", "0", flag, value]).await;
+        for check in [&["--check"][..], &[]] {
+            let output = gleaner(server.url(), &[&["push", path], check].concat()).await;
+            for part in [field, flag, value] {
+                assert!(!output.success && output.out.contains(part), "{flag}: {} {}", output.out, output.errors);
+            }
+        }
+        let summary = Some(RecordingSummary { messages: 21, channels: 3, largest_chunk_bytes: 1001, ..many_names() });
+        let request = StartUploadRequest { summary, ..lab::upload(lab::TASK, &RECORDINGS[0]) };
+        expect_error(&api.episodes.start_upload(request).await.unwrap_err(), Code::ResourceExhausted, &[field, flag]);
+        expect_alive(&mut api).await;
+    }
+}
+
+fn many_names() -> RecordingSummary {
+    RecordingSummary { topics: [("/topic".to_owned(), 7)].into(), ..RecordingSummary::default() }
+}
+
+#[tokio::test]
+async fn a_check_of_a_push_has_an_estimate_and_stores_nothing() {
+    let (server, mut api) = lab::with_task(&["--workers", "0"]).await;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    std::fs::write(&path, &RECORDINGS[0].bytes).unwrap();
+    let push = ["push", path.to_str().unwrap(), "--outcome", "success"];
+    let check = [&push[..], &["--check"]].concat();
+    let checked = &json(server.url(), &check).await["recordings"][0];
+    let steps = checked["estimate"]["steps"].as_u64().unwrap();
+    assert!(steps > 0 && checked["existing"].is_null() && checked["duration_s"].as_f64().unwrap() > 0.0, "{checked}");
+    assert!(api.episodes().await.is_empty(), "a check stores nothing");
+    let stored = &json(server.url(), &push).await["episodes"][0]["episode"];
+    assert_eq!(stored["steps"].as_u64().unwrap(), steps);
+    assert_eq!(json(server.url(), &check).await["recordings"][0]["existing"]["id"], stored["id"]);
 }
 
 #[tokio::test]

@@ -123,6 +123,7 @@ pub fn upload(task: &str, recording: &Recording) -> StartUploadRequest {
         outcome: recording.outcome.into(),
         cohort: recording.cohort.clone(),
         author: "tests".to_owned(),
+        ..StartUploadRequest::default()
     }
 }
 

@@ -1,5 +1,8 @@
 //! `push`: recordings with their labels, many at a time.
 
+mod check;
+mod join;
+
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -20,9 +23,14 @@ use crate::{json, words};
 #[derive(Args, Debug)]
 #[group(id = "what", required = true, multiple = true, args = ["paths", "labels"])]
 pub(crate) struct PushArgs {
-    /// Recordings, or folders that are searched for *.mcap; files that are not regular are skipped and listed. Default
-    /// with --labels: every file that it lists.
+    /// Recordings, or folders that are searched for *.mcap; files that are not regular are skipped and listed. A folder
+    /// whose metadata.yaml lists several parts (rosbag2) is one recording. Default with --labels: every file that it
+    /// lists.
     paths: Vec<PathBuf>,
+    /// Join parts that a recorder has cut (NAME_0.mcap, NAME_1.mcap, …) to one recording: those in each folder given, or
+    /// the files given. A missing part is an error.
+    #[arg(long, requires = "paths", conflicts_with = "labels")]
+    join: bool,
     /// Name or id of the task. Default: that of the labels file, or the only task of the server.
     #[arg(long)]
     task: Option<String>,
@@ -38,6 +46,10 @@ pub(crate) struct PushArgs {
     /// Maximum number of concurrent uploads. More make better use of a fast network; fewer leave bandwidth to others.
     #[arg(long, default_value_t = 4, value_name = "N")]
     jobs: usize,
+    /// Check the recordings and send none of their bytes: whether they are stored already, or above a limit of the
+    /// server by what they state about themselves. A recording that passes can still be rejected by its inspection.
+    #[arg(long)]
+    check: bool,
 }
 
 impl PushArgs {
@@ -47,6 +59,9 @@ impl PushArgs {
         for task in items.iter().map(|item| item.task.clone()).collect::<BTreeSet<_>>() {
             // Once, before the first byte, rather than as the same failure of each file.
             client.tasks().get_task(GetTaskRequest { task }).await?;
+        }
+        if self.check {
+            return check::check(context, &client, items, self.jobs).await;
         }
         let task = items.first().map(|item| item.task.clone()).unwrap_or_default();
         let pushed = push(context, &client, items, self.jobs).await;
@@ -65,11 +80,17 @@ impl PushArgs {
     async fn items(&self, context: &Context, client: &Client) -> Result<(Vec<PushItem>, Vec<Skipped>)> {
         let item = |path: PathBuf, task: String, outcome: Outcome, cohort: String| PushItem {
             path,
+            parts: Vec::new(),
             task,
             label: UploadLabel { outcome, cohort, author: context.connection.author() },
         };
         let Some(labels) = &self.labels else {
             let task = context.task(client, self.task.as_deref()).await?;
+            if self.join {
+                let item =
+                    |(path, parts)| PushItem { parts, ..item(path, task.clone(), self.outcome, self.cohort.clone()) };
+                return Ok((join::recordings(&self.paths)?.into_iter().map(item).collect(), Vec::new()));
+            }
             let found = find_recordings(&self.paths)?;
             let paths = found.recordings.into_iter();
             let items = paths.map(|path| item(path, task.clone(), self.outcome, self.cohort.clone())).collect();
@@ -98,6 +119,16 @@ impl PushArgs {
     }
 }
 
+// Bytes of a recording for the progress: those of its parts are about those of their join.
+fn size(item: &PushItem) -> u64 {
+    let of = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
+    match std::fs::read_dir(&item.path) {
+        Ok(entries) => entries.flatten().map(|entry| of(&entry.path())).sum(),
+        Err(_) if item.parts.is_empty() => of(&item.path),
+        Err(_) => item.parts.iter().map(|part| of(part)).sum(),
+    }
+}
+
 // The rows of these recordings; each must have one.
 fn chosen(rows: Vec<LabelledFile>, recordings: Vec<PathBuf>, labels: &Path) -> Result<Vec<LabelledFile>> {
     let place = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
@@ -112,7 +143,6 @@ fn chosen(rows: Vec<LabelledFile>, recordings: Vec<PathBuf>, labels: &Path) -> R
 
 /// Pushes with a progress bar over all bytes.
 pub(crate) async fn push(context: &Context, client: &Client, items: Vec<PushItem>, parallel: usize) -> Pushed {
-    let size = |item: &PushItem| std::fs::metadata(&item.path).map_or(0, |metadata| metadata.len());
     let sizes: Vec<u64> = items.iter().map(size).collect();
     let bar = context.progress.bytes("push", sizes.iter().sum());
     let sent: Vec<AtomicU64> = sizes.iter().map(|_| AtomicU64::new(0)).collect();

@@ -126,6 +126,7 @@ async fn create_task(client: &Client, plan: &Experiment) -> Result<()> {
 async fn pushed(context: &Context, client: &Client, folder: &Path, plan: &Experiment) -> Result<Pushed> {
     let item = |file: gleaner_client::LabelledFile| PushItem {
         path: file.path,
+        parts: Vec::new(),
         task: plan.task.clone(),
         label: UploadLabel { outcome: file.outcome, cohort: file.cohort, author: "simulator".into() },
     };

@@ -10,8 +10,9 @@ from gleaner._download import inside, save
 from gleaner._messages import number
 from gleaner._proto.v1 import episode_pb2 as pb
 from gleaner._rpc import Rpc
+from gleaner._summary import summarize
 from gleaner._upload import Upload, digest, name_to_send, regular
-from gleaner.types import Episode, Label, Report
+from gleaner.types import Episode, InspectionEstimate, Label, Report
 
 _PAGE = 500
 
@@ -34,23 +35,31 @@ class Episodes:
     ) -> Episode:
         """Uploads a recording (MCAP) under a label: `outcome` is success, failure or unknown.
 
+        The parts of a recording that its recorder has cut are joined and pushed by the command `gleaner push` only.
         A broken connection is reopened and the upload resumes where it was. Content that the task holds already
         under this label is not sent again. `progress` is called with the bytes sent so far.
 
         Raises `InvalidArgument` when the recording does not fit the task (each finding with its fix), `NotFound`
-        without such a task, `AlreadyExists` when the content is there under another label.
+        without such a task, `AlreadyExists` when the content is there under another label, and `ResourceExhausted` when
+        the recording states, before its first byte, that it is above a limit of the server.
         """
         path = regular(Path(path))
-        start = pb.StartUploadRequest(
-            task=task,
-            file_name=name_to_send(path),
-            size_bytes=path.stat().st_size,
-            blake3=digest(path),
-            outcome=number(pb.StartUploadRequest, "outcome", outcome),
-            cohort=cohort,
-            author=author,
-        )
+        start = _start(path, task, outcome, cohort)
+        start.author = author
         return Upload(self._rpc, path, start, progress).run()
+
+    def check(
+        self, path: str | os.PathLike[str], *, task: str, outcome: str, cohort: str = ""
+    ) -> InspectionEstimate | None:
+        """Checks a recording as `push` would, and sends none of its bytes.
+
+        Returns what its inspection takes by what the recording states about itself, or `None` if it states nothing.
+        The inspection of a push can still reject it. Raises as `push` before its first byte.
+        """
+        start = _start(regular(Path(path)), task, outcome, cohort)
+        start.validate_only = True
+        reply = self._rpc.unary("EpisodeService/StartUpload", start, pb.StartUploadResponse)
+        return reply.estimate if reply.HasField("estimate") else None
 
     def get(self, episode_id: str) -> Episode:
         """Returns an episode. Raises `NotFound`."""
@@ -125,6 +134,18 @@ class Episodes:
     def _get(self, episode_id: str) -> pb.GetEpisodeResponse:
         request = pb.GetEpisodeRequest(episode_id=episode_id)
         return self._rpc.safe("EpisodeService/GetEpisode", request, pb.GetEpisodeResponse)
+
+
+def _start(path: Path, task: str, outcome: str, cohort: str) -> pb.StartUploadRequest:
+    return pb.StartUploadRequest(
+        task=task,
+        file_name=name_to_send(path),
+        size_bytes=path.stat().st_size,
+        blake3=digest(path),
+        outcome=number(pb.StartUploadRequest, "outcome", outcome),
+        cohort=cohort,
+        summary=summarize(path),
+    )
 
 
 def _ids(episode_ids: str | Iterable[str]) -> list[str]:

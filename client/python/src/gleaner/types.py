@@ -2,7 +2,7 @@
 
 from gleaner._messages import word
 from gleaner._proto.v1.dataset_pb2 import Dataset, ExportFile
-from gleaner._proto.v1.episode_pb2 import Episode, Finding, Label, Report
+from gleaner._proto.v1.episode_pb2 import Episode, Finding, InspectionEstimate, Label, Report
 from gleaner._proto.v1.job_pb2 import Job, JobSpec, Metric, PipelineSpec
 from gleaner._proto.v1.policy_pb2 import Deployment, Evaluation, SeedResult, Timings
 from gleaner._proto.v1.policy_pb2 import Policy as PolicyRecord
@@ -19,6 +19,7 @@ __all__ = [
     "ExportFile",
     "FieldSpec",
     "Finding",
+    "InspectionEstimate",
     "Job",
     "JobSpec",
     "KeptBySelection",

@@ -4,7 +4,7 @@
 //! Lengths are claims: a buffer grows with the bytes that are there.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use crc32fast::Hasher;
@@ -59,6 +59,18 @@ impl Frames {
     pub(super) fn magic(&mut self) -> Result<bool, RecordingError> {
         let mut magic = Vec::new();
         Ok(self.body(mcap::MAGIC.len() as u64, &mut magic)? && magic == mcap::MAGIC)
+    }
+
+    /// The offset of the first record.
+    pub(super) fn begin() -> u64 {
+        mcap::MAGIC.len() as u64
+    }
+
+    /// Continues at another offset, with a new checksum.
+    pub(super) fn seek(&mut self, offset: u64) -> Result<(), RecordingError> {
+        self.file.seek(SeekFrom::Start(offset)).map_err(|source| self.io(source))?;
+        (self.offset, self.checksum) = (offset, Hasher::new());
+        Ok(())
     }
 
     /// The next record; `None` where the file ends. [`Frames::include`] adds its head to the checksum.

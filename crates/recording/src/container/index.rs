@@ -29,6 +29,8 @@ pub(super) struct ChunkIndex {
     pub(super) offsets: BTreeMap<u16, u64>,
     /// Bytes of all message indexes of the chunk.
     pub(super) length: u64,
+    /// Bytes of the chunk, as it is stored or as it unpacks: the larger number.
+    pub(super) chunk_bytes: u64,
 }
 
 /// The counts that a file states about itself.
@@ -114,7 +116,8 @@ impl ChunkIndex {
         let compression = fields.text()?.to_owned();
         let (compressed_size, uncompressed_size) = (fields.u64()?, fields.u64()?);
         let head = ChunkHead { start_time, end_time, uncompressed_size, checksum: 0, compression, compressed_size };
-        Some(Self { chunk: chunk_key(offset, length, &head), offsets, length: index_length })
+        let chunk_bytes = compressed_size.max(uncompressed_size);
+        Some(Self { chunk: chunk_key(offset, length, &head), offsets, length: index_length, chunk_bytes })
     }
 }
 
@@ -137,6 +140,8 @@ impl Statistics {
 impl Footer {
     /// Bytes before the checksum, which are a part of it.
     pub(super) const CHECKED_BYTES: u64 = 16;
+    /// Bytes of the whole body.
+    pub(super) const BYTES: u64 = Self::CHECKED_BYTES + 4;
 
     pub(super) fn parse(body: &[u8]) -> Option<Self> {
         let mut fields = Fields { rest: body };

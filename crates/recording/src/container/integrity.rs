@@ -73,7 +73,7 @@ impl Integrity {
                 self.counts.metadata += 1;
                 return;
             }
-            Record::Header { .. } | Record::Metadata { .. } => return,
+            Record::Header { .. } | Record::Metadata { .. } | Record::Attachment { .. } => return,
         };
         self.unchecked += u64::from(!checked && place != Place::Summary);
         let Some(((kind, is_schema, id), content)) = declaration else { return };

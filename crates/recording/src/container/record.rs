@@ -15,6 +15,7 @@ pub(crate) enum Record<'a> {
     Channel { id: u16, schema_id: u16, topic: &'a str, encoding: &'a str, metadata: BTreeMap<String, String> },
     Message { header: MessageHeader, data: &'a [u8] },
     Metadata { name: &'a str, values: BTreeMap<String, String> },
+    Attachment { log_time: u64, create_time: u64, name: &'a str, media_type: &'a str, data: &'a [u8] },
 }
 
 /// Parses the body of a record; `None` for an unused kind.
@@ -27,6 +28,7 @@ pub(super) fn parse(opcode: u8, body: &[u8]) -> Result<Option<Record<'_>>, Recor
         op::CHANNEL => fields.channel(),
         op::MESSAGE => fields.message(),
         op::METADATA => fields.metadata(),
+        op::ATTACHMENT => fields.attachment(),
         _ => return Ok(None),
     };
     record.map(Some).ok_or_else(|| unfit(opcode))
@@ -126,5 +128,16 @@ impl<'a> Fields<'a> {
 
     fn metadata(&mut self) -> Option<Record<'a>> {
         Some(Record::Metadata { name: self.text()?, values: self.map()? })
+    }
+
+    /// Without the checksum at its end.
+    fn attachment(&mut self) -> Option<Record<'a>> {
+        Some(Record::Attachment {
+            log_time: self.u64()?,
+            create_time: self.u64()?,
+            name: self.text()?,
+            media_type: self.text()?,
+            data: self.long_bytes()?,
+        })
     }
 }

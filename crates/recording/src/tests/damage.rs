@@ -79,7 +79,10 @@ fn changed_messages_never_panic() {
                     schemas.push((name.to_owned(), encoding.to_owned(), data.to_vec()));
                 }
                 Record::Message { data, .. } => messages.push(data.to_vec()),
-                Record::Header { .. } | Record::Channel { .. } | Record::Metadata { .. } => {}
+                Record::Header { .. }
+                | Record::Channel { .. }
+                | Record::Metadata { .. }
+                | Record::Attachment { .. } => {}
             }
             Ok(())
         })
