@@ -48,7 +48,8 @@ fn ids_are_sorted_as_their_rows_are() {
     for (key, descending) in
         [(SortKey::MeanQ, false), (SortKey::MeanQ, true), (SortKey::Date, false), (SortKey::Date, true)]
     {
-        let q = mean_q(&rows);
+        let all = rows.clone();
+        let q = mean_q(&all);
         let mut keyed: Vec<_> = rows.iter().map(|row| (q(&row.episode.id), row.episode.id.clone())).collect();
         sort_ids(&mut keyed, key == SortKey::MeanQ, descending);
         // Ids are in the order of time.
