@@ -13,7 +13,7 @@ use super::{
     time::Millis,
 };
 
-pub use table::{SortKey, TableFilter, TableRow, sort};
+pub use table::{SortKey, TableFilter, TableRow, sort, sort_ids};
 
 /// A task at a glance; the trash is left out.
 #[derive(Debug, Clone)]

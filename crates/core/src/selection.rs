@@ -9,7 +9,7 @@ mod phase;
 mod rule;
 mod shape;
 
-pub use count::{Kept, WhatIf, count, what_if};
+pub use count::{Kept, WhatIf, what_if};
 pub use phase::places;
 pub use rule::{Filter, Rule, best_first, ranked};
 pub use shape::SelectionShape;

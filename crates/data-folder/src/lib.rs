@@ -65,10 +65,29 @@ pub const CACHE: &str = "cache";
 /// Suffix of the files of stored features in that folder.
 pub const FEATURES: &str = "features";
 
-/// The path of a recording's decoded steps, for this task. Derived: it can always be rebuilt.
+/// The paths of the decoded steps of one task's recordings. Derived: each file can always be rebuilt.
+#[derive(Debug, Clone)]
+pub struct FramePaths {
+    folder: PathBuf,
+    task: String,
+}
+
+impl FramePaths {
+    /// Those in a data folder for this task.
+    pub fn new(data_dir: &Path, spec: &TaskSpec) -> Self {
+        // Every specification can be written as JSON: it came from JSON.
+        let spec = serde_json::to_vec(spec).unwrap_or_default();
+        let task = blake3::hash(&spec).to_hex().get(..16).unwrap_or_default().to_owned();
+        Self { folder: data_dir.join(CACHE), task }
+    }
+
+    /// The path of this recording's decoded steps.
+    pub fn of(&self, recording: &BlobId) -> PathBuf {
+        self.folder.join(format!("{recording}-{}.frames", self.task))
+    }
+}
+
+/// The path of one recording's decoded steps, as [`FramePaths`] has it.
 pub fn frames_path(data_dir: &Path, recording: &BlobId, spec: &TaskSpec) -> PathBuf {
-    // Every specification can be written as JSON: it came from JSON.
-    let spec = serde_json::to_vec(spec).unwrap_or_default();
-    let spec = blake3::hash(&spec).to_hex();
-    data_dir.join(CACHE).join(format!("{recording}-{}.frames", spec.get(..16).unwrap_or_default()))
+    FramePaths::new(data_dir, spec).of(recording)
 }

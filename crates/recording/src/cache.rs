@@ -77,10 +77,10 @@ impl FrameCache {
     /// does not have the steps.
     pub fn numbers(&self, steps: Range<usize>) -> Result<Numbers, RecordingError> {
         let mut numbers = Numbers::default();
-        for row in self.rows(&self.open_for(&steps)?, steps)? {
-            numbers.stamps.push(row.stamp);
-            numbers.proprioception.extend(row.proprioception);
-            numbers.action.extend(row.action);
+        let bytes = self.row_bytes(&self.open_for(&steps)?, &steps)?;
+        for (step, bytes) in steps.zip(bytes.chunks_exact(self.head.row_bytes())) {
+            let row = Row::numbers(&self.head, step, bytes, &mut numbers.proprioception, &mut numbers.action);
+            numbers.stamps.push(row.ok_or_else(|| self.broken(step))?);
         }
         Ok(numbers)
     }
@@ -132,13 +132,21 @@ impl FrameCache {
     }
 
     fn rows(&self, file: &File, steps: Range<usize>) -> Result<Vec<Row>, RecordingError> {
+        let bytes = self.row_bytes(file, &steps)?;
+        let row = |(step, bytes)| Row::parse(&self.head, step, bytes).ok_or_else(|| self.broken(step));
+        steps.zip(bytes.chunks_exact(self.head.row_bytes())).map(row).collect()
+    }
+
+    fn row_bytes(&self, file: &File, steps: &Range<usize>) -> Result<Vec<u8>, RecordingError> {
         let cut = || damaged(&self.path, "it ends in the middle");
-        let (size, begin) = (self.head.row_bytes(), self.head.row_at(steps.start).ok_or_else(cut)?);
-        let mut bytes = vec![0; steps.len().saturating_mul(size)];
+        let begin = self.head.row_at(steps.start).ok_or_else(cut)?;
+        let mut bytes = vec![0; steps.len().saturating_mul(self.head.row_bytes())];
         self.read(file, &mut bytes, begin)?;
-        let broken = |step| damaged(&self.path, &format!("the checksum of step {step} is wrong"));
-        let row = |(step, bytes)| Row::parse(&self.head, step, bytes).ok_or_else(|| broken(step));
-        steps.zip(bytes.chunks_exact(size)).map(row).collect()
+        Ok(bytes)
+    }
+
+    fn broken(&self, step: usize) -> RecordingError {
+        damaged(&self.path, &format!("the checksum of step {step} is wrong"))
     }
 
     fn picture(

@@ -101,6 +101,10 @@ pub trait Episodes: Send + Sync {
     ) -> Result<Vec<TableRow>>;
     /// Every matching episode of a task.
     async fn episode_table(&self, task: &TaskId, filter: &TableFilter) -> Result<Vec<TableRow>>;
+    /// The ids of the matching episodes of a task, in no order.
+    async fn matching_episodes(&self, task: &TaskId, filter: &TableFilter) -> Result<Vec<EpisodeId>>;
+    /// These episodes, in the order of their ids in the list.
+    async fn episode_rows(&self, ids: &[EpisodeId]) -> Result<Vec<TableRow>>;
     /// The cohorts of a task, in alphabetical order.
     async fn cohorts(&self, task: &TaskId) -> Result<Vec<String>>;
     /// Every label of an episode.

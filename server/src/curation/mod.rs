@@ -15,6 +15,7 @@ pub(crate) use self::summary::Summary;
 use self::{steps::Steps, summary::Weigh};
 use crate::{
     domain::{
+        dataset::{Dataset, DatasetCounts},
         id::{EpisodeId, ScoreRunId},
         selection::{Selection, WhatIf},
         steps::{FrameView, Numbers},
@@ -63,7 +64,7 @@ impl Curation {
         self.0.runs.get_or_insert_async(run, load).await
     }
 
-    /// The counts of each selection of a run; the same as [`Store::count_kept`], which reads the run each time.
+    /// The counts of each selection of a run.
     ///
     /// # Errors
     /// As for [`Curation::summary`].
@@ -76,6 +77,37 @@ impl Curation {
         Ok(counts)
     }
 
+    /// The counts of each dataset, in order; `None` while its score run is not finished. Counts a dataset once, and
+    /// stores its counts.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn dataset_counts(&self, datasets: &[Dataset]) -> Result<Vec<Option<DatasetCounts>>> {
+        let mut counts = Vec::with_capacity(datasets.len());
+        for dataset in datasets {
+            counts.push(self.counts_of(dataset).await?);
+        }
+        Ok(counts)
+    }
+
+    async fn counts_of(&self, dataset: &Dataset) -> Result<Option<DatasetCounts>> {
+        if let Some(stored) = self.0.store.dataset_counts(&dataset.id).await? {
+            return Ok(Some(stored));
+        }
+        let summary = match self.summary(&dataset.score_run_id).await {
+            Ok(summary) => summary,
+            Err(error) if error.kind() == Kind::Precondition => return Ok(None),
+            Err(error) => return Err(error),
+        };
+        let kept = summary.what_if(dataset.selection).await?.total;
+        // A database that cannot be written does not keep a caller from reading.
+        if let Err(error) = self.0.store.keep_counts(&dataset.id, kept).await {
+            tracing::warn!(dataset.id = %dataset.id, %error, "storing the counts of a dataset failed");
+        }
+        let expert_segments = self.0.store.run_counts(summary.run()).await?.expert_segments;
+        Ok(Some(DatasetCounts { kept_segments: kept.segments, kept_episodes: kept.episodes, expert_segments }))
+    }
+
     /// Loads the newest run ahead of its first use.
     ///
     /// # Errors
@@ -83,10 +115,15 @@ impl Curation {
     pub(crate) async fn warm(&self) -> Result<()> {
         let Some(newest) = self.0.store.newest_run().await? else { return Ok(()) };
         let before = self.0.warmed.lock().unwrap_or_else(PoisonError::into_inner).replace(newest.clone());
-        if before.as_ref() != Some(&newest) {
-            self.summary(&newest).await?.warm().await?;
-        }
-        Ok(())
+        if before.as_ref() != Some(&newest) { self.load(&newest).await } else { Ok(()) }
+    }
+
+    /// Loads a finished run with all that its pages and counts are made of.
+    ///
+    /// # Errors
+    /// As for [`Curation::summary`].
+    pub(crate) async fn load(&self, run: &ScoreRunId) -> Result<()> {
+        self.summary(run).await?.warm().await
     }
 
     /// One step of an episode from one of its cameras, as JPEG.

@@ -38,6 +38,7 @@ pub(crate) struct Summary {
     /// (q, w) from best to worst; built on the first request for a top fraction. The fields below are also built on
     /// demand.
     ranked: OnceLock<Vec<(f32, f64)>>,
+    histogram: OnceLock<Histogram>,
     expert_auroc: OnceLock<Option<f64>>,
     best: OnceLock<Vec<SegmentRef>>,
     worst: OnceLock<Vec<SegmentRef>>,
@@ -47,8 +48,8 @@ impl Summary {
     pub(super) fn new(run: ScoreRun, candidates: Vec<Candidate>, experts: Vec<Vec<f32>>) -> Self {
         let places = candidates.iter().map(|one| one.episode_id.clone()).zip(0..).collect();
         let mean_q = candidates.iter().map(|one| mean(&one.q)).collect();
-        let (ranked, expert_auroc, best, worst) = Default::default();
-        Self { run, candidates, experts, places, mean_q, ranked, expert_auroc, best, worst }
+        let (ranked, histogram, expert_auroc, best, worst) = Default::default();
+        Self { run, candidates, experts, places, mean_q, ranked, histogram, expert_auroc, best, worst }
     }
 
     /// The run.
@@ -56,7 +57,7 @@ impl Summary {
         &self.run
     }
 
-    /// The counts of a selection; the same as [`crate::store::Store::count_kept`].
+    /// The counts of a selection.
     ///
     /// # Errors
     /// Internal.
@@ -72,14 +73,27 @@ impl Summary {
         off_runtime("counting what is kept", counting).await
     }
 
-    /// The distributions of q in `bins` equal bins over [0, 1].
+    /// The distributions of q in `bins` equal bins over [0, 1]. Those of the first number of bins are kept.
     ///
     /// # Errors
     /// Internal.
     pub(crate) async fn histogram(self: &Arc<Self>, bins: usize) -> Result<Histogram> {
+        if let Some(kept) = self.histogram.get().filter(|kept| kept.counts().len() == bins) {
+            return Ok(kept.clone());
+        }
+        let filled = self.fill(Histogram::new(bins, &[])).await?;
+        // Another number of bins may be kept already.
+        let _kept = self.histogram.set(filled.clone());
+        Ok(filled)
+    }
+
+    /// Fills an empty histogram with the q of the run's imperfect segments and of its experts.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn fill(self: &Arc<Self>, mut histogram: Histogram) -> Result<Histogram> {
         let summary = Arc::clone(self);
         let counting = move || {
-            let mut histogram = Histogram::new(bins, &[]);
             summary.candidates.iter().for_each(|one| histogram.add(one.q.iter().copied()));
             summary.experts.iter().for_each(|q| histogram.add_expert(q.iter().copied()));
             Ok(histogram)

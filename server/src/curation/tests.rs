@@ -11,7 +11,7 @@ use crate::{
     domain::{
         episode::{Episode, Outcome},
         score::Histogram,
-        selection::{Candidate, Selection, SelectionShape},
+        selection::{Candidate, Kept, Selection, SelectionShape},
         snapshot::Role,
         task::Task,
     },
@@ -122,7 +122,7 @@ async fn numbers_are_returned_by_field() {
     assert_eq!(numbers.action[0].values, [-0.0, -1.0, -2.0]);
 }
 
-/// A run with these q of imperfect episodes, each in its own cohort.
+/// A run with these q of imperfect episodes, in two cohorts by turns.
 async fn run_with(lab: &Lab, q: &[&[f32]]) -> (ScoreRunId, Vec<EpisodeId>) {
     let expert = testing::episode(&lab.store, &lab.task, Outcome::Success, "").await;
     let mut scores = Vec::new();
@@ -141,30 +141,70 @@ async fn run_with(lab: &Lab, q: &[&[f32]]) -> (ScoreRunId, Vec<EpisodeId>) {
 }
 
 #[tokio::test]
-async fn a_summary_agrees_with_the_database() {
+async fn a_summary_counts_by_cohort_and_episode() {
     let lab = lab(&testing::spec()).await;
     let (run, episodes) = run_with(&lab, &[&[0.1, 0.9, 0.9], &[0.5, 1.0], &[0.9]]).await;
     let summary = lab.curation.summary(&run).await.unwrap();
     assert_eq!(summary.run().id, run);
-    let selections = [0.0, 0.5, 0.9, 1.0].map(Selection::beta).into_iter();
-    for selection in selections.chain([0.01, 0.3, 0.5, 1.0].map(Selection::top_fraction)) {
-        let counted = lab.store.count_kept(&run, vec![selection]).await.unwrap().remove(0);
-        assert_eq!(summary.what_if(selection).await.unwrap(), counted, "{selection:?}");
-        let shape = SelectionShape { context_before: 1, phases: 10, max_per_phase: 1, ..SelectionShape::default() };
-        let shaped = Selection { shape, ..selection };
-        let counted = lab.store.count_kept(&run, vec![selection, shaped]).await.unwrap().remove(1);
-        assert_eq!(summary.what_if(shaped).await.unwrap(), counted, "{shaped:?}");
-    }
-    for bins in [1, 7, 20] {
-        let (filled, auroc) = lab.store.fill(&run, Histogram::new(bins, &[])).await.unwrap();
-        assert_eq!(summary.histogram(bins).await.unwrap(), filled, "{bins}");
-        assert_eq!((filled.expert_counts().iter().sum::<u64>(), auroc), (2, summary.expert_auroc().await.unwrap()));
+    let kept = |segments, of_segments, episodes, of_episodes| Kept { segments, of_segments, episodes, of_episodes };
+    let shape = SelectionShape { context_before: 1, ..SelectionShape::default() };
+    for (selection, total, first_cohort, each) in [
+        (Selection::beta(0.9), kept(1, 6, 1, 3), kept(0, 4, 0, 2), [0, 1, 0]),
+        (Selection::beta(0.4), kept(5, 6, 3, 3), kept(3, 4, 2, 2), [2, 2, 1]),
+        (Selection::top_fraction(0.1), kept(1, 6, 1, 3), kept(0, 4, 0, 2), [0, 1, 0]),
+        (Selection { shape, ..Selection::beta(0.9) }, kept(2, 6, 1, 3), kept(0, 4, 0, 2), [0, 2, 0]),
+    ] {
+        let counted = summary.what_if(selection).await.unwrap();
+        assert_eq!((counted.total, counted.cohorts["c0"]), (total, first_cohort), "{selection:?}");
+        let of: Vec<_> = counted.episodes.into_iter().map(|(id, kept, _)| (id, kept)).collect();
+        assert_eq!(of, episodes.iter().cloned().zip(each).collect::<Vec<_>>(), "{selection:?}");
     }
     assert_eq!((summary.mean_q(&episodes[1]), summary.mean_q(&EpisodeId::new())), (Some(0.75), None));
     let (best, worst) = (summary.best(1).await.unwrap(), summary.worst(1).await.unwrap());
     assert_eq!((&best[0].episode_id, best[0].end_step, best[0].q), (&episodes[1], 1, 1.0));
     assert_eq!((&worst[0].episode_id, worst[0].end_step, worst[0].q), (&episodes[0], 0, 0.1));
     assert!(Arc::ptr_eq(&summary, &lab.curation.summary(&run).await.unwrap()), "read once");
+    assert_eq!(lab.curation.count_kept(&ScoreRunId::new(), vec![]).await.unwrap_err().kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn a_histogram_counts_imperfect_segments_and_experts_apart() {
+    let lab = lab(&testing::spec()).await;
+    let (run, _) = run_with(&lab, &[&[0.1, 0.9, 0.95], &[0.5, 0.9]]).await;
+    let summary = lab.curation.summary(&run).await.unwrap();
+    let histogram = summary.fill(Histogram::new(2, &[0.9, 0.5])).await.unwrap();
+    assert_eq!((histogram.counts(), histogram.expert_counts()), (&[1, 4][..], &[0, 2][..]));
+    let kept: Vec<_> = histogram.kept().iter().map(|kept| (kept.segments, kept.episodes)).collect();
+    assert_eq!(kept, [(1, 1), (3, 2)], "q equal to β is not kept");
+    assert_eq!(
+        summary.expert_auroc().await.unwrap(),
+        Some(0.65),
+        "0.7 beats two of five, 0.95 four, and a tie is half"
+    );
+    for bins in [2, 7, 20, 2] {
+        let expected = summary.fill(Histogram::new(bins, &[])).await.unwrap();
+        assert_eq!(summary.histogram(bins).await.unwrap(), expected, "{bins}");
+    }
+}
+
+#[tokio::test]
+async fn a_dataset_is_counted_once_its_run_is_finished_and_the_counts_are_stored() {
+    let lab = lab(&testing::spec()).await;
+    let (run, _) = run_with(&lab, &[&[0.6, 0.3], &[0.9]]).await;
+    let of = lab.store.score_run(&run).await.unwrap();
+    let encoder = lab.store.encoder(of.origin.encoder_id().unwrap()).await.unwrap();
+    let (_, unfinished) = results::scoring(&lab.store, &lab.task, &encoder).await;
+    let mut datasets = Vec::new();
+    for (run, beta) in [(&run, 0.5), (&unfinished, 0.5), (&run, 0.0)] {
+        datasets.push(lab.store.insert_dataset(run, Selection::beta(beta)).await.unwrap());
+    }
+    let some = |kept_segments, kept_episodes| Some(DatasetCounts { kept_segments, kept_episodes, expert_segments: 20 });
+    let expected = [some(2, 2), None, some(3, 2)];
+    assert_eq!(lab.curation.dataset_counts(&datasets).await.unwrap(), expected);
+    assert_eq!(lab.store.dataset_counts(&datasets[2].id).await.unwrap(), expected[2]);
+    lab.curation.0.runs.clear();
+    assert_eq!(lab.curation.dataset_counts(&datasets).await.unwrap(), expected);
+    assert!(lab.curation.0.runs.is_empty(), "no score is read again");
 }
 
 #[tokio::test]

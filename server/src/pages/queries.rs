@@ -87,6 +87,14 @@ impl Episodes for PageBackend {
         self.services.store.episode_table(task, filter).await
     }
 
+    async fn matching_episodes(&self, task: &TaskId, filter: &TableFilter) -> Result<Vec<EpisodeId>> {
+        self.services.store.matching_episodes(task, filter).await
+    }
+
+    async fn episode_rows(&self, ids: &[EpisodeId]) -> Result<Vec<TableRow>> {
+        self.services.store.episode_rows(ids).await
+    }
+
     async fn cohorts(&self, task: &TaskId) -> Result<Vec<String>> {
         self.services.store.cohorts(task).await
     }

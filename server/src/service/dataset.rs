@@ -16,7 +16,7 @@ pub(crate) struct DatasetApi(pub(crate) Services);
 
 impl DatasetApi {
     async fn counted(&self, datasets: Vec<Dataset>) -> Result<Vec<v1::Dataset>> {
-        let counts = self.0.store.dataset_counts(&datasets).await?;
+        let counts = self.0.curation.dataset_counts(&datasets).await?;
         Ok(datasets.into_iter().zip(counts).map(|(dataset, counts)| wire::dataset::dataset(dataset, counts)).collect())
     }
 }

@@ -25,6 +25,10 @@ impl Services {
         }
         let run = import.finish(&self.store).await?;
         tracing::info!(score_run.id = %run.id, snapshot.id = %run.snapshot_id, "scores imported");
+        // The next calls count what selections of this run keep; its scores are then in memory.
+        if let Err(error) = self.curation.load(&run.id).await {
+            tracing::warn!(score_run.id = %run.id, %error, "loading imported scores failed");
+        }
         let counts = self.store.run_counts(&run).await?;
         Ok(v1::ImportScoresResponse { score_run: Some(wire::score::score_run(run, counts)) })
     }

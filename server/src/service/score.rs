@@ -52,8 +52,9 @@ impl ScoreService for ScoreApi {
     async fn get_histogram(&self, request: Request<v1::GetHistogramRequest>) -> Reply<v1::GetHistogramResponse> {
         answer(async {
             let (run, empty) = wire::score::histogram_request(request.into_inner())?;
-            let (histogram, expert_auroc) = self.0.store.fill(&run, empty).await?;
-            Ok(wire::score::histogram_response(&histogram, expert_auroc))
+            let summary = self.0.curation.summary(&run).await?;
+            let histogram = summary.fill(empty).await?;
+            Ok(wire::score::histogram_response(&histogram, summary.expert_auroc().await?))
         })
         .await
     }

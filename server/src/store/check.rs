@@ -31,7 +31,7 @@ const DOCUMENTS: [Document; 9] = [
 ];
 
 /// Rules beyond foreign keys. Each returns the row and the problem, read at one moment.
-const RULES: [&str; 12] = [
+const RULES: [&str; 14] = [
     // The visible label of an episode is the newest of its history.
     "select id, 'its label is not the newest of its history' from episodes where not exists \
      (select 1 from labels where labels.id = (select max(id) from labels where episode_id = episodes.id) \
@@ -39,6 +39,15 @@ const RULES: [&str; 12] = [
     "select id, 'more of it is committed than it has' from uploads where committed > size_bytes or committed < 0",
     "select id, 'it has no expert or no imperfect episode' from snapshots where \
      (select count(distinct role) from snapshot_episodes where snapshot_id = snapshots.id) < 2",
+    // Counts are those of what they count.
+    "select id, 'its counts are not those of its episodes' from snapshots where \
+     experts <> (select count(*) from snapshot_episodes where snapshot_id = snapshots.id and role = 'expert') \
+     or imperfect <> (select count(*) from snapshot_episodes where snapshot_id = snapshots.id and role = 'imperfect') \
+     or expert_steps <> (select coalesce(sum(steps), 0) from snapshot_episodes join episodes on episodes.id = episode_id \
+     where snapshot_id = snapshots.id and role = 'expert')",
+    "select id, 'its counts are not those of its scores' from score_runs where \
+     (imperfect_episodes, imperfect_segments) <> (select count(*), coalesce(sum(length(q)), 0) / 4 from episode_scores \
+     where score_run_id = score_runs.id and role = 'imperfect')",
     // A job that succeeded has its result, and no other job has.
     "select id, 'it succeeded, and its ' || kind || ' result ' || result_id || ' is not there' from jobs \
      where state = 'succeeded' and not exists (select 1 from encoders where id = result_id) \

@@ -14,13 +14,14 @@ use crate::{
         dataset::{Dataset, DatasetContents, DatasetCounts, KeptEpisode, KeptSegment, Nearest},
         id::{DatasetId, EpisodeId, ScoreRunId, TaskId},
         score::ScoreRun,
-        selection::{Candidate, Resolved, Rule, Selection, ranked},
+        selection::{Candidate, Kept, Resolved, Rule, Selection, ranked},
         time::Millis,
         work::KeptInput,
     },
     error::{Error, Result},
 };
 
+record! { DatasetCounts: kept_segments, kept_episodes, expert_segments }
 record! { Dataset: id, task_id, score_run_id, created_at; selection }
 
 impl Record for Selection {
@@ -164,30 +165,37 @@ impl Store {
             .map_err(fault("reading a run's datasets"))
     }
 
-    /// The counts of each dataset, in order; `None` while its score run is not finished. Reads each run once for all
-    /// thresholds.
+    /// The stored counts of a dataset; `None` until they were counted.
     ///
     /// # Errors
     /// Internal.
-    pub(crate) async fn dataset_counts(&self, datasets: &[Dataset]) -> Result<Vec<Option<DatasetCounts>>> {
-        let mut counts = vec![None; datasets.len()];
-        let mut places: Vec<usize> = (0..datasets.len()).collect();
-        places.sort_by_key(|&place| &datasets[place].score_run_id);
-        for places in places.chunk_by(|&a, &b| datasets[a].score_run_id == datasets[b].score_run_id) {
-            let run = match self.score_run(&datasets[places[0]].score_run_id).await {
-                Ok(run) => run,
-                Err(error) if error.kind() == crate::error::Kind::Precondition => continue,
-                Err(error) => return Err(error),
-            };
-            let selections: Vec<Selection> = places.iter().map(|&place| datasets[place].selection).collect();
-            let kept = self.count_kept(&run.id, selections).await?;
-            let expert_segments = self.run_counts(&run).await?.expert_segments;
-            for (&place, kept) in places.iter().zip(kept) {
-                let (kept_segments, kept_episodes) = (kept.total.segments, kept.total.episodes);
-                counts[place] = Some(DatasetCounts { kept_segments, kept_episodes, expert_segments });
-            }
-        }
-        Ok(counts)
+    pub(crate) async fn dataset_counts(&self, id: &DatasetId) -> Result<Option<DatasetCounts>> {
+        sqlx::query(
+            "select kept_segments, kept_episodes, expert_steps as expert_segments from datasets \
+             join score_runs on score_runs.id = score_run_id join snapshots on snapshots.id = snapshot_id \
+             where datasets.id = ? and kept_segments is not null",
+        )
+        .bind(id.param())
+        .try_map(row::read)
+        .fetch_optional(self.read())
+        .await
+        .map_err(fault("reading the counts of a dataset"))
+    }
+
+    /// Stores what a dataset keeps of its finished run, which never changes.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn keep_counts(&self, id: &DatasetId, kept: Kept) -> Result<()> {
+        let mut tx = self.write().await?;
+        sqlx::query("update datasets set kept_segments = ?, kept_episodes = ? where id = ?")
+            .bind(kept.segments.param())
+            .bind(kept.episodes.param())
+            .bind(id.param())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("storing the counts of a dataset"))?;
+        self.commit(tx).await
     }
 
     /// The contents of a dataset, by reference.

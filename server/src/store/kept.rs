@@ -1,5 +1,5 @@
-//! Counts of a run's kept segments: q and w are read in one pass, row by row on the database's own thread, so that a
-//! large run does not block the runtime.
+//! The scores that selections read: q and w, with matches and recordings, row by row on the database's own thread, so
+//! that a large run does not block the runtime.
 
 use std::collections::HashMap;
 
@@ -13,9 +13,8 @@ use super::{
 use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId},
-        score::{Histogram, ScoreRun, expert_auroc},
-        selection::{Candidate, Selection, WhatIf, count, places},
-        snapshot::Role,
+        score::ScoreRun,
+        selection::{Candidate, places},
         work::InputEpisode,
     },
     error::{Error, Result},
@@ -77,31 +76,6 @@ macro_rules! imperfect {
 }
 
 impl Store {
-    /// Fills a histogram with the q of a run's imperfect segments and of its experts; also returns the AUROC between the
-    /// two, as [`expert_auroc`].
-    ///
-    /// # Errors
-    /// As for [`Store::score_run`].
-    pub(crate) async fn fill(&self, run: &ScoreRunId, mut histogram: Histogram) -> Result<(Histogram, Option<f64>)> {
-        self.score_run(run).await?;
-        let mut rows = sqlx::query("select role, q from episode_scores where score_run_id = ? order by position")
-            .bind(run.param())
-            .try_map(row::read::<(Role, Vec<f32>)>)
-            .fetch(self.read());
-        let (mut imperfect, mut experts) = (Vec::new(), Vec::new());
-        while let Some((role, q)) = rows.try_next().await.map_err(fault("reading a run's q"))? {
-            match role {
-                Role::Imperfect => histogram.add(q.iter().copied()),
-                Role::Expert => histogram.add_expert(q.iter().copied()),
-            }
-            (if role == Role::Imperfect { &mut imperfect } else { &mut experts }).extend(q);
-        }
-        let comparing = tokio::task::spawn_blocking(move || expert_auroc(imperfect, experts));
-        let auroc =
-            comparing.await.map_err(|error| Error::internal("comparing experts with imperfect segments", error))?;
-        Ok((histogram, auroc))
-    }
-
     /// The q of each expert of a run, from its comparison with the other experts.
     ///
     /// # Errors
@@ -113,16 +87,6 @@ impl Store {
             .fetch_all(self.read())
             .await
             .map_err(fault("reading the experts' q"))
-    }
-
-    /// The counts of each selection of a run.
-    ///
-    /// # Errors
-    /// As for [`Store::score_run`].
-    pub(crate) async fn count_kept(&self, run: &ScoreRunId, selections: Vec<Selection>) -> Result<Vec<WhatIf>> {
-        let candidates = self.candidates(run, selections.iter().any(Selection::limits_phases)).await?;
-        let counting = tokio::task::spawn_blocking(move || count(&selections, &candidates));
-        counting.await.map_err(|error| Error::internal("counting kept segments", error))
     }
 
     /// The values of a run's imperfect episodes that selections read, in the snapshot's order, with their cohorts in that

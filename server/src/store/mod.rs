@@ -101,7 +101,10 @@ impl Store {
         let options = options.create_if_missing(false);
         writer.set_connect_options(options.clone());
         check_version(&writer).await?;
-        read_only::known_schema(&writer, path).await?;
+        let (found, newest) = (read_only::known_schema(&writer, path).await?, read_only::newest_schema());
+        if found > 0 && found < newest {
+            tracing::info!(schema.found = found, schema.newest = newest, "updating the database");
+        }
         MIGRATIONS.run(&writer).await.map_err(|error| {
             if let sqlx::migrate::MigrateError::VersionMissing(version) = error {
                 return Error::precondition(format!(

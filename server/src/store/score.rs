@@ -11,6 +11,7 @@ use crate::{
         id::{EpisodeId, ScoreRunId, TaskId},
         job::JobKind,
         score::{EpisodeScores, Origin, RunCounts, ScoreRun},
+        snapshot::Role,
     },
     error::{Error, Result},
 };
@@ -18,6 +19,7 @@ use crate::{
 const RUN: &str = "score run";
 
 record! { ScoreRun: id, task_id, snapshot_id, lo, hi, quantiles, extends, expert_ids, created_at; origin }
+record! { RunCounts: imperfect_episodes, imperfect_segments, expert_segments }
 record! { EpisodeScores: episode_id, role, w, q, match_episode, match_step, distances }
 
 impl Record for Origin {
@@ -42,9 +44,12 @@ pub(super) async fn insert_run(
         Origin::Job { spec, .. } => (Some(spec), None),
         Origin::Import { source, .. } => (None, Some(source)),
     };
+    let imperfect = || scores.iter().filter(|episode| episode.role == Role::Imperfect);
+    let (episodes, segments) = (imperfect().count(), imperfect().map(|episode| episode.q.len()).sum::<usize>());
     sqlx::query(
         "insert into score_runs (id, task_id, job_id, encoder_id, snapshot_id, settings, source, digest, lo, hi, \
-         expert_ids, created_at, extends, quantiles) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         expert_ids, created_at, extends, quantiles, imperfect_episodes, imperfect_segments) \
+         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(run.id.param())
     .bind(run.task_id.param())
@@ -60,6 +65,8 @@ pub(super) async fn insert_run(
     .bind(run.created_at.param())
     .bind(run.extends.param())
     .bind(run.quantiles.param())
+    .bind((episodes as u64).param())
+    .bind((segments as u64).param())
     .execute(&mut **tx)
     .await
     .map_err(fault("adding a score run"))?;
@@ -196,27 +203,17 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn run_counts(&self, run: &ScoreRun) -> Result<RunCounts> {
-        // The length of a blob is in its row's header, so no array is read.
-        let (imperfect_episodes, imperfect_segments) = sqlx::query(
-            "select count(*), coalesce(sum(length(q)) / 4, 0) from episode_scores \
-             where score_run_id = ? and role = 'imperfect'",
+        // Segments of experts are those of the snapshot: a single expert has no scores, because an episode never matches
+        // itself.
+        sqlx::query(
+            "select imperfect_episodes, imperfect_segments, expert_steps as expert_segments \
+             from score_runs join snapshots on snapshots.id = snapshot_id where score_runs.id = ?",
         )
         .bind(run.id.param())
         .try_map(row::read)
         .fetch_one(self.read())
         .await
-        .map_err(fault("counting a run's segments"))?;
-        // Not counted from the scores: a single expert has none, because an episode never matches itself.
-        let expert_segments = sqlx::query(
-            "select coalesce(sum(steps), 0) from snapshot_episodes join episodes on episodes.id = episode_id \
-             where snapshot_id = ? and role = 'expert'",
-        )
-        .bind(run.snapshot_id.param())
-        .try_map(row::read)
-        .fetch_one(self.read())
-        .await
-        .map_err(fault("counting a run's experts"))?;
-        Ok(RunCounts { imperfect_episodes, imperfect_segments, expert_segments })
+        .map_err(fault("reading the counts of a run"))
     }
 
     /// One episode's scores.

@@ -23,10 +23,7 @@ use crate::{
 /// Episodes of one insertion.
 const BATCH: usize = 1000;
 
-const COLUMNS: &str = "select snapshots.id, task_id, rule, created_at, \
-     (select count(*) from snapshot_episodes where snapshot_id = snapshots.id and role = 'expert') as experts, \
-     (select count(*) from snapshot_episodes where snapshot_id = snapshots.id and role = 'imperfect') as imperfect \
-     from snapshots ";
+const COLUMNS: &str = "select id, task_id, rule, created_at, experts, imperfect from snapshots ";
 
 record! { Snapshot: id, task_id, rule, expert_episodes = "experts", imperfect_episodes = "imperfect", created_at }
 record! { SnapshotEpisode: episode_id, outcome, cohort, role, steps }
@@ -207,14 +204,19 @@ fn check_both_sides(snapshot: &Snapshot) -> Result<()> {
 }
 
 async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: &[(Member, Outcome)]) -> Result<()> {
-    sqlx::query("insert into snapshots (id, task_id, rule, created_at) values (?, ?, ?, ?)")
-        .bind(snapshot.id.param())
-        .bind(snapshot.task_id.param())
-        .bind(snapshot.rule.param())
-        .bind(snapshot.created_at.param())
-        .execute(&mut **tx)
-        .await
-        .map_err(fault("inserting a snapshot"))?;
+    sqlx::query(
+        "insert into snapshots (id, task_id, rule, created_at, experts, imperfect, label_mark) \
+         values (?, ?, ?, ?, ?, ?, (select coalesce(max(id), 0) from labels))",
+    )
+    .bind(snapshot.id.param())
+    .bind(snapshot.task_id.param())
+    .bind(snapshot.rule.param())
+    .bind(snapshot.created_at.param())
+    .bind(snapshot.expert_episodes.param())
+    .bind(snapshot.imperfect_episodes.param())
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("inserting a snapshot"))?;
     for (first, members) in (0i64..).step_by(BATCH).zip(members.chunks(BATCH)) {
         let mut query = QueryBuilder::<Sqlite>::new(
             "insert into snapshot_episodes (snapshot_id, position, episode_id, outcome, cohort, role) ",
@@ -225,6 +227,14 @@ async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: 
         });
         query.build().execute(&mut **tx).await.map_err(fault("inserting a snapshot's episodes"))?;
     }
+    sqlx::query(
+        "update snapshots set expert_steps = (select coalesce(sum(steps), 0) from snapshot_episodes \
+         join episodes on episodes.id = episode_id where snapshot_id = snapshots.id and role = 'expert') where id = ?",
+    )
+    .bind(snapshot.id.param())
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("counting the steps of experts"))?;
     Ok(())
 }
 

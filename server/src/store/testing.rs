@@ -94,3 +94,13 @@ pub(crate) async fn episode(store: &Store, task: &Task, outcome: Outcome, cohort
 pub(crate) async fn run(store: &Store, statement: &str) {
     sqlx::raw_sql(sqlx::AssertSqlSafe(statement)).execute(&store.writer).await.unwrap();
 }
+
+/// The steps of the plan of a query, as text.
+pub(crate) async fn plan(store: &Store, query: &str) -> Vec<String> {
+    let steps: Vec<(i64, i64, i64, String)> =
+        sqlx::query_as(sqlx::AssertSqlSafe(format!("explain query plan {query}")))
+            .fetch_all(store.read())
+            .await
+            .unwrap();
+    steps.into_iter().map(|step| step.3).collect()
+}

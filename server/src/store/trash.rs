@@ -99,10 +99,13 @@ impl Store {
             }
         }
         // The newest labels may have been removed, and their numbers are used again.
-        sqlx::query("update schedules set label_mark = min(label_mark, (select coalesce(max(id), 0) from labels))")
-            .execute(&mut *tx)
-            .await
-            .map_err(fault("emptying the trash"))?;
+        for query in [
+            "update schedules set label_mark = min(label_mark, (select coalesce(max(id), 0) from labels))",
+            "update snapshots set label_mark = (select coalesce(max(id), 0) from labels) \
+             where label_mark > (select coalesce(max(id), 0) from labels)",
+        ] {
+            sqlx::query(query).execute(&mut *tx).await.map_err(fault("emptying the trash"))?;
+        }
         let purged = sqlx::query(
             "update episodes set purged_at = ?1 where deleted_at < ?2 and delete_forced and purged_at is null \
              and not exists (select 1 from jobs where jobs.task_id = episodes.task_id and state in ('queued', 'running')) \

@@ -88,16 +88,30 @@ pub fn sort(rows: &mut Vec<TableRow>, key: SortKey, descending: bool, mean_q: im
         SortKey::Cohort => a.cohort.cmp(&b.cohort),
         SortKey::Findings => a.warnings.cmp(&b.warnings),
     };
-    let by_q = |a: Option<f64>, b: Option<f64>| match (a, b) {
-        (Some(a), Some(b)) => directed(a.total_cmp(&b)),
-        (a, b) => b.is_some().cmp(&a.is_some()),
-    };
     // Looked up once for each row, not for each comparison.
     let q_of = |row: &TableRow| if key == SortKey::MeanQ { mean_q(&row.episode.id) } else { None };
     let mut keyed: Vec<(Option<f64>, TableRow)> = rows.drain(..).map(|row| (q_of(&row), row)).collect();
     keyed.sort_by(|(a_q, a), (b_q, b)| {
-        let by_key = by_q(*a_q, *b_q).then_with(|| directed(compare(&a.episode, &b.episode)));
+        let by_key = by_mean_q(*a_q, *b_q, descending).then_with(|| directed(compare(&a.episode, &b.episode)));
         by_key.then_with(|| a.episode.id.cmp(&b.episode.id))
     });
     rows.extend(keyed.into_iter().map(|(_, row)| row));
+}
+
+/// Sorts ids as [`sort`] sorts their rows: `by_q` by the mean q beside each, otherwise by date, which is the order of ids.
+pub fn sort_ids(keyed: &mut [(Option<f64>, EpisodeId)], by_q: bool, descending: bool) {
+    if by_q {
+        keyed.sort_unstable_by(|(a_q, a), (b_q, b)| by_mean_q(*a_q, *b_q, descending).then_with(|| a.cmp(b)));
+    } else {
+        keyed.sort_unstable_by(|(_, a), (_, b)| if descending { b.cmp(a) } else { a.cmp(b) });
+    }
+}
+
+/// Those without a mean q come last either way.
+fn by_mean_q(a: Option<f64>, b: Option<f64>, descending: bool) -> Ordering {
+    match (a, b) {
+        (Some(a), Some(b)) if descending => b.total_cmp(&a),
+        (Some(a), Some(b)) => a.total_cmp(&b),
+        (a, b) => b.is_some().cmp(&a.is_some()),
+    }
 }

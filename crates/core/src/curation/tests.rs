@@ -43,6 +43,24 @@ fn rows_without_a_mean_q_are_last_in_both_orders() {
 }
 
 #[test]
+fn ids_are_sorted_as_their_rows_are() {
+    let mut rows = [2, 0, 3, 1, 0, 3].map(|steps| row(steps, 0, Outcome::Unknown)).to_vec();
+    for (key, descending) in
+        [(SortKey::MeanQ, false), (SortKey::MeanQ, true), (SortKey::Date, false), (SortKey::Date, true)]
+    {
+        let all = rows.clone();
+        let q = mean_q(&all);
+        let mut keyed: Vec<_> = rows.iter().map(|row| (q(&row.episode.id), row.episode.id.clone())).collect();
+        sort_ids(&mut keyed, key == SortKey::MeanQ, descending);
+        // Ids are in the order of time.
+        rows.sort_by(|a, b| a.episode.id.cmp(&b.episode.id));
+        rows.iter_mut().zip(0..).for_each(|(row, at)| row.episode.created_at = Millis(at));
+        sort(&mut rows, key, descending, q);
+        assert!(keyed.iter().map(|(_, id)| id).eq(rows.iter().map(|row| &row.episode.id)), "{key:?} {descending}");
+    }
+}
+
+#[test]
 fn every_key_has_a_word() {
     for key in SortKey::ALL {
         assert_eq!(SortKey::from_word(key.as_str()), Some(key));

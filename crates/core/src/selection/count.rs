@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Candidate, Resolved, Rule, Selection, ranked};
+use super::{Candidate, Resolved, Selection};
 use crate::id::EpisodeId;
 
 /// The kept part of a group of imperfect episodes.
@@ -42,14 +42,8 @@ pub struct WhatIf {
     pub episodes: Vec<(EpisodeId, u64, u64)>,
 }
 
-/// The part that each selection would keep of the run's imperfect episodes, given in the snapshot's order.
-pub fn count(selections: &[Selection], candidates: &[Candidate]) -> Vec<WhatIf> {
-    let ranks = selections.iter().any(|selection| matches!(selection.rule, Rule::TopFraction(_)));
-    let ranked = if ranks { ranked(candidates) } else { Vec::new() };
-    selections.iter().map(|&selection| what_if(selection, &ranked, candidates)).collect()
-}
-
-/// The part that one selection would keep. `ranked` is as for [`Resolved::new`].
+/// The part that one selection would keep of the run's imperfect episodes, given in the snapshot's order. `ranked` is as
+/// for [`Resolved::new`].
 pub fn what_if(selection: Selection, ranked: &[(f32, f64)], candidates: &[Candidate]) -> WhatIf {
     let (resolved, mut marked) = (Resolved::new(selection, ranked, candidates), Vec::new());
     let (mut total, mut threshold) = (Kept::default(), None::<f64>);

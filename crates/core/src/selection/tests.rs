@@ -16,6 +16,12 @@ fn candidate(cohort: &str, q: &[f32]) -> Candidate {
     }
 }
 
+/// The part that each selection would keep.
+fn count(selections: &[Selection], candidates: &[Candidate]) -> Vec<WhatIf> {
+    let ranked = ranked(candidates);
+    selections.iter().map(|&selection| what_if(selection, &ranked, candidates)).collect()
+}
+
 #[test]
 fn the_threshold_is_strict_and_rounds_as_q_does() {
     // 0.6 as f32 lies above 0.6 as f64.

@@ -1,10 +1,19 @@
 //! The steps over which statistics are measured. A pass reads one episode after the other and keeps none.
 
 use std::borrow::Cow;
+use std::ops::Range;
+use std::panic::resume_unwind;
+use std::thread::{Builder, scope};
 
 use crate::batch::Segments;
 use crate::error::LearnError;
+use crate::steps::Numbers;
 use crate::trajectory::Trajectory;
+
+/// Steps whose numbers are read at once, and are in memory together; or one longer episode.
+const AT_ONCE: usize = 1 << 16;
+/// Threads that read them: where the files are not in memory, most of their time they wait for the disk.
+const READING: usize = 8;
 
 /// Steps of episodes.
 pub(crate) struct Sample<'a> {
@@ -42,18 +51,77 @@ impl<'a> Sample<'a> {
     /// [`LearnError::Steps`].
     pub(crate) fn each(&self, visit: &mut dyn FnMut(&[f32], &[f32])) -> Result<(), LearnError> {
         for (data, segments) in &self.sources {
-            for (at, episode) in data.iter().enumerate() {
-                let (Some(first), Some(last)) = (segments.steps(at).next(), segments.steps(at).next_back()) else {
-                    continue;
-                };
-                let numbers = episode.numbers(first..last + 1)?;
-                let count = last + 1 - first;
-                let (m, a) = (numbers.proprioception.len() / count, numbers.action.len() / count);
-                for step in segments.steps(at).map(|step| step - first) {
-                    visit(&numbers.proprioception[step * m..(step + 1) * m], &numbers.action[step * a..(step + 1) * a]);
+            let listed = data.iter().enumerate().filter_map(|(at, episode)| {
+                let (first, last) = (segments.steps(at).next()?, segments.steps(at).next_back()?);
+                Some(Part { at, episode, steps: first..last + 1 })
+            });
+            let (mut parts, mut steps) = (Vec::new(), 0);
+            for part in listed {
+                if steps + part.steps.len() > AT_ONCE {
+                    visit_all(&std::mem::take(&mut parts), segments, visit)?;
+                    steps = 0;
                 }
+                steps += part.steps.len();
+                parts.push(part);
             }
+            visit_all(&parts, segments, visit)?;
         }
         Ok(())
+    }
+}
+
+/// The steps of one episode from the first to the last of the sample.
+struct Part<'a> {
+    at: usize,
+    episode: &'a Trajectory,
+    steps: Range<usize>,
+}
+
+/// Visits the steps of these parts that the segments have, in order.
+fn visit_all(parts: &[Part<'_>], segments: &Segments, visit: &mut dyn FnMut(&[f32], &[f32])) -> Result<(), LearnError> {
+    for (part, numbers) in parts.iter().zip(read_all(parts)?) {
+        let Numbers { proprioception, action } = numbers?;
+        let (m, a) = (proprioception.len() / part.steps.len(), action.len() / part.steps.len());
+        for step in segments.steps(part.at).map(|step| step - part.steps.start) {
+            visit(&proprioception[step * m..(step + 1) * m], &action[step * a..(step + 1) * a]);
+        }
+    }
+    Ok(())
+}
+
+/// The numbers of each part, read on several threads, which have no effect on a value.
+fn read_all(parts: &[Part<'_>]) -> Result<Vec<Result<Numbers, LearnError>>, LearnError> {
+    let read =
+        |parts: &[Part<'_>]| -> Vec<_> { parts.iter().map(|part| part.episode.numbers(part.steps.clone())).collect() };
+    if parts.len() < READING {
+        return Ok(read(parts));
+    }
+    scope(|scope| {
+        let begin = |parts| Builder::new().name("numbers".to_owned()).spawn_scoped(scope, move || read(parts));
+        let running = parts.chunks(parts.len().div_ceil(READING)).map(begin);
+        let running = running.collect::<Result<Vec<_>, _>>().map_err(LearnError::Thread)?;
+        Ok(running.into_iter().flat_map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic))).collect())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::toy;
+
+    #[test]
+    fn steps_are_visited_in_order_however_many_threads_read_them() {
+        let data = toy::experts(24, 5);
+        assert!(data.len() > READING);
+        let listed: Vec<&Trajectory> = data.iter().collect();
+        let mut found = Vec::new();
+        Sample::every(&listed).each(&mut |m, a| found.push([m, a].concat())).unwrap();
+        let expected = data.iter().flat_map(|episode| {
+            let arrays = episode.arrays();
+            let (m, a) = (arrays.widths.proprioception, arrays.widths.action);
+            let steps = arrays.proprioception.chunks(m).zip(arrays.action.chunks(a));
+            steps.map(|(m, a)| [m, a].concat()).collect::<Vec<_>>()
+        });
+        assert_eq!(found, expected.collect::<Vec<_>>());
     }
 }

@@ -49,8 +49,12 @@ impl Head {
     }
 
     pub(super) fn row_bytes(&self) -> usize {
-        let [proprioception, action, pictures] = self.widths;
-        STAMP_BYTES + 4 * (proprioception + action) + 16 * pictures + CRC_BYTES
+        self.numbers_bytes() + 16 * self.widths[2] + CRC_BYTES
+    }
+
+    /// Bytes of the stamp and the numbers, with which a row begins.
+    fn numbers_bytes(&self) -> usize {
+        STAMP_BYTES + 4 * (self.widths[0] + self.widths[1])
     }
 
     /// Where the row of a step begins; at T, where the pictures begin. `None` beyond any file.
@@ -116,17 +120,35 @@ impl Row {
         out.extend(crc.to_le_bytes());
     }
 
-    /// The inverse of [`Row::write`]; `None` if the bytes are not the row of `step`.
-    pub(super) fn parse(head: &Head, step: usize, bytes: &[u8]) -> Option<Self> {
+    /// Adds the numbers of a row to those before them, and returns its stamp; `None` if the bytes are not the row of
+    /// `step`.
+    pub(super) fn numbers(
+        head: &Head,
+        step: usize,
+        bytes: &[u8],
+        proprioception: &mut Vec<f32>,
+        action: &mut Vec<f32>,
+    ) -> Option<i64> {
         let (body, crc) = bytes.split_last_chunk::<CRC_BYTES>()?;
         if checksum(step, body) != u32::from_le_bytes(*crc) {
             return None;
         }
-        let [proprioception, action, pictures] = head.widths;
-        let mut rest = Cursor(body);
-        let stamp = i64::from_le_bytes(rest.take()?);
-        let mut floats = |count| (0..count).map(|_| rest.take().map(f32::from_le_bytes)).collect::<Option<Vec<f32>>>();
-        let (proprioception, action) = (floats(proprioception)?, floats(action)?);
+        let (stamp, values) = body.get(..head.numbers_bytes())?.split_first_chunk()?;
+        let (m, a) = values.split_at_checked(4 * head.widths[0])?;
+        let floats = |bytes: &[u8], out: &mut Vec<f32>| {
+            out.extend(bytes.as_chunks().0.iter().copied().map(f32::from_le_bytes));
+        };
+        floats(m, proprioception);
+        floats(a, action);
+        Some(i64::from_le_bytes(*stamp))
+    }
+
+    /// The inverse of [`Row::write`]; `None` if the bytes are not the row of `step`.
+    pub(super) fn parse(head: &Head, step: usize, bytes: &[u8]) -> Option<Self> {
+        let (mut proprioception, mut action) = (Vec::new(), Vec::new());
+        let stamp = Self::numbers(head, step, bytes, &mut proprioception, &mut action)?;
+        let [.., pictures] = head.widths;
+        let mut rest = Cursor(bytes.get(head.numbers_bytes()..)?);
         let mut place = |_| Some(Place { offset: rest.u64()?, length: rest.u32()?, crc: rest.u32()? });
         let places = (0..pictures).map(&mut place).collect::<Option<Vec<Place>>>()?;
         Some(Self { stamp, proprioception, action, places })

@@ -10,8 +10,8 @@ use std::sync::Arc;
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::{
     Error, Result,
-    curation::{SortKey, TableRow, sort},
-    id::ScoreRunId,
+    curation::{SortKey, TableRow, sort, sort_ids},
+    id::{EpisodeId, ScoreRunId},
     score::ScoreRun,
     task::Task,
 };
@@ -96,7 +96,8 @@ pub(super) async fn show(request: PageRequest, Path(task): Path<String>) -> Answ
 }
 
 /// The number of matching episodes, and those of the shown page, or all for a sheet. The database sorts and cuts, unless
-/// the order or the filter is by mean q, which it does not have.
+/// the order or the filter is by mean q, which it does not have: then the ids are sorted and cut here, and only the rows
+/// of the page are read.
 async fn rows(
     backend: &dyn Backend,
     task: &Task,
@@ -112,6 +113,13 @@ async fn rows(
         let part = (first(count), PER_PAGE);
         return Ok((count, backend.episode_page(&task.id, &query.filter, (key, descending), part).await?));
     }
+    if format == Format::Html && matches!(key, SortKey::MeanQ | SortKey::Date) {
+        let ids = backend.matching_episodes(&task.id, &query.filter).await?;
+        let ids = ordered_ids(ids, scores, query.mean_q, query.order).await?;
+        let from = first(ids.len());
+        let shown = ids.get(from..ids.len().min(from + PER_PAGE)).unwrap_or_default();
+        return Ok((ids.len(), backend.episode_rows(shown).await?));
+    }
     let rows = backend.episode_table(&task.id, &query.filter).await?;
     let mut rows = ordered(rows, scores, query.mean_q, query.order).await?;
     let count = rows.len();
@@ -119,6 +127,26 @@ async fn rows(
         rows = rows.into_iter().skip(first(count)).take(PER_PAGE).collect();
     }
     Ok((count, rows))
+}
+
+/// The ids of episodes with matching mean q, by mean q or by date, in the order that [`sort`] gives their rows: ids are in
+/// the order of time.
+async fn ordered_ids(
+    ids: Vec<EpisodeId>,
+    scores: Option<Arc<dyn RunSummary>>,
+    fits: Option<(f64, f64)>,
+    order: Order,
+) -> Result<Vec<EpisodeId>> {
+    let ordering = move || {
+        let mean_q = |id: &EpisodeId| scores.as_ref().and_then(|scores| scores.mean_q(id));
+        let mut keyed: Vec<(Option<f64>, EpisodeId)> = ids.into_iter().map(|id| (mean_q(&id), id)).collect();
+        if let Some((from, to)) = fits {
+            keyed.retain(|(q, _)| q.is_some_and(|q| (from..=to).contains(&q)));
+        }
+        sort_ids(&mut keyed, order.key == SortKey::MeanQ, order.descending);
+        keyed.into_iter().map(|(_, id)| id).collect()
+    };
+    tokio::task::spawn_blocking(ordering).await.map_err(|error| Error::internal("sorting episodes", error))
 }
 
 /// The rows with matching mean q, in order. Ten thousand rows take long, so this runs off the runtime.

@@ -13,7 +13,7 @@ use super::query::{Key, Order, parameters};
 use crate::{backend::RunSummary, link, sheet::Sheet, text};
 
 /// Episodes shown on the page; the table for programs has all.
-const SHOWN: usize = 200;
+pub(super) const SHOWN: usize = 200;
 
 /// One episode under a selection.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,19 +26,39 @@ pub(super) struct Row {
 
 /// Every episode in this order; of equal ones the older first.
 pub(super) fn rows(what: &WhatIf, summary: &dyn RunSummary, order: Order) -> Vec<Row> {
-    let row = |(episode, kept, of): &(EpisodeId, u64, u64)| Row {
-        mean_q: summary.mean_q(episode),
-        episode: episode.clone(),
-        kept: *kept,
-        of: *of,
-    };
-    let mut rows: Vec<Row> = what.episodes.iter().map(row).collect();
-    sort(&mut rows, order);
-    rows
+    first_rows(what, summary, order, usize::MAX)
 }
 
-fn sort(rows: &mut [Row], Order { key, descending }: Order) {
-    let compare = |a: &Row, b: &Row| match key {
+/// The first `most` episodes in this order; of equal ones the older first. Of 100,000 episodes, most are only compared.
+pub(super) fn first_rows(what: &WhatIf, summary: &dyn RunSummary, order: Order, most: usize) -> Vec<Row> {
+    let by_q = order.key == Key::MeanQ;
+    let mut rows: Vec<Keyed<'_>> = Vec::with_capacity(what.episodes.len());
+    for (episode, kept, of) in &what.episodes {
+        rows.push(Keyed { episode, kept: *kept, of: *of, mean_q: if by_q { summary.mean_q(episode) } else { None } });
+    }
+    sort(&mut rows, order, most);
+    let row = |Keyed { episode, kept, of, .. }: Keyed<'_>| Row {
+        mean_q: summary.mean_q(episode),
+        episode: episode.clone(),
+        kept,
+        of,
+    };
+    rows.into_iter().take(most).map(row).collect()
+}
+
+/// What an episode is sorted by.
+#[derive(Debug, Clone, Copy)]
+struct Keyed<'a> {
+    episode: &'a EpisodeId,
+    kept: u64,
+    of: u64,
+    /// Only where it is the key.
+    mean_q: Option<f64>,
+}
+
+/// Sorts the first `most` rows; the others come behind them in no order.
+fn sort(rows: &mut [Keyed<'_>], Order { key, descending }: Order, most: usize) {
+    let by_key = |a: &Keyed<'_>, b: &Keyed<'_>| match key {
         // a/b against c/d without dividing: a run may have episodes without segments.
         Key::Share => (a.kept * b.of.max(1)).cmp(&(b.kept * a.of.max(1))),
         Key::Kept => a.kept.cmp(&b.kept),
@@ -46,7 +66,12 @@ fn sort(rows: &mut [Row], Order { key, descending }: Order) {
         Key::MeanQ => a.mean_q.unwrap_or(-1.0).total_cmp(&b.mean_q.unwrap_or(-1.0)),
     };
     let directed = |order: Ordering| if descending { order.reverse() } else { order };
-    rows.sort_by(|a, b| directed(compare(a, b)).then_with(|| a.episode.cmp(&b.episode)));
+    let compare = |a: &Keyed<'_>, b: &Keyed<'_>| directed(by_key(a, b)).then_with(|| a.episode.cmp(b.episode));
+    if most < rows.len() {
+        rows.select_nth_unstable_by(most, compare);
+    }
+    let first = most.min(rows.len());
+    rows[..first].sort_unstable_by(compare);
 }
 
 /// The counts of all episodes together.
@@ -113,8 +138,8 @@ pub(crate) fn cohort_sheet(name: String, what: &WhatIf) -> Sheet {
     Sheet { name, columns, rows: what.cohorts.iter().map(row).collect() }
 }
 
-/// The counts of the first episodes, with links to sort them.
-pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, rows: &[Row]) -> Markup {
+/// The counts of the first of `of` episodes, with links to sort them.
+pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, (rows, of): (&[Row], usize)) -> Markup {
     let here = format!("/runs/{run}?{}", parameters(selection));
     let head = |key: Key, name: &str| {
         let chosen = order.key == key;
@@ -130,7 +155,7 @@ pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, row
                 th { "Episode" } th.wide { "" } (head(Key::Share, "Share kept")) (head(Key::Kept, "Kept"))
                 (head(Key::Segments, "Segments")) (head(Key::MeanQ, "Mean q"))
             } }
-            tbody { @for row in rows.iter().take(SHOWN) { tr {
+            tbody { @for row in rows { tr {
                 td { (link::brief(row.episode.as_str(), Some(&format!("/episodes/{}?run={run}", row.episode)))) }
                 td.wide { (bar(row.kept, row.of)) }
                 td.number { (text::share(row.kept, row.of)) }
@@ -140,7 +165,7 @@ pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, row
             } } }
         } }
         p.formats {
-            @if rows.len() > SHOWN { "The first " (SHOWN) " of " (text::counted(rows.len() as u64, "episode")) ". " }
+            @if of > rows.len() { "The first " (rows.len()) " of " (text::counted(of as u64, "episode")) ". " }
             "All as " a href=(format!("{here}&sort={}&format=json", order.word())) { "JSON" } " or "
             a href=(format!("{here}&sort={}&format=csv", order.word())) { "CSV" }
         }
@@ -185,10 +210,21 @@ mod tests {
 
     #[test]
     fn shares_are_compared_exactly_and_ties_by_age() {
-        let rows = [row(1, 3, None), row(2, 6, Some(0.5)), row(0, 0, Some(0.1)), row(3, 4, Some(0.9))];
+        let ids = [(); 4].map(|()| EpisodeId::new());
+        let rows = [(1, 3, None), (2, 6, Some(0.5)), (0, 0, Some(0.1)), (3, 4, Some(0.9))];
+        let keyed = || -> Vec<Keyed<'_>> {
+            let keyed = |(episode, &(kept, of, mean_q))| Keyed { episode, kept, of, mean_q };
+            ids.iter().zip(&rows).map(keyed).collect()
+        };
         let sorted = |key, descending| {
-            let mut sorted = rows.to_vec();
-            sort(&mut sorted, Order { key, descending });
+            let (order, mut sorted) = (Order { key, descending }, keyed());
+            sort(&mut sorted, order, 9);
+            for most in 0..4 {
+                let mut first = keyed();
+                sort(&mut first, order, most);
+                let ids = |rows: &[Keyed<'_>]| rows[..most].iter().map(|row| row.episode.clone()).collect::<Vec<_>>();
+                assert_eq!(ids(&first), ids(&sorted), "{most}");
+            }
             sorted.iter().map(|row| (row.kept, row.of)).collect::<Vec<_>>()
         };
         assert_eq!(sorted(Key::Share, true), [(3, 4), (1, 3), (2, 6), (0, 0)]);
@@ -200,9 +236,9 @@ mod tests {
 
     #[test]
     fn the_table_links_to_its_reverse_order_and_is_limited() {
-        let (run, rows) = (ScoreRunId::new(), vec![row(1, 2, Some(0.25)); 250]);
+        let (run, rows) = (ScoreRunId::new(), vec![row(1, 2, Some(0.25)); SHOWN]);
         let order = Order { key: Key::Share, descending: true };
-        let shown = episodes(&run, Selection::beta(0.5), order, &rows).into_string();
+        let shown = episodes(&run, Selection::beta(0.5), order, (&rows, 250)).into_string();
         assert!(shown.contains("beta=0.5&amp;sort=share\"") && shown.contains("beta=0.5&amp;sort=-kept\""), "{shown}");
         assert!(shown.contains("The first 200 of 250 episodes") && shown.contains("format=csv"));
         assert_eq!(shown.matches("<tr>").count(), 201);

@@ -143,7 +143,10 @@ fn following(summary: &dyn RunSummary, what: &WhatIf, order: Order) -> Markup {
                 a href=(format!("{counts}&format=csv")) { "CSV" } }
         }
         h2 { "By episode" }
-        div #by-episode { (kept::episodes(run, what.selection, order, &kept::rows(what, summary, order))) }
+        div #by-episode {
+            @let rows = kept::first_rows(what, summary, order, kept::SHOWN);
+            (kept::episodes(run, what.selection, order, (&rows, what.episodes.len())))
+        }
     }
 }
 

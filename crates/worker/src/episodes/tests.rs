@@ -1,10 +1,11 @@
 //! Frame caches that a job reads: the same steps as in memory, also when a cache disappears or is damaged
 //! meanwhile.
 
-use std::fs;
+use std::{fs, path::PathBuf};
 
 use gleaner_core::id::{BlobId, EpisodeId};
 use gleaner_core::{OptimSpec, PretrainSpec};
+use gleaner_data_folder::frames_path;
 use gleaner_learn::{Silent, pretrain};
 use gleaner_recording::{Episode, EpisodeWriter, StepRef};
 
@@ -45,7 +46,7 @@ impl Lab {
 
     fn episodes(&self) -> Episodes {
         let blobs = Blobs::open(self.folder.path()).unwrap();
-        Episodes::new(self.folder.path().to_owned(), blobs, self.task.clone())
+        Episodes::new(self.folder.path(), blobs, self.task.clone())
     }
 
     fn cache(&self) -> PathBuf {
@@ -130,6 +131,21 @@ fn an_episode_without_its_recording_is_named() {
     assert!(error.contains(lab.input.id.as_str()), "{error}");
     let other = InputEpisode { steps: 11, ..Lab::new().input };
     assert!(matches!(lab.episodes().stored(&other), Err(Failure::Retryable(_))));
+}
+
+#[test]
+fn many_episodes_are_opened_in_order_and_the_first_failure_is_returned() {
+    let lab = Lab::new();
+    let mut inputs: Vec<InputEpisode> =
+        (0..3 * OPENING).map(|_| InputEpisode { id: EpisodeId::new(), ..lab.input.clone() }).collect();
+    let opened = lab.episodes().trajectories(&inputs).unwrap();
+    assert!(opened.iter().map(|one| one.id.as_str()).eq(inputs.iter().map(|input| input.id.as_str())));
+    assert!(lab.episodes().trajectories(&[]).unwrap().is_empty());
+    for (at, steps) in [(7, 11), (20, 10)] {
+        inputs[at].steps = steps;
+    }
+    let refused = lab.episodes().trajectories(&inputs).unwrap_err();
+    assert!(matches!(&refused, Failure::Permanent(why) if why.contains("it had 11")), "{refused:?}");
 }
 
 #[test]

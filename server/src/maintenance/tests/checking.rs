@@ -88,6 +88,7 @@ async fn rows_that_contradict_each_other_are_found() {
         ("update jobs set state = 'queued'", "did not make it"),
         ("update jobs set token_hash = 'x'", "still has a checkpoint or a token"),
         ("delete from snapshot_episodes where role = 'expert'", "no expert or no imperfect"),
+        ("update snapshots set expert_steps = expert_steps + 1", "its counts are not those of its episodes"),
         ("insert into deployments select 'arm@prod', id from tasks", "points at no policy"),
     ] {
         let before = lab.dir.path().join("before.db");

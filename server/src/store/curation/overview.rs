@@ -146,15 +146,7 @@ mod tests {
     #[tokio::test]
     async fn a_page_of_tasks_reads_no_whole_episodes() {
         let (_dir, store) = testing::store().await;
-        let explained = format!("explain query plan {}", super::OVERVIEW);
-        let plan: Vec<(i64, i64, i64, String)> = sqlx::query_as(sqlx::AssertSqlSafe(explained))
-            .bind("")
-            .bind(48)
-            .bind(0)
-            .fetch_all(store.read())
-            .await
-            .unwrap();
-        let plan: Vec<&str> = plan.iter().map(|(.., step)| step.as_str()).collect();
+        let plan = testing::plan(&store, super::OVERVIEW).await;
         assert!(plan.iter().any(|step| step.contains("COVERING INDEX episodes_at_a_glance")), "{plan:?}");
     }
 }

@@ -1,13 +1,15 @@
 //! The table of a task's episodes: every one that matches a filter, with its newest label.
 
+use std::collections::HashMap;
+
 use sqlx::{QueryBuilder, Sqlite};
 
 use crate::{
     domain::{
         curation::{SortKey, TableFilter, TableRow},
-        id::TaskId,
+        id::{EpisodeId, TaskId},
     },
-    error::Result,
+    error::{Error, Result},
     store::{
         Store,
         episode::episode_columns,
@@ -18,12 +20,19 @@ use crate::{
 
 record! { TableRow: label_version, labelled_by, labelled_at; episode }
 
-const TABLE: &str = concat!(
-    "select ",
-    episode_columns!(),
-    ", labels.id as label_version, author as labelled_by, labels.created_at as labelled_at from episodes join labels \
-     on labels.id = (select max(id) from labels where episode_id = episodes.id) where task_id = "
-);
+const LISTING: &str = "listing a table of episodes";
+
+/// The query of episodes with their newest labels; conditions follow.
+macro_rules! labelled {
+    () => {
+        concat!(
+            "select ",
+            episode_columns!(),
+            ", labels.id as label_version, author as labelled_by, labels.created_at as labelled_at \
+             from episodes join labels on labels.id = (select max(id) from labels where episode_id = episodes.id) where "
+        )
+    };
+}
 
 impl Store {
     /// Every episode of a task that matches the filter, oldest first.
@@ -31,12 +40,36 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn episode_table(&self, task: &TaskId, filter: &TableFilter) -> Result<Vec<TableRow>> {
-        query(task, filter)
-            .build()
-            .try_map(row::read)
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("listing a table of episodes"))
+        query(task, filter).build().try_map(row::read).fetch_all(self.read()).await.map_err(fault(LISTING))
+    }
+
+    /// The ids of a task's episodes that match the filter, in no order.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn matching_episodes(&self, task: &TaskId, filter: &TableFilter) -> Result<Vec<EpisodeId>> {
+        let ids: Option<String> =
+            ids(task, filter).build().try_map(row::read).fetch_one(self.read()).await.map_err(fault(LISTING))?;
+        let ids = ids.iter().flat_map(|ids| ids.split(',')).map(|id| EpisodeId::try_from(id.to_owned()));
+        ids.collect::<std::result::Result<_, _>>().map_err(|problem| Error::internal(LISTING, problem))
+    }
+
+    /// These episodes with their newest labels, in the order of `ids`; an unknown id is left out.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn episode_rows(&self, ids: &[EpisodeId]) -> Result<Vec<TableRow>> {
+        let mut query = QueryBuilder::<Sqlite>::new(concat!(labelled!(), "episodes.id in ("));
+        let mut listed = query.separated(", ");
+        ids.iter().for_each(|id| {
+            listed.push_bind(id.as_str());
+        });
+        query.push(")");
+        let mut rows: Vec<TableRow> =
+            query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault(LISTING))?;
+        let places: HashMap<&EpisodeId, usize> = ids.iter().zip(0..).collect();
+        rows.sort_by_key(|row| places.get(&row.episode.id).copied());
+        Ok(rows)
     }
 
     /// The number of a task's episodes that match the filter.
@@ -73,9 +106,17 @@ impl Store {
 
 /// The episodes of a task that match the filter, with their labels, oldest first.
 fn query(task: &TaskId, filter: &TableFilter) -> QueryBuilder<Sqlite> {
-    let mut query = QueryBuilder::<Sqlite>::new(TABLE);
+    let mut query = QueryBuilder::<Sqlite>::new(concat!(labelled!(), "task_id = "));
     push_conditions(&mut query, task, filter);
     query.push(" order by episodes.id");
+    query
+}
+
+/// The ids of the episodes of a task that match the filter, as one text: 100,000 rows of one id each take several times
+/// as long.
+fn ids(task: &TaskId, filter: &TableFilter) -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::<Sqlite>::new("select group_concat(id, ',') from episodes where task_id = ");
+    push_conditions(&mut query, task, filter);
     query
 }
 
@@ -91,13 +132,8 @@ fn page(task: &TaskId, filter: &TableFilter, order: (SortKey, bool), skip: i64, 
         SortKey::Cohort => format!(" order by episodes.cohort{direction}, episodes.id"),
         SortKey::Findings => format!(" order by warnings{direction}, episodes.id"),
     };
-    let mut query = QueryBuilder::<Sqlite>::new(concat!(
-        "select ",
-        episode_columns!(),
-        ", labels.id as label_version, author as labelled_by, labels.created_at as labelled_at from episodes join labels \
-         on labels.id = (select max(id) from labels where episode_id = episodes.id) \
-         where episodes.id in (select id from episodes where task_id = "
-    ));
+    let mut query =
+        QueryBuilder::<Sqlite>::new(concat!(labelled!(), "episodes.id in (select id from episodes where task_id = "));
     push_conditions(&mut query, task, filter);
     query.push(&order).push(" limit ").push_bind(most).push(" offset ").push_bind(skip).push(")").push(&order);
     query

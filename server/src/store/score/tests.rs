@@ -2,13 +2,7 @@
 
 use super::*;
 use crate::{
-    domain::{
-        episode::Outcome,
-        job::JobState,
-        score::Histogram,
-        selection::{Kept, Selection},
-        snapshot::Role,
-    },
+    domain::{episode::Outcome, job::JobState, snapshot::Role},
     error::Kind,
     store::testing::{self, results},
 };
@@ -34,53 +28,17 @@ async fn scores_round_trip() {
     let counts = store.run_counts(&run).await.unwrap();
     let expected = RunCounts { imperfect_episodes: 1, imperfect_segments: 3, expert_segments: 20 };
     assert_eq!(counts, expected);
+    let wrong = async || {
+        let wrong = store.wrong_rows().await.unwrap();
+        wrong.iter().any(|(id, detail)| id == run.id.as_str() && detail.contains("its counts are not those"))
+    };
+    assert!(!wrong().await);
+    testing::run(&store, "update score_runs set imperfect_segments = 4").await;
+    assert!(wrong().await);
     let segment_length = store.segment_length(Some(&encoder.id)).await.unwrap();
     assert_eq!(segment_length, gleaner_core::PretrainSpec::default().model.segment_length);
     let stranger = EpisodeId::new();
     assert_eq!(store.episode_scores(&run.id, &stranger).await.unwrap_err().kind(), Kind::NotFound);
-}
-
-#[tokio::test]
-async fn the_histogram_counts_imperfect_segments_and_experts_apart() {
-    let (_dir, store) = testing::store().await;
-    let task = testing::task(&store).await;
-    let expert = testing::episode(&store, &task, Outcome::Success, "").await;
-    let first = testing::episode(&store, &task, Outcome::Failure, "").await;
-    let second = testing::episode(&store, &task, Outcome::Failure, "").await;
-    let encoder = results::encoder(&store, &task).await;
-    let scores = [
-        results::scores(&expert.id, Role::Expert, &[1.0, 1.0, 1.0]),
-        results::scores(&first.id, Role::Imperfect, &[0.1, 0.9, 0.95]),
-        results::scores(&second.id, Role::Imperfect, &[0.5, 0.9]),
-    ];
-    let run = results::run(&store, &task, &encoder, &scores).await;
-    let (histogram, auroc) = store.fill(&run.id, Histogram::new(2, &[0.9, 0.5])).await.unwrap();
-    assert_eq!((histogram.counts(), histogram.expert_counts()), (&[1, 4][..], &[0, 3][..]));
-    assert_eq!(auroc, Some(1.0));
-    let kept: Vec<_> = histogram.kept().iter().map(|kept| (kept.segments, kept.episodes)).collect();
-    assert_eq!(kept, [(1, 1), (3, 2)], "q equal to β is not kept");
-}
-
-#[tokio::test]
-async fn what_if_counts_by_cohort_of_the_snapshot() {
-    let (_dir, store) = testing::store().await;
-    let task = testing::task(&store).await;
-    testing::episode(&store, &task, Outcome::Success, "").await;
-    let weak = testing::episode(&store, &task, Outcome::Failure, "weak").await;
-    let middling = testing::episode(&store, &task, Outcome::Failure, "middling").await;
-    let encoder = results::encoder(&store, &task).await;
-    let scores = [
-        results::scores(&weak.id, Role::Imperfect, &[0.1, 0.9, 0.2]),
-        results::scores(&middling.id, Role::Imperfect, &[0.95, 0.9]),
-    ];
-    let run = results::run(&store, &task, &encoder, &scores).await;
-    let counts = store.count_kept(&run.id, vec![Selection::beta(0.5), Selection::top_fraction(0.2)]).await.unwrap();
-    let kept = |segments, of_segments, episodes, of_episodes| Kept { segments, of_segments, episodes, of_episodes };
-    assert_eq!((counts[0].total, counts[0].cohorts["weak"]), (kept(3, 5, 2, 2), kept(1, 3, 1, 1)));
-    assert_eq!((counts[1].total, counts[1].cohorts["weak"]), (kept(1, 5, 1, 2), kept(0, 3, 0, 1)));
-    assert_eq!(counts[0].episodes, [(weak.id.clone(), 1, 3), (middling.id.clone(), 2, 2)]);
-    assert_eq!(store.scored_episodes(&run.id).await.unwrap(), [weak.id, middling.id]);
-    assert_eq!(store.count_kept(&ScoreRunId::new(), vec![]).await.unwrap_err().kind(), Kind::NotFound);
 }
 
 #[tokio::test]

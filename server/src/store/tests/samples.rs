@@ -11,7 +11,7 @@ use crate::{
 /// A version, a dump, and the number of rows that each table must still have.
 type Sample = (i64, &'static str, &'static [(&'static str, i64)]);
 
-const SAMPLES: [Sample; 7] = [
+const SAMPLES: [Sample; 8] = [
     (
         8,
         include_str!("../../../../tests/samples/schema_0008.sql"),
@@ -46,6 +46,11 @@ const SAMPLES: [Sample; 7] = [
         26,
         include_str!("../../../../tests/samples/schema_0026.sql"),
         &[("episodes", 8), ("jobs", 11), ("score_runs", 2), ("datasets", 2), ("policies", 4), ("job_metrics", 6)],
+    ),
+    (
+        27,
+        include_str!("../../../../tests/samples/schema_0027.sql"),
+        &[("episodes", 8), ("jobs", 11), ("score_runs", 3), ("datasets", 3), ("policies", 4), ("snapshots", 1)],
     ),
 ];
 
@@ -91,6 +96,7 @@ async fn reads(store: &Store) {
             store.evaluations(&policy.id).await.unwrap();
         }
         for run in store.score_runs(&task.id).await.unwrap() {
+            assert!(store.run_counts(&run).await.unwrap().imperfect_segments > 0);
             for episode in store.scored_episodes(&run.id).await.unwrap() {
                 store.episode_scores(&run.id, &episode).await.unwrap();
             }

@@ -3,7 +3,10 @@
 use proptest::prelude::*;
 use serde_json::json;
 
-use super::super::{shape::share, *};
+use super::{
+    super::{shape::share, *},
+    count,
+};
 use crate::Values;
 
 /// The steps of each expert.

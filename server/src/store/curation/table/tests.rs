@@ -75,7 +75,25 @@ async fn every_filter_leaves_out_other_episodes() {
         let found: Vec<_> = rows.iter().map(|row| ids.iter().position(|id| *id == row.episode.id).unwrap()).collect();
         assert_eq!(found, expected, "{filter:?}");
         assert_eq!(store.count_episodes(&task.id, &filter).await.unwrap(), expected.len() as u64, "{filter:?}");
+        let mut matching = store.matching_episodes(&task.id, &filter).await.unwrap();
+        matching.sort();
+        assert_eq!(matching, rows.iter().map(|row| row.episode.id.clone()).collect::<Vec<_>>(), "{filter:?}");
     }
+}
+
+#[tokio::test]
+async fn rows_are_read_in_the_order_of_their_ids_in_a_list() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let mut ids = Vec::new();
+    for name in ["a.mcap", "b.mcap", "c.mcap"] {
+        ids.push(episode(&store, &task, name, (0, 1)).await.id);
+    }
+    let listed = [ids[2].clone(), EpisodeId::new(), ids[0].clone()];
+    let rows = store.episode_rows(&listed).await.unwrap();
+    let names: Vec<_> = rows.iter().map(|row| row.episode.file_name.as_str()).collect();
+    assert_eq!(names, ["c.mcap", "a.mcap"], "the unknown one is left out");
+    assert!(store.episode_rows(&[]).await.unwrap().is_empty());
 }
 
 /// The database sorts and cuts as the list of all rows is sorted and cut.
@@ -107,12 +125,20 @@ async fn no_table_is_scanned_or_sorted() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let filter = TableFilter { text: Some("cup".into()), outcome: Some(Outcome::Success), ..TableFilter::default() };
-    let mut explained = QueryBuilder::<Sqlite>::new("explain query plan ");
-    explained.push(query(&task.id, &filter).sql().as_str());
-    let explained = explained.into_string();
-    let plan: Vec<(i64, i64, i64, String)> =
-        sqlx::query_as(sqlx::AssertSqlSafe(explained)).fetch_all(store.read()).await.unwrap();
-    let plan: Vec<&str> = plan.iter().map(|step| step.3.as_str()).collect();
+    let plan = testing::plan(&store, query(&task.id, &filter).sql().as_str()).await;
     assert!(plan.iter().any(|step| step.contains("episodes_by_task")), "{plan:?}");
     assert!(!plan.iter().any(|step| step.contains("SCAN") || step.contains("TEMP B-TREE")), "{plan:?}");
+}
+
+#[tokio::test]
+async fn ids_and_counts_are_read_without_rows() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let some = TableFilter { outcome: Some(Outcome::Success), cohort: Some("ada".into()), ..TableFilter::default() };
+    for filter in
+        [TableFilter { from: Some(Millis(1)), warnings: Some(true), ..some.clone() }, some, TableFilter::default()]
+    {
+        let plan = testing::plan(&store, ids(&task.id, &filter).sql().as_str()).await;
+        assert!(plan.iter().all(|step| step.contains("COVERING INDEX")), "{filter:?}: {plan:?}");
+    }
 }
