@@ -8,6 +8,7 @@ mod frames;
 mod index;
 mod integrity;
 mod record;
+mod record_limits;
 mod statistics;
 mod summary;
 
@@ -20,6 +21,7 @@ use crate::limits::Limits;
 use frames::{Frame, Frames};
 use index::{ChunkIndex, Footer, Messages, Statistics};
 use integrity::Integrity;
+use record_limits::{check_names, check_size};
 
 pub(crate) use integrity::Problem;
 pub(crate) use record::Record;
@@ -147,7 +149,7 @@ impl<'a> Scan<'a> {
         let head =
             chunks::read(&mut self.frames, frame, limits, self.whole_chunks, &mut |checked, opcode, data, at| {
                 *records += 1;
-                check(*records, data.len(), limits)?;
+                check_size(*records, data.len(), limits)?;
                 if let Some(record) = record::parse(opcode, data)? {
                     check_names(&record, limits)?;
                     integrity.record(&record, Place::Chunk { checked });
@@ -243,7 +245,7 @@ impl<'a> Scan<'a> {
     /// Skips a record's body; false if the file ends in it.
     fn skip(&mut self, frame: &Frame) -> Result<bool, RecordingError> {
         self.records += 1;
-        check(self.records, usize::try_from(frame.length).unwrap_or(usize::MAX), self.limits)?;
+        check_size(self.records, usize::try_from(frame.length).unwrap_or(usize::MAX), self.limits)?;
         self.frames.skip(frame.length)
     }
 
@@ -251,7 +253,7 @@ impl<'a> Scan<'a> {
     fn body(&mut self, frame: &Frame) -> Result<Option<&[u8]>, RecordingError> {
         let whole = self.frames.body(frame.length, &mut self.body)?;
         self.records += 1;
-        check(self.records, self.body.len(), self.limits)?;
+        check_size(self.records, self.body.len(), self.limits)?;
         Ok(whole.then_some(self.body.as_slice()))
     }
 }
@@ -259,47 +261,6 @@ impl<'a> Scan<'a> {
 /// Whether the format defines the contents of such a record. Readers skip the others.
 fn is_read(opcode: u8) -> bool {
     (op::HEADER..=op::DATA_END).contains(&opcode)
-}
-
-/// Compares the number and the length of a record with the limits.
-fn check(records: u64, bytes: usize, limits: &Limits) -> Result<(), RecordingError> {
-    let too_large = |problem| Err(RecordingError::TooLarge { problem });
-    if records > limits.records {
-        return too_large(format!("the file has more than {} records; split the recording", limits.records));
-    }
-    if bytes > limits.record_bytes {
-        return too_large(format!(
-            "a record has {bytes} bytes and may have {}; record smaller messages",
-            limits.record_bytes
-        ));
-    }
-    Ok(())
-}
-
-/// Names end up in reports, messages and logs.
-fn check_names(record: &Record<'_>, limits: &Limits) -> Result<(), RecordingError> {
-    let names = match record {
-        Record::Schema { name, encoding, .. } => [("a schema's name", *name), ("a schema's encoding", *encoding)],
-        Record::Channel { topic, encoding, .. } => [("a topic", *topic), ("a channel's encoding", *encoding)],
-        Record::Header { profile } => [("the profile", *profile), ("", "")],
-        Record::Metadata { name, .. } => [("the name of metadata", *name), ("", "")],
-        Record::Message { .. } | Record::Attachment { .. } => return Ok(()),
-    };
-    for (what, name) in names {
-        if name.len() > limits.name_bytes {
-            let problem = format!(
-                "{what} has {} bytes and may have {}; record it under a shorter name",
-                name.len(),
-                limits.name_bytes
-            );
-            return Err(RecordingError::TooLarge { problem });
-        }
-        if name.chars().any(char::is_control) {
-            let problem = format!("{what} has control characters: {name:?}; record it under a plain name");
-            return Err(RecordingError::Damaged { problem });
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]
