@@ -77,14 +77,14 @@ impl Search {
 
     fn folder(&mut self, folder: &Path) {
         match Rosbag::of(folder) {
-            Ok(Some(rosbag)) if !rosbag.is_mcap() => {
-                let reason = "is a rosbag2 recording in another storage; convert it to MCAP with `ros2 bag convert`";
-                return self.skip(folder, reason.to_owned());
-            }
+            Ok(Some(rosbag)) => match rosbag.unreadable() {
+                Some(reason) => return self.skip(folder, reason),
+                None if !rosbag.is_whole() => return self.parts(folder),
+                None => {}
+            },
             // The reason why its metadata cannot be used is returned when it is sent.
-            Ok(Some(rosbag)) if !rosbag.is_whole() => return self.parts(folder),
             Err(ClientError::Invalid(_)) => return self.parts(folder),
-            Ok(_) | Err(_) => {}
+            Ok(None) | Err(_) => {}
         }
         match std::fs::read_dir(folder) {
             Err(error) => self.skip(folder, format!("cannot be read: {error}")),

@@ -28,6 +28,9 @@ struct Metadata {
 #[derive(Debug, Deserialize)]
 pub(crate) struct Rosbag {
     storage_identifier: String,
+    /// Of the recorder, beside the compression that MCAP has of its own: empty, `NONE`, `FILE` or `MESSAGE`.
+    #[serde(default)]
+    compression_mode: Option<String>,
     /// The parts in their order.
     relative_file_paths: Vec<String>,
     /// Absent in early versions.
@@ -59,9 +62,23 @@ impl Rosbag {
         Ok(metadata.rosbag2_bagfile_information)
     }
 
-    /// Whether its parts are MCAP files.
-    pub(crate) fn is_mcap(&self) -> bool {
-        self.storage_identifier == "mcap"
+    /// Why its files cannot be read as MCAP, and what to do; `None` if they can.
+    pub(crate) fn unreadable(&self) -> Option<String> {
+        if self.storage_identifier != "mcap" {
+            return Some(format!(
+                "is a rosbag2 recording in the storage {:?}; convert it to MCAP with `ros2 bag convert`",
+                self.storage_identifier
+            ));
+        }
+        let compressed = match self.compression_mode.as_deref().unwrap_or_default().to_ascii_uppercase().as_str() {
+            "FILE" => "each file",
+            "MESSAGE" => "each message",
+            _ => return None,
+        };
+        Some(format!(
+            "is a rosbag2 recording whose recorder compressed {compressed}; convert it with `ros2 bag convert` and \
+             without a compression_mode"
+        ))
     }
 
     /// Whether it has one file, which is the whole recording.
@@ -71,12 +88,8 @@ impl Rosbag {
 
     /// The parts, which must all be there, with as many messages as the metadata states.
     fn parts(&self, folder: &Path) -> Result<Vec<PathBuf>> {
-        if !self.is_mcap() {
-            let problem = format!(
-                "its storage is {:?}; convert the recording to MCAP with `ros2 bag convert`",
-                self.storage_identifier
-            );
-            return Err(invalid(&folder.join(METADATA), &problem));
+        if let Some(problem) = self.unreadable() {
+            return Err(invalid(folder, &format!("it {problem}")));
         }
         let there: BTreeSet<PathBuf> = recordings_in(folder)?.into_iter().collect();
         let mut parts = Vec::new();

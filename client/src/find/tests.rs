@@ -100,4 +100,9 @@ fn a_folder_of_several_rosbag2_parts_is_one_recording() {
     assert_eq!(found.recordings, [split, folder.path().join("torn"), whole.join("whole_0.mcap")]);
     assert_eq!(found.skipped.iter().map(|skipped| &skipped.path).collect::<Vec<_>>(), [&old]);
     assert!(found.skipped[0].reason.contains("ros2 bag convert"));
+    let metadata = "rosbag2_bagfile_information:\n  storage_identifier: mcap\n  compression_mode: MESSAGE\n  \
+                    relative_file_paths: [old_0.mcap]\n";
+    std::fs::write(old.join("metadata.yaml"), metadata).unwrap();
+    let found = find_recordings(&[folder.path().to_owned()]).unwrap();
+    assert!(found.skipped[0].reason.contains("compressed each message"), "even if it is one whole file");
 }

@@ -81,10 +81,15 @@ fn metadata_of_rosbag2_gives_parts_and_their_order() {
 #[test]
 fn parts_that_contradict_the_metadata_are_named() {
     let listed = ["run_0.mcap", "run_1.mcap", "run_2.mcap"];
+    let compressed =
+        |mode: &str| metadata(&listed, "mcap").replace("compression_mode: \"\"", &format!("compression_mode: {mode}"));
     for (files, metadata, words) in [
         (&["run_0.mcap", "run_2.mcap"][..], metadata(&listed, "mcap"), "run_1.mcap: this part is missing"),
         (&listed[..], metadata(&listed[..2], "mcap"), "run_2.mcap: metadata.yaml beside it does not list"),
-        (&listed[..], metadata(&listed, "sqlite3"), "ros2 bag convert"),
+        (&listed[..], metadata(&listed, "sqlite3"), "storage \"sqlite3\"; convert it to MCAP with `ros2 bag convert`"),
+        (&listed[..], compressed("FILE"), "recorder compressed each file; convert it with `ros2 bag convert`"),
+        (&listed[..], compressed("message"), "recorder compressed each message; convert it with `ros2 bag convert`"),
+        (&listed[..1], compressed("NONE"), "run_1.mcap: this part is missing"),
         (
             &listed[..1],
             metadata(&["../run_0.mcap", "run_0.mcap"], "mcap"),
