@@ -140,10 +140,11 @@ fn every_policy_looks_at_the_image() {
         let (trained, metrics) = run(steps);
         let (first, last) = (&metrics[0], &metrics[metrics.len() - 1]);
         assert!(last["loss"] < 0.5 * first["loss"], "{kind:?}: {first:?} {last:?}");
-        // Without looking the mean is 0.43 at best, at the point nearest to all three squares. One distance alone differs
-        // too much between processors.
+        // Without looking the mean is 0.43 at best, at the point nearest to all three squares. With a grid one distance
+        // alone differs too much between processors.
         let mean = trained.iter().sum::<f32>() / trained.len() as f32;
-        assert!(mean < 0.25, "{kind:?}: {untrained:?} {trained:?}");
+        let near = if kind == GRID { mean < 0.2 } else { trained.iter().all(|distance| *distance < 0.2) };
+        assert!(near, "{kind:?}: {untrained:?} {trained:?}");
         // An encoder has learnt to act from AA before it is finetuned.
         let from_scratch = kind != "finetune";
         assert!(!from_scratch || untrained.iter().any(|distance| *distance > 0.25), "{kind:?}: {untrained:?}");
