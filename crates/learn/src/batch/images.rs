@@ -27,8 +27,7 @@ fn camera_images(camera: &CameraShape, images: &[&[u8]], device: Device) -> Tens
         colour.extend_from_slice(&image[..split]);
     }
     let colour = Tensor::from_data_size(&colour, &[count, height, width, 3], Kind::Uint8);
-    let channels = if camera.depth { 4 } else { 3 };
-    let all = Tensor::empty([count, channels, height, width], (Kind::Float, device));
+    let all = Tensor::empty([count, int(camera.channels()), height, width], (Kind::Float, device));
     // Bytes are sent, and turned into numbers on the way to their places: one pass and no second copy in floats, of
     // which a batch of windows has tens of megabytes.
     let mut place = all.narrow(1, 0, 3);
