@@ -1,11 +1,10 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test test-room crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds
+.PHONY: demo build test test-room crash-test test-python lint-python differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
 PYTHON ?= python3
 PYTHON_ENV = target/python
-METAWORLD_ENV = target/metaworld
 BENCH_PROFILE ?= bench
 FUZZ_SECONDS ?= 30
 # The server looks for its inspector and its worker beside itself.
@@ -69,17 +68,23 @@ differential differential-test: $(DIFFERENTIAL_ENV)
 	$(DIFFERENTIAL_ENV)/bin/python crates/recording/differential/compare.py --program target/debug/examples/mutants \
 		--mutants $(MUTANTS) --seed $(SEED) $(if $(CORPUS),--corpus $(CORPUS))
 
-# Failed demonstrations gleaned in a real simulator, over gRPC, with tables and pictures in metaworld-runs/$(TASK).
-# Fetches MuJoCo and Meta-World (about 110 MB) the first time; draws by OSMesa or EGL, whichever there is.
-TASK ?= pick-place-v3
-metaworld: .libtorch $(METAWORLD_ENV)
+# Failed demonstrations gleaned in a real simulator, over gRPC, with tables and pictures in simulator-runs/$(TASK).
+# Fetches MuJoCo and Meta-World (about 110 MB), or SAPIEN and ManiSkill2 (about 350 MB), the first time. Meta-World draws
+# by OSMesa or EGL, whichever there is; ManiSkill2 by Vulkan. ARGS= has further options, such as --experts 40.
+metaworld: TASK ?= pick-place-v3
+metaworld: SIMULATOR = metaworld
+maniskill: TASK ?= PickCube-v0
+maniskill: SIMULATOR = maniskill2
+metaworld maniskill: .libtorch
 	$(CARGO) build --locked $(PROGRAMS)
-	$(METAWORLD_ENV)/bin/pip install -q --require-hashes -r client/python/examples/requirements.lock
-	$(METAWORLD_ENV)/bin/pip install -q --no-deps client/python
-	$(METAWORLD_ENV)/bin/python client/python/examples/metaworld.py all --task $(TASK) \
-		--server-bin target/debug/gleaner-server $(METAWORLD_ARGS)
+	test -d target/$(SIMULATOR) || $(PYTHON) -m venv target/$(SIMULATOR)
+	target/$(SIMULATOR)/bin/pip install -q --no-deps --require-hashes \
+		-r client/python/examples/requirements-$(SIMULATOR).lock
+	target/$(SIMULATOR)/bin/pip install -q --no-deps client/python
+	target/$(SIMULATOR)/bin/python client/python/examples/simulators.py all --simulator $(SIMULATOR) --task $(TASK) \
+		--server-bin target/debug/gleaner-server $(ARGS)
 
-$(PYTHON_ENV) $(METAWORLD_ENV) $(DIFFERENTIAL_ENV):
+$(PYTHON_ENV) $(DIFFERENTIAL_ENV):
 	$(PYTHON) -m venv $@
 
 fmt:

@@ -29,6 +29,11 @@ def camera_topic(camera: str) -> str:
     return f"/camera/{camera}"
 
 
+def depth_topic(camera: str) -> str:
+    """The topic of a camera's depth."""
+    return f"/camera/{camera}/depth"
+
+
 class Recorder:
     """Writes an episode step by step. The file exists only once it is complete and kept."""
 
@@ -39,15 +44,23 @@ class Recorder:
         self._file = self._part.open("wb")
         # Images are compressed already.
         self._mcap = Writer(self._file, compression=CompressionType.NONE)
-        self._mcap.start(library="gleaner metaworld example")
+        self._mcap.start(library="gleaner simulator example")
         self._mcap.add_metadata("episode", dict(about))
         self._channels: dict[str, int] = {}
 
-    def step(self, images: Mapping[str, NDArray[np.uint8]], state: Numbers, action: Numbers) -> None:
+    def step(
+        self,
+        images: Mapping[str, NDArray[np.uint8]],
+        depths: Mapping[str, NDArray[np.uint16]],
+        state: Numbers,
+        action: Numbers,
+    ) -> None:
         """Writes one step: the observation, then the action."""
         stamp_ns = BEGIN_NS + self._steps * self._period_ns
         for camera, image in images.items():
             self._picture(camera_topic(camera), stamp_ns, image)
+        for camera, depth in depths.items():
+            self._picture(depth_topic(camera), stamp_ns, depth)
         self._numbers(STATE_TOPIC, stamp_ns, state)
         self._numbers(ACTION_TOPIC, stamp_ns, action)
         self._steps += 1
@@ -58,7 +71,7 @@ class Recorder:
         self._file.close()
         self._part.replace(path)
 
-    def _picture(self, topic: str, stamp_ns: int, image: NDArray[np.uint8]) -> None:
+    def _picture(self, topic: str, stamp_ns: int, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
         if topic not in self._channels:
             schema = self._mcap.register_schema(
                 CompressedImage.DESCRIPTOR.full_name,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import matplotlib
@@ -13,16 +13,16 @@ from PIL import Image
 
 import gleaner
 from gleaner.types import Episode
-from metaworld_example.demonstrator import IMPERFECT
-from metaworld_example.lab import MetaWorldAdapter
-from metaworld_example.simulator import RATE_HZ, Frames, MetaWorld, State
+from simulator_example.agent import Agent, State
+from simulator_example.simulator import Frames, Simulator
+from simulator_example.task import SimulatorAdapter
 
 matplotlib.use("Agg")
 FRAMES = 10
 ENLARGED = 2
 
 
-class Watching(MetaWorldAdapter):
+class Watching(SimulatorAdapter):
     """Keeps the images of the cameras, and the live scores of the policy by step."""
 
     def __init__(self, policy: gleaner.Policy) -> None:
@@ -30,21 +30,21 @@ class Watching(MetaWorldAdapter):
         self.seen: list[Frames] = []
         self.q: dict[int, float] = {}
 
-    def cameras(self, env: MetaWorld, observation: State) -> Frames:
+    def cameras(self, env: Simulator, observation: State) -> Frames:
         """The images of both cameras."""
         self.seen.append(env.images())
         return self.seen[-1]
 
-    def action(self, env: MetaWorld, action: NDArray[np.float32]) -> NDArray[np.float32]:
+    def action(self, env: Simulator, action: NDArray[np.float32]) -> NDArray[np.float32]:
         """The action itself; its reply has the newest score."""
         score = self._policy.score
         if score is not None:
-            self.q[round(score.stamp_ns * RATE_HZ / 1e9)] = score.q
+            self.q[round(score.stamp_ns * env.rate_hz / 1e9)] = score.q
         return action
 
 
 def strips(
-    client: gleaner.Client, env: MetaWorld, deployment: str, trials: gleaner.Trials, folder: Path
+    client: gleaner.Client, env: Simulator, deployment: str, trials: gleaner.Trials, folder: Path
 ) -> dict[str, Path]:
     """Repeats a solved and a failed episode, if there are any; returns a strip of each and both live scores."""
     shown: dict[str, Path] = {}
@@ -71,10 +71,10 @@ def _strip(seen: list[Frames]) -> Image.Image:
     return strip.resize((strip.width * ENLARGED, strip.height * ENLARGED), Image.Resampling.NEAREST)
 
 
-def curves(client: gleaner.Client, run: str, episodes: list[Episode], path: Path) -> Path:
+def curves(client: gleaner.Client, run: str, agents: Iterable[Agent], episodes: list[Episode], path: Path) -> Path:
     """The quality q along one failed episode of each imperfect agent."""
     found = {}
-    for agent in IMPERFECT:
+    for agent in agents:
         of_agent = [episode for episode in episodes if episode.cohort == agent.name]
         failed = [episode for episode in of_agent if gleaner.word(episode, "outcome") == "failure"]
         scores = client.scores.episode(run, (failed or of_agent)[0].id)

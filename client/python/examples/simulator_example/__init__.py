@@ -1,4 +1,4 @@
-"""The modules of the Meta-World example; `../metaworld.py` is the command."""
+"""The modules of the example; `../simulators.py` is the command."""
 
 import os
 from ctypes.util import find_library

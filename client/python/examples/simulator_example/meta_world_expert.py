@@ -1,13 +1,14 @@
-"""The agents of the demonstrations: Meta-World's scripted expert, and the expert with faults. Independent of files."""
+"""Meta-World's scripted expert, and its faults. Independent of files."""
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
 
 import numpy as np
 from metaworld.policies import ENV_POLICY_MAP
 from numpy.typing import NDArray
+
+from simulator_example.agent import Action, Agent, State
 
 GOAL = slice(36, 39)
 OPEN = -1.0
@@ -15,26 +16,13 @@ OPEN = -1.0
 RELEASE_STEPS = (8, 20)
 
 
-@dataclass(frozen=True)
-class Agent:
-    """The fault of an agent; with `amount` 0 it equals the expert.
+class Expert:
+    """The scripted expert, with the fault of an agent and its size `amount`.
 
     noise    white noise of this deviation on every value of the action
-    goal     sees a goal that is off by N(0, amount · 10 cm) in x and y
+    goal     a goal that is off by N(0, amount · 10 cm) in x and y
     release  from some step on the gripper stays open, in this share of the episodes
     """
-
-    name: str
-    spoiled: str = "noise"
-    amount: float = 0.0
-
-
-EXPERT = Agent("expert")
-IMPERFECT = (Agent("noise", "noise", 0.5), Agent("wrong_goal", "goal", 1.0), Agent("early_release", "release", 1.0))
-
-
-class Demonstrator:
-    """The agent of one episode: from a state of Meta-World to an action in [-1, 1]."""
 
     def __init__(self, task: str, agent: Agent, seed: int) -> None:
         self._policy = ENV_POLICY_MAP[task]()
@@ -48,17 +36,25 @@ class Demonstrator:
         elif agent.spoiled == "release" and self._random.random() < agent.amount:
             self._open_from = int(self._random.integers(*RELEASE_STEPS))
 
-    def __call__(self, state: NDArray[np.float64]) -> NDArray[np.float32]:
-        """The action for a state."""
+    def __call__(self, state: State) -> tuple[Action, Action]:
+        """The agent's action for a state, and what the expert would do there."""
         seen = state.copy()
         seen[GOAL] += self._goal_off
-        with warnings.catch_warnings():
-            # The scripted policies warn at every step that the environment clips their actions.
-            warnings.simplefilter("ignore")
-            action = np.asarray(self._policy.get_action(seen), np.float64)
+        action = self._expert(seen)
         if self._agent.spoiled == "noise":
             action += self._agent.amount * self._random.normal(size=action.shape)
         if self._open_from is not None and self._step >= self._open_from:
             action[3] = OPEN
         self._step += 1
-        return np.clip(action, -1.0, 1.0).astype(np.float32)
+        return _bounded(action), _bounded(self._expert(state))
+
+    def _expert(self, state: State) -> NDArray[np.float64]:
+        with warnings.catch_warnings():
+            # The scripted policies warn at every step that the environment clips their actions.
+            warnings.simplefilter("ignore")
+            # They keep no state between steps.
+            return np.asarray(self._policy.get_action(state), np.float64)
+
+
+def _bounded(action: NDArray[np.float64]) -> Action:
+    return np.clip(action, -1.0, 1.0).astype(np.float32)

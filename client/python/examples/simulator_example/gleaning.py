@@ -10,11 +10,12 @@ from typing import Any
 
 import gleaner
 from gleaner.types import Dataset, Episode, Job
-from metaworld_example.collect import Demonstration
-from metaworld_example.demonstrator import EXPERT, IMPERFECT
-from metaworld_example.lab import task_spec
-from metaworld_example.plan import Plan
-from metaworld_example.progress import Progress
+from simulator_example.agent import EXPERT
+from simulator_example.collect import Demonstration
+from simulator_example.plan import Plan
+from simulator_example.progress import Progress
+from simulator_example.simulator import Simulator
+from simulator_example.task import task_spec
 
 WITHOUT, WITH = "experts only", "with gleaned segments"
 
@@ -30,10 +31,12 @@ class Gleaned:
     policies: dict[str, str]  # deployment by what it was trained on
 
 
-def push(client: gleaner.Client, plan: Plan, demonstrations: Iterable[Demonstration]) -> Iterator[Episode]:
+def push(
+    client: gleaner.Client, plan: Plan, env: Simulator, demonstrations: Iterable[Demonstration]
+) -> Iterator[Episode]:
     """Pushes the recordings, labelled by outcome, with the agent as cohort; recordings on the server are skipped."""
     try:
-        client.tasks.create(task_spec(plan.server_task, plan.size))
+        client.tasks.create(task_spec(env, plan.server_task))
     except gleaner.AlreadyExists:
         _same_task(client, plan)
     for shown in demonstrations:
@@ -50,7 +53,7 @@ def _same_task(client: gleaner.Client, plan: Plan) -> None:
         )
 
 
-def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleaned:
+def glean(client: gleaner.Client, plan: Plan, env: Simulator, episodes: list[Episode]) -> Gleaned:
     """Pretrains, scores, selects, trains twice and deploys; shows the progress of each job."""
     there = sum(1 for _ in client.episodes.list(plan.server_task))
     if there != len(episodes):
@@ -59,7 +62,7 @@ def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleane
             "give the run a --label of its own"
         )
     # Roles depend on the agent, because a success of an imperfect agent is imperfect data too.
-    rule = {"expert_cohorts": [EXPERT.name], "imperfect_cohorts": [agent.name for agent in IMPERFECT]}
+    rule = {"expert_cohorts": [EXPERT.name], "imperfect_cohorts": [agent.name for agent in env.imperfect]}
     pretrain = _job(
         client,
         plan,
@@ -83,7 +86,7 @@ def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleane
 def _job(client: gleaner.Client, plan: Plan, kind: str, spec: dict[str, Any], name: str = "") -> Job:
     # The key identifies the work: a second submission, also of a resumed run, returns the first job.
     digest = hashlib.sha256(json.dumps(spec, sort_keys=True).encode()).hexdigest()[:16]
-    job = getattr(client.jobs, kind)(plan.server_task, key=f"metaworld {kind} {digest}", **spec)
+    job = getattr(client.jobs, kind)(plan.server_task, key=f"{plan.simulator} {kind} {digest}", **spec)
     with Progress(f"{kind} {name}".strip()) as progress:
         for event in client.jobs.watch(job):
             progress.at(event.job.done, event.job.total, event.job.message)

@@ -7,16 +7,16 @@ from dataclasses import asdict
 from pathlib import Path
 
 import gleaner
-from metaworld_example.lab import MetaWorldAdapter
-from metaworld_example.plan import Plan
-from metaworld_example.progress import Progress
-from metaworld_example.simulator import MetaWorld
+from simulator_example.plan import Plan
+from simulator_example.progress import Progress
+from simulator_example.simulator import Simulator
+from simulator_example.task import SimulatorAdapter
 
 # Far from the seeds of all demonstrations.
 SEED = 10_000_000
 
 
-def trials(client: gleaner.Client, env: MetaWorld, plan: Plan, deployment: str) -> gleaner.Trials:
+def trials(client: gleaner.Client, env: Simulator, plan: Plan, deployment: str) -> gleaner.Trials:
     """Evaluates a deployment, except for episodes in the file; the server stores the result with the policy."""
     file = plan.folder / "trials.jsonl"
     policy_id = next(known.policy_id for known in client.deployments() if known.name == deployment)
@@ -36,9 +36,9 @@ def trials(client: gleaner.Client, env: MetaWorld, plan: Plan, deployment: str) 
             done.append(trial)
             progress.at(len(done), plan.episodes, f"{sum(trial.success for trial in done)} solved")
 
-        gleaner.evaluate(env, policy, MetaWorldAdapter(), missing, SEED + len(done), on_trial=on_trial)
+        gleaner.evaluate(env, policy, SimulatorAdapter(), missing, SEED + len(done), on_trial=on_trial)
     result = gleaner.Trials(SEED, tuple(done), policy_id)
-    result.report(client, f"metaworld/{plan.task}")
+    result.report(client, f"{plan.simulator}/{plan.task}")
     return result
 
 

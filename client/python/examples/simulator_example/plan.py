@@ -6,8 +6,11 @@ import argparse
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from simulator_example.simulator import SIMULATORS
+
 SAID = {
-    "task": "a task of Meta-World",
+    "simulator": "simulator: " + " or ".join(SIMULATORS),
+    "task": "task of the simulator",
     "label": "distinguishes runs of one task with different demonstrations",
     "server": "address of a gleaner server that runs",
     "server_bin": "gleaner-server to start for this run instead, over OUT/server; empty: none",
@@ -31,11 +34,12 @@ SAID = {
 class Plan:
     """The settings of a run."""
 
+    simulator: str = "metaworld"
     task: str = "pick-place-v3"
     label: str = ""
     server: str = "127.0.0.1:7400"
     server_bin: str = ""
-    out: Path = Path("metaworld-runs")
+    out: Path = Path("simulator-runs")
     size: int = 64
     experts: int = 20
     imperfect: int = 50
@@ -62,7 +66,7 @@ class Plan:
     @property
     def server_task(self) -> str:
         """The task's name on the server: `pick-place-v3` is `metaworld_pick_place_v3`."""
-        return f"metaworld_{self.name.replace('-', '_')}"
+        return f"{self.simulator}_{self.name.replace('-', '_')}"
 
 
 def parse(stages: tuple[str, ...], about: str) -> tuple[str, Plan]:

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import gleaner
 from gleaner.types import Episode
-from metaworld_example.collect import Demonstration, collect
-from metaworld_example.demonstrator import IMPERFECT
-from metaworld_example.gleaning import glean, push
-from metaworld_example.own_server import own_server
-from metaworld_example.plan import Plan, parse
-from metaworld_example.progress import Progress
-from metaworld_example.report import write
-from metaworld_example.simulator import MetaWorld
-from metaworld_example.trials import trials
+from simulator_example.collect import Demonstration, collect
+from simulator_example.gleaning import glean, push
+from simulator_example.own_server import own_server
+from simulator_example.plan import Plan, parse
+from simulator_example.progress import Progress
+from simulator_example.report import write
+from simulator_example.simulator import Simulator, make
+from simulator_example.trials import trials
 
 STAGES = ("collect", "push", "glean", "evaluate", "all")
 
@@ -24,7 +23,7 @@ def main(about: str) -> None:
     """Runs the stages of the command line."""
     until, plan = parse(STAGES, about)
     plan.folder.mkdir(parents=True, exist_ok=True)
-    env = MetaWorld(plan.task, plan.size)
+    env = make(plan.simulator, plan.task, plan.size)
     try:
         shown = _collect(env, plan)
         if until != "collect":
@@ -40,11 +39,11 @@ def _server(plan: Plan) -> AbstractContextManager[str]:
     return nullcontext(plan.server)
 
 
-def _with_server(client: gleaner.Client, plan: Plan, env: MetaWorld, shown: list[Demonstration], until: str) -> None:
-    episodes = _push(client, plan, shown)
+def _with_server(client: gleaner.Client, plan: Plan, env: Simulator, shown: list[Demonstration], until: str) -> None:
+    episodes = _push(client, plan, env, shown)
     if until == "push":
         return
-    gleaned = glean(client, plan, episodes)
+    gleaned = glean(client, plan, env, episodes)
     if until == "glean":
         return
     results = {name: trials(client, env, plan, deployment) for name, deployment in gleaned.policies.items()}
@@ -54,20 +53,20 @@ def _with_server(client: gleaner.Client, plan: Plan, env: MetaWorld, shown: list
         print(write(client, plan, env, gleaned, results))
 
 
-def _collect(env: MetaWorld, plan: Plan) -> list[Demonstration]:
-    total = plan.experts + len(IMPERFECT) * plan.imperfect
+def _collect(env: Simulator, plan: Plan) -> list[Demonstration]:
+    total = plan.experts + len(env.imperfect) * plan.imperfect
     shown = []
     with Progress("collect") as progress:
-        for demonstration in collect(env, plan.task, plan.folder / "episodes", plan.experts, plan.imperfect):
+        for demonstration in collect(env, plan.server_task, plan.folder / "episodes", plan.experts, plan.imperfect):
             shown.append(demonstration)
             progress.at(len(shown), total, demonstration.agent)
     return shown
 
 
-def _push(client: gleaner.Client, plan: Plan, shown: list[Demonstration]) -> list[Episode]:
+def _push(client: gleaner.Client, plan: Plan, env: Simulator, shown: list[Demonstration]) -> list[Episode]:
     pushed = []
     with Progress("push") as progress:
-        for episode in push(client, plan, shown):
+        for episode in push(client, plan, env, shown):
             pushed.append(episode)
             progress.at(len(pushed), len(shown))
     return pushed

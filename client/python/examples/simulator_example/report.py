@@ -11,42 +11,42 @@ from typing import Any
 import numpy as np
 
 import gleaner
-from metaworld_example import pictures
-from metaworld_example.demonstrator import EXPERT, IMPERFECT
-from metaworld_example.gleaning import WITH, Gleaned
-from metaworld_example.plan import Plan
-from metaworld_example.simulator import RATE_HZ, MetaWorld
+from simulator_example import pictures
+from simulator_example.agent import EXPERT
+from simulator_example.gleaning import WITH, Gleaned
+from simulator_example.plan import Plan
+from simulator_example.simulator import Simulator
 
 
 def write(
     client: gleaner.Client,
     plan: Plan,
-    env: MetaWorld,
+    env: Simulator,
     gleaned: Gleaned,
     results: Mapping[str, gleaner.Trials],
 ) -> Path:
     """Writes pictures, report.json and report.md into the folder of the run; returns the path of report.md."""
     found = {
         "plan": {name: str(value) for name, value in asdict(plan).items() if name != "token"},
-        "demonstrations": _demonstrations(client, plan, gleaned),
+        "demonstrations": _demonstrations(client, plan, env, gleaned),
         "policies": {name: _result(trials) for name, trials in results.items()},
         "made": {"encoder": gleaned.encoder, "score_run": gleaned.run, "dataset": gleaned.dataset.id},
     }
     shown = pictures.strips(client, env, gleaned.policies[WITH], results[WITH], plan.folder)
     shown["quality q along a failed episode of each agent"] = pictures.curves(
-        client, gleaned.run, gleaned.episodes, plan.folder / "q.png"
+        client, gleaned.run, env.imperfect, gleaned.episodes, plan.folder / "q.png"
     )
     (plan.folder / "report.json").write_text(json.dumps(found, indent=2) + "\n")
     path = plan.folder / "report.md"
-    path.write_text(_markdown(plan, found, shown))
+    path.write_text(_markdown(plan, env, found, shown))
     return path
 
 
-def _demonstrations(client: gleaner.Client, plan: Plan, gleaned: Gleaned) -> dict[str, dict[str, Any]]:
+def _demonstrations(client: gleaner.Client, plan: Plan, env: Simulator, gleaned: Gleaned) -> dict[str, dict[str, Any]]:
     counted = client.scores.what_if(gleaned.run, [{"top_fraction": plan.keep}])[0]
     kept = {cohort.cohort: cohort.kept.segments for cohort in counted.cohorts}
     rows = {}
-    for agent in (EXPERT, *IMPERFECT):
+    for agent in (EXPERT, *env.imperfect):
         mine = [episode for episode in gleaned.episodes if episode.cohort == agent.name]
         q = np.concatenate([client.scores.episode(gleaned.run, episode.id).q for episode in mine])
         rows[agent.name] = {
@@ -73,13 +73,13 @@ def _result(trials: gleaner.Trials) -> dict[str, Any]:
     }
 
 
-def _markdown(plan: Plan, found: dict[str, Any], shown: Mapping[str, Path]) -> str:
+def _markdown(plan: Plan, env: Simulator, found: dict[str, Any], shown: Mapping[str, Path]) -> str:
     lines = [
         f"# {plan.task}",
         "",
-        f"Meta-World at {RATE_HZ:g} Hz, two cameras of {plan.size} × {plan.size}; {plan.pretrain_steps} steps of "
-        f"{plan.pretrain_batch} segments of pretraining, {plan.train_steps} of {plan.train_batch} for each policy; the "
-        f"best {plan.keep:g} of the imperfect segments kept, λ = {plan.weight:g}, seed {plan.seed}.",
+        f"{plan.simulator} at {env.rate_hz:g} Hz, two cameras of {plan.size} × {plan.size}; {plan.pretrain_steps} "
+        f"steps of {plan.pretrain_batch} segments of pretraining, {plan.train_steps} of {plan.train_batch} for each "
+        f"policy; the best {plan.keep:g} of the imperfect segments kept, λ = {plan.weight:g}, seed {plan.seed}.",
         "",
         "| demonstrations by | episodes | steps | solved | mean q | kept |",
         "|---|---:|---:|---:|---:|---:|",
