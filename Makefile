@@ -70,7 +70,9 @@ differential differential-test: $(DIFFERENTIAL_ENV)
 
 # Failed demonstrations gleaned in a real simulator, over gRPC, with tables and pictures in simulator-runs/$(TASK).
 # Fetches MuJoCo and Meta-World (about 110 MB), or SAPIEN and ManiSkill2 (about 350 MB), the first time. Meta-World draws
-# by OSMesa or EGL, whichever there is; ManiSkill2 by Vulkan. ARGS= has further options, such as --experts 40.
+# by OSMesa or EGL, whichever there is; ManiSkill2 by Vulkan. ARGS= has further options, such as
+# --experts 40, and STAGE=collect only makes the recordings, for `gleaner experiment`.
+STAGE ?= all
 metaworld: TASK ?= pick-place-v3
 metaworld: SIMULATOR = metaworld
 maniskill: TASK ?= PickCube-v0
@@ -81,7 +83,7 @@ metaworld maniskill: .libtorch
 	target/$(SIMULATOR)/bin/pip install -q --no-deps --require-hashes \
 		-r client/python/examples/requirements-$(SIMULATOR).lock
 	target/$(SIMULATOR)/bin/pip install -q --no-deps client/python
-	target/$(SIMULATOR)/bin/python client/python/examples/simulators.py all --simulator $(SIMULATOR) --task $(TASK) \
+	target/$(SIMULATOR)/bin/python client/python/examples/simulators.py $(STAGE) --simulator $(SIMULATOR) --task $(TASK) \
 		--server-bin target/debug/gleaner-server $(ARGS)
 
 $(PYTHON_ENV) $(DIFFERENTIAL_ENV):

@@ -149,3 +149,87 @@ async fn report_is_written_before_the_experiment_ends() {
         }
     }
 }
+
+/// Recordings of the simulator in a folder, as if they were made elsewhere: with labels, marks and the task's spec.
+async fn recordings(server: &TestServer, folder: &Path) {
+    let out = folder.to_str().unwrap();
+    let agents = ["--agent", "expert:3", "--agent", "freeze:1:2", "--agent", "wrong_goal:1:2"];
+    let sizes = ["--task", "pick_cube", "--image", "16", "--out", out];
+    let output = gleaner(server.url(), &[&["record"], &sizes[..], &agents[..]].concat()).await;
+    assert!(output.success, "{}", output.text());
+    let config = gleaner_sim::SimConfig { image: 16, ..gleaner_sim::SimConfig::default() };
+    let spec = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &config);
+    std::fs::write(folder.join("task.json"), serde_json::to_vec(&spec).unwrap()).unwrap();
+}
+
+const ELSEWHERE: &str = r#"
+name = "elsewhere"
+[data]
+folder = "recordings"
+[attempts]
+simulation = "shell/nothing"
+command = ["sh", "-c", """
+echo "$0 $1 $2" >&2
+for attempt in $(seq $3); do echo '{"success": true, "steps": 5}'; done
+""", "{server}", "{deployment}", "{seed}", "{episodes}"]
+"#;
+
+#[tokio::test]
+async fn recordings_made_elsewhere_are_scored_and_a_command_evaluates() {
+    let server = TestServer::start().await;
+    let dir = tempfile::tempdir().unwrap();
+    let (file, out) = (dir.path().join("elsewhere.toml"), dir.path().join("out"));
+    recordings(&server, &dir.path().join("recordings")).await;
+    let rest = FILE.split_once("[base]").unwrap().1;
+    std::fs::write(&file, format!("{ELSEWHERE}[base]{rest}")).unwrap();
+    run(&server, &file, &out).await;
+
+    // No job evaluates; the scores and the marks are those of the simulator's own experiment.
+    let made = jobs(&server).await;
+    assert!(made.iter().all(|job| job.kind() != JobKind::Evaluate));
+    let numbers = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(dir.path().join(name).join("report.json")).unwrap()).unwrap()
+    };
+    let report = numbers("out");
+    let cells = report["studies"][0]["cells"].as_array().unwrap();
+    for cell in cells {
+        let success = &cell["seeds"][0]["success"];
+        assert_eq!((&success["successes"], &success["episodes"]), (&2.into(), &2.into()), "{cell}");
+    }
+    assert!(report["studies"][1]["cells"][0]["seeds"][0]["separation"][0]["auroc"].is_number());
+    let mut api = Api::connect(&server).await;
+    let deployments = api.policies.list_deployments(ListDeploymentsRequest::default()).await.unwrap().into_inner();
+    let log = std::fs::read_to_string(out.join("attempts.log")).unwrap();
+    for deployment in &deployments.deployments {
+        let request = ListEvaluationsRequest { policy_id: deployment.policy_id.clone() };
+        let evaluations = api.policies.list_evaluations(request).await.unwrap().into_inner().evaluations;
+        assert_eq!(evaluations[0].simulation, "shell/nothing");
+        assert!(log.contains(&format!("{} {} 0\n", server.url(), deployment.name)), "{log}");
+    }
+    assert_eq!((cells.len(), deployments.deployments.len(), log.lines().count()), (2, 2, 2));
+
+    // A second run finds every evaluation; a report needs no run.
+    run(&server, &file, &out).await;
+    let (success, text) = experiment(&server, &file, &out, &["--report"]).await;
+    assert!(success && text.contains("100.0"), "{text}");
+    assert_eq!(jobs(&server).await.len(), made.len());
+    for study in 0..2 {
+        assert_eq!(numbers("out")["studies"][study]["cells"], report["studies"][study]["cells"]);
+    }
+    assert_eq!(std::fs::read_to_string(out.join("attempts.log")).unwrap(), log);
+}
+
+#[tokio::test]
+async fn a_command_that_fails_leaves_its_cells_without_success() {
+    let server = TestServer::start().await;
+    let dir = tempfile::tempdir().unwrap();
+    let (file, out) = (dir.path().join("elsewhere.toml"), dir.path().join("out"));
+    recordings(&server, &dir.path().join("recordings")).await;
+    let failing = ELSEWHERE.replace("echo \"$0", "exit 3; echo \"$0");
+    let rest = FILE.split_once("[base]").unwrap().1;
+    std::fs::write(&file, format!("{failing}[base]{rest}")).unwrap();
+    let (success, text) = experiment(&server, &file, &out, &[]).await;
+    assert!(!success && text.contains("2 of 4 cells are not complete"), "{text}");
+    let report = std::fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(report.contains("sh ended with exit status: 3"), "{report}");
+}

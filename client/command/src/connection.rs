@@ -45,7 +45,8 @@ pub(crate) struct ConnectionArgs {
 }
 
 impl ConnectionArgs {
-    fn url(&self) -> &str {
+    /// The address of the server.
+    pub(crate) fn url(&self) -> &str {
         self.server.as_deref().unwrap_or(DEFAULT_SERVER)
     }
 

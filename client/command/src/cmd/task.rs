@@ -83,7 +83,7 @@ pub(crate) fn sim_config(image: Option<u32>) -> Result<SimConfig> {
 }
 
 // JSON by its extension, else TOML.
-fn read_spec(path: &Path) -> Result<TaskSpec> {
+pub(crate) fn read_spec(path: &Path) -> Result<TaskSpec> {
     let text = std::fs::read_to_string(path).map_err(ClientError::io(path))?;
     let is_json = path.extension().is_some_and(|extension| extension == "json");
     let parsed = if is_json {

@@ -11,6 +11,7 @@ use super::gather::Gatherer;
 use super::recordings::Recordings;
 use super::report::Report;
 use super::reporter::Reporter;
+use super::site::Site;
 use super::stage::Graph;
 use super::standing::{Gap, Progress, Submitted};
 use super::state::State;
@@ -45,7 +46,7 @@ impl Course<'_> {
         let (log, note) = (self.out.join("server.log"), self.out.join(ADDRESS));
         if let Some((left, client)) = Address::left_behind(&note).await {
             self.context.output.note(format_args!("there is a server already, at {}", left.url));
-            let report = unless_interrupted(self.on(&client), RESUMES).await;
+            let report = unless_interrupted(self.on(&client, &left.url), RESUMES).await;
             // A run may be under way on it.
             if !self.only_report {
                 left.request_stop();
@@ -63,11 +64,12 @@ impl Course<'_> {
             server.address().note(&note)?;
         }
         self.context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
-        server.during(async |client| self.on(&client).await, RESUMES).await
+        let url = server.url().to_owned();
+        server.during(async |client| self.on(&client, &url).await, RESUMES).await
     }
 
-    /// On a running server.
-    pub(super) async fn on(&self, client: &Client) -> Result<Report> {
+    /// On a running server at this address.
+    pub(super) async fn on(&self, client: &Client, url: &str) -> Result<Report> {
         let Self { context, experiment, graph, device, .. } = *self;
         if self.only_report {
             let submitted = self.existing(client).await?;
@@ -79,13 +81,14 @@ impl Course<'_> {
         context.output.note(planned(experiment, graph));
         let mut reporter = self.reporter(client, &recordings);
         let mut left = graph.stages.len();
+        let mut site = Site::new(context.output, url, self.out);
         loop {
             let submitter = Submitter::new(client, &mut state, &recordings, experiment, device);
-            let mut submitted = submitter.submit(graph).await?;
+            let mut submitted = submitter.with(&mut site).submit(graph).await?;
             reporter.more(&submitted).await;
             let on_end = async |submitted: &Submitted| reporter.more(submitted).await;
             follow::to_the_end(context, client, graph, &mut submitted, on_end).await?;
-            // Marks with an encoder are imported once that is there.
+            // Marks with an encoder are imported once that is there, and a command evaluates one policy after the other.
             let waiting = submitted.iter().filter(|result| matches!(result, Err(Gap::NotYet))).count();
             if waiting == 0 || waiting == left {
                 return reporter.report(&submitted).await;
@@ -120,7 +123,7 @@ impl Course<'_> {
         let Self { context, experiment, graph, device, .. } = *self;
         let frame = Report {
             name: experiment.name.clone(),
-            task: experiment.recordings.task.to_string(),
+            task: experiment.source.task_name().to_owned(),
             command: self.command.clone(),
             device: device.as_str().to_owned(),
             cores: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),

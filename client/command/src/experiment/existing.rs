@@ -8,6 +8,7 @@ use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{Dataset, Job, ListDatasetsRequest, ListJobsRequest};
 use tonic::Code;
 
+use super::site::known_evaluation;
 use super::stage::{Graph, Stage, Work};
 use super::standing::{Gap, StageResult, Submitted};
 use super::state::State;
@@ -73,6 +74,7 @@ impl<'a> Existing<'a> {
             Work::Given { origin } => Ok(Some(StageResult { id: origin.id().to_owned(), job: None })),
             Work::Snapshot { .. } => known_snapshot(self.client, self.state, &stage.key).await,
             Work::Marks => known_run(self.client, self.state, &job_key(stage, input)).await,
+            Work::Attempts { .. } => known_evaluation(self.client, self.state, &job_key(stage, input)).await,
             Work::Dataset { selection } => Ok(self.dataset(input, *selection)),
             Work::Pretrain { .. } | Work::Score { .. } | Work::Train { .. } | Work::Evaluate { .. } => {
                 let job = self.jobs.get(&job_key(stage, input));

@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use gleaner_client::ClientError;
-use gleaner_sim::{AgentKind, AgentSpec, Cohort, SimConfig, Task};
-use serde::{Deserialize, Serialize};
+use gleaner_sim::Task;
+use serde::Deserialize;
 use toml::Table;
 
+use super::attempts::Attempts;
+use super::source::{self, Source};
 use super::study::{Cell, StudySettings, TableKind, one_line};
-use crate::cmd::record::RecordSet;
 use crate::failure::{Failure, Result};
 
 /// The file as it is written.
@@ -16,51 +17,14 @@ use crate::failure::{Failure, Result};
 #[serde(deny_unknown_fields)]
 struct ExperimentFile {
     name: String,
-    task: Task,
-    data: DataSettings,
+    #[serde(default)]
+    task: Option<Task>,
+    data: Table,
+    #[serde(default)]
+    attempts: Option<Attempts>,
     #[serde(default)]
     base: Table,
     study: Vec<StudySettings>,
-}
-
-/// The recordings in the simulator.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct DataSettings {
-    /// Camera height and width in pixels.
-    #[serde(default = "DataSettings::image")]
-    image: u32,
-    /// Steps after which an attempt has failed, in recordings and evaluations.
-    #[serde(default = "DataSettings::max_steps")]
-    pub(crate) max_steps: u32,
-    /// The first recording's seed.
-    #[serde(default)]
-    seed: u64,
-    /// Recordings of the scripted expert.
-    experts: usize,
-    /// Imperfect agents.
-    cohorts: Vec<CohortSettings>,
-}
-
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct CohortSettings {
-    /// By default the agent's kind.
-    #[serde(default)]
-    name: Option<String>,
-    /// `KIND:GRADE`, as `gleaner record` takes it.
-    agent: String,
-    count: usize,
-}
-
-impl DataSettings {
-    fn image() -> u32 {
-        SimConfig::default().image
-    }
-
-    fn max_steps() -> u32 {
-        SimConfig::default().max_steps
-    }
 }
 
 /// An experiment that can be run: every field is checked.
@@ -70,7 +34,9 @@ pub(crate) struct Experiment {
     /// The task's name on the server: of these recordings alone, so that experiments with the same recordings share
     /// them and others do not mix theirs.
     pub(crate) task: String,
-    pub(crate) recordings: RecordSet,
+    pub(crate) source: Source,
+    /// What evaluates policies, if the embedded simulator does not.
+    pub(crate) attempts: Option<Attempts>,
     /// A digest of all that the recordings depend on.
     pub(crate) data_key: String,
     pub(crate) studies: Vec<Study>,
@@ -85,24 +51,40 @@ pub(crate) struct Study {
 }
 
 impl Experiment {
-    /// From a file. Errors name the study, cell and field.
-    pub(crate) fn read(path: &Path) -> Result<Self> {
+    /// From a file, with another folder of recordings if one is given. Errors name the study, cell and field.
+    pub(crate) fn read(path: &Path, recordings: Option<&Path>) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(ClientError::io(path))?;
-        Self::parse(&text).map_err(|problem| Failure::message(format!("{}: {problem}", path.display())))
+        let beside = path.parent().unwrap_or_else(|| Path::new(""));
+        let parsed = toml::from_str(&text).map_err(|error| located(&error, &text));
+        let checked = parsed.and_then(|mut file: ExperimentFile| {
+            if let Some(folder) = recordings {
+                source::replace_folder(&mut file.data, folder)?;
+            }
+            Self::checked(file, beside)
+        });
+        checked.map_err(|problem| Failure::message(format!("{}: {problem}", path.display())))
     }
 
+    /// From the content of a file without paths.
+    #[cfg(test)]
     pub(crate) fn parse(text: &str) -> std::result::Result<Self, String> {
-        Self::checked(toml::from_str(text).map_err(|error| located(&error, text))?)
+        Self::checked(toml::from_str(text).map_err(|error| located(&error, text))?, Path::new(""))
     }
 
-    /// From the parsed content of a file.
+    /// From the parsed content of a file without paths.
     pub(super) fn from_table(table: Table) -> std::result::Result<Self, String> {
-        Self::checked(table.try_into().map_err(|error: toml::de::Error| one_line(&error))?)
+        Self::checked(table.try_into().map_err(|error: toml::de::Error| one_line(&error))?, Path::new(""))
     }
 
-    fn checked(file: ExperimentFile) -> std::result::Result<Self, String> {
-        let recordings = recordings(&file)?;
-        let names: Vec<&str> = recordings.cohorts.iter().skip(1).map(|cohort| cohort.name.as_str()).collect();
+    fn checked(file: ExperimentFile, beside: &Path) -> std::result::Result<Self, String> {
+        let (source, data_key) = Source::read(file.task, &file.data, beside)?;
+        let names = source.imperfect();
+        if let Some(attempts) = &file.attempts {
+            attempts.check().map_err(|problem| format!("attempts.{problem}"))?;
+            if source.simulated().is_some() {
+                return Err("attempts: the simulator of the task evaluates; leave the table out".into());
+            }
+        }
         let base = file.base.clone().try_into::<super::cell::CellSettings>();
         base.map_err(|error| format!("base: {}", one_line(&error)))?
             .check(&names)
@@ -114,58 +96,29 @@ impl Experiment {
         for study in &file.study {
             let name = study.name().to_owned();
             let cells = study.cells(&file.base, &names).map_err(|problem| format!("study {name:?}: {problem}"))?;
+            if let Some(problem) = cells.iter().find_map(|cell| impossible(cell, &source, file.attempts.is_some())) {
+                return Err(format!("study {name:?}: {problem}"));
+            }
             if studies.iter().any(|other| other.name == name) {
                 return Err(format!("study {name:?}: the name is duplicated; rename one"));
             }
             studies.push(Study { name, table: study.table, cells });
         }
-        let data_key = data_key(file.task, &file.data)?;
-        let task = format!("{}_{data_key}", file.task);
-        Ok(Self { name: file.name, task, recordings, data_key, studies })
-    }
-
-    /// The imperfect cohorts' names.
-    pub(crate) fn imperfect_cohorts(&self) -> impl Iterator<Item = &str> {
-        self.recordings.cohorts.iter().skip(1).map(|cohort| cohort.name.as_str())
+        let task = format!("{}_{data_key}", source.task_name());
+        Ok(Self { name: file.name, task, source, attempts: file.attempts, data_key, studies })
     }
 }
 
-fn recordings(file: &ExperimentFile) -> std::result::Result<RecordSet, String> {
-    let data = &file.data;
-    let config = SimConfig { image: data.image, max_steps: data.max_steps };
-    config.validate().map_err(|error| format!("data: {error}"))?;
-    if data.experts == 0 {
-        return Err("data.experts: give at least 1".into());
+/// What these recordings do not allow.
+fn impossible(cell: &Cell, source: &Source, has_attempts: bool) -> Option<String> {
+    let label = &cell.label;
+    if cell.settings.evaluate && source.simulated().is_none() && !has_attempts {
+        return Some(format!(
+            "cell {label:?}: evaluate: no simulator is known for these recordings; give [attempts], or evaluate = false"
+        ));
     }
-    let mut cohorts: Vec<Cohort> = vec![(AgentSpec::EXPERT, data.experts).into()];
-    for (index, settings) in data.cohorts.iter().enumerate() {
-        let field = |problem: String| format!("data.cohorts[{index}].{problem}");
-        let agent: AgentSpec = settings.agent.parse().map_err(|error| field(format!("agent: {error}")))?;
-        let mut cohort = Cohort::from((agent, settings.count));
-        if let Some(name) = &settings.name {
-            cohort.name.clone_from(name);
-        }
-        if cohorts.iter().any(|other| other.name == cohort.name) {
-            let problem =
-                if cohort.name == AgentKind::Expert.name() { "is the name of the experts" } else { "is duplicated" };
-            return Err(field(format!("name: {:?} {problem}; give it another", cohort.name)));
-        }
-        if cohort.count == 0 {
-            return Err(field("count: give at least 1".into()));
-        }
-        cohorts.push(cohort);
-    }
-    if cohorts.len() == 1 {
-        return Err("data.cohorts: give at least one imperfect agent".into());
-    }
-    let set = RecordSet { task: file.task, config, cohorts, seed: data.seed };
-    set.check_seed().map_err(|problem| format!("data.{problem}"))?;
-    Ok(set)
-}
-
-fn data_key(task: Task, data: &DataSettings) -> std::result::Result<String, String> {
-    let canonical = serde_json::to_string(&(gleaner_sim::VERSION, task, data)).map_err(|error| error.to_string())?;
-    Ok(blake3::hash(canonical.as_bytes()).to_hex().chars().take(12).collect())
+    (cell.settings.oracle && !source.is_marked())
+        .then(|| format!("cell {label:?}: oracle: the recordings have no marks"))
 }
 
 // Line and message in one line.
@@ -176,6 +129,8 @@ fn located(error: &toml::de::Error, text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use gleaner_sim::SimConfig;
+
     use super::*;
 
     const HEAD: &str = "name = \"x\"\ntask = \"pick_cube\"\n";
@@ -186,7 +141,7 @@ mod tests {
     fn the_committed_files_are_valid() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/experiments");
         for name in ["pick_cube", "stack_cube", "scorers", "arms", "chunks", "quick"] {
-            let experiment = Experiment::read(&folder.join(name).with_extension("toml")).unwrap();
+            let experiment = Experiment::read(&folder.join(name).with_extension("toml"), None).unwrap();
             assert!(!experiment.studies.is_empty(), "{name}");
         }
     }
@@ -194,8 +149,8 @@ mod tests {
     #[test]
     fn omitted_settings_have_their_defaults() {
         let experiment = Experiment::parse(&[HEAD, DATA, STUDY].concat()).unwrap();
-        assert_eq!(experiment.recordings.config, SimConfig::default());
-        assert_eq!(experiment.recordings.cohorts[1].name, "noise");
+        assert_eq!(experiment.source.simulated().unwrap().config, SimConfig::default());
+        assert_eq!(experiment.source.imperfect(), ["noise"]);
         assert_eq!(experiment.studies[0].name, "Quality score threshold β");
         assert!(experiment.task.starts_with("pick_cube_"), "{}", experiment.task);
     }

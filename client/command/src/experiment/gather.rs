@@ -23,7 +23,7 @@ use super::stage::{Chain, Graph};
 use super::standing::{Gap, Standing, Submitted, stage_result, standing};
 use super::study::Cell;
 use crate::failure::{Failure, Result, present};
-use crate::quality::{BINS, MarkedEpisode, Separation, histogram, select, separations};
+use crate::quality::{BINS, MarkedEpisode, Selected, Separation, histogram, select, separations};
 
 /// A score run's scores beside the marks.
 struct Run {
@@ -125,7 +125,9 @@ impl<'a> Gatherer<'a> {
             report.histogram.clone_from(&run.histogram);
             report.experts.clone_from(&run.experts);
             let selection = cell.settings.selection().map_err(|problem| Failure::message(problem.to_string()))?;
-            report.selected = Some(select(&run.episodes, selection));
+            let selected = select(&run.episodes, selection);
+            let unmarked = |selected| Selected { precision: None, recall: None, ..selected };
+            report.selected = Some(if self.recordings.are_marked { selected } else { unmarked(selected) });
         }
         Ok(report)
     }
@@ -139,8 +141,7 @@ impl<'a> Gatherer<'a> {
         let metrics = self.client.jobs().list_metrics(request).await?.into_inner().metrics;
         let metric = |Metric { step, name, value }| job::Metric { sequence: 0, step, name, value };
         let metrics: Vec<job::Metric> = metrics.into_iter().map(metric).collect();
-        let set = &self.experiment.recordings;
-        let looks = looks(&metrics, &gleaner_sim::task_spec(set.task, &set.config).cameras);
+        let looks = looks(&metrics, &self.experiment.source.spec().cameras);
         self.looks.insert(job_id.to_owned(), looks.clone());
         Ok(looks)
     }
@@ -154,7 +155,12 @@ impl<'a> Gatherer<'a> {
             ..GetHistogramRequest::default()
         };
         let experts = self.client.scores().get_histogram(request).await?.into_inner().expert_counts;
-        Ok(Run { separation: separations(&episodes), histogram: histogram(&episodes), experts, episodes })
+        let (separation, histogram) = if self.recordings.are_marked {
+            (separations(&episodes), histogram(&episodes))
+        } else {
+            (Vec::new(), Vec::new())
+        };
+        Ok(Run { separation, histogram, experts, episodes })
     }
 
     /// The scores of every imperfect episode beside its mark, in the order of the recordings.

@@ -59,13 +59,12 @@ fn lacking(report: &Report) -> String {
 }
 
 fn recorded(report: &Report, text: &mut String) {
-    line(
-        text,
-        "\n## Recorded in the simulator\n\n| cohort | agent | episodes | steps | succeeded |\n|---|---|---:|---:|---:|",
-    );
+    line(text, "\n## Recordings\n\n| cohort | agent | episodes | steps | succeeded |\n|---|---|---:|---:|---:|");
     for row in &report.recorded {
         let share = words::percent(row.successes, row.episodes);
-        line(text, format_args!("| {} | {} | {} | {} | {share} |", row.cohort, row.agent, row.episodes, row.steps));
+        // Of recordings made elsewhere, who made them is in the name of the cohort.
+        let agent = if row.agent.is_empty() { "-" } else { &row.agent };
+        line(text, format_args!("| {} | {agent} | {} | {} | {share} |", row.cohort, row.episodes, row.steps));
     }
 }
 
@@ -106,7 +105,7 @@ fn section(report: &Report, number: usize, study: &StudyReport, text: &mut Strin
     if let Some(table) = tables::auroc(study) {
         line(
             text,
-            "\nAUROC of q against the simulator's mark: the mean over seeds, and the widest bounds of the seeds' 95 % \
+            "\nAUROC of q against the marks: the mean over seeds, and the widest bounds of the seeds' 95 % \
              intervals (episodes resampled).\n",
         );
         text.push_str(&table);

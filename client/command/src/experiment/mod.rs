@@ -1,11 +1,13 @@
 //! `experiment`: a grid of settings from a file, run as jobs of a server, in one report.
 //!
-//! `file`, `study`, `grid`, `method`, `cell` and `used` are the settings; `stage` makes a graph of them in which no stage
-//! is done twice. `course` runs it: `recordings`, `submit` and `follow` do the work, `order` has the messages, `existing`
-//! and `state` find the work of earlier runs, and `standing` is the progress. `gather` and `fetch` return the results;
-//! `pool`, `interval` and `difference` sum them up; `report`, `markdown`, `tables`, `plots` and `reporter` show them.
+//! `file`, `source`, `attempts`, `study`, `grid`, `method`, `cell` and `used` are the settings; `stage` makes a graph of
+//! them in which no stage is done twice. `course` runs it: `recordings`, `submit`, `site` and `follow` do the work,
+//! `order` has the messages, `existing` and `state` find the work of earlier runs, and `standing` is the progress.
+//! `gather` and `fetch` return the results; `pool`, `interval` and `difference` sum them up; `report`, `markdown`,
+//! `tables`, `plots` and `reporter` show them.
 //! `demo` is a preset with a report of its own, and `compare` runs stages on a snapshot or encoders that exist.
 
+mod attempts;
 mod cell;
 pub(crate) mod compare;
 mod course;
@@ -26,6 +28,8 @@ mod pool;
 mod recordings;
 mod report;
 mod reporter;
+mod site;
+mod source;
 mod stage;
 mod standing;
 mod state;
@@ -63,6 +67,9 @@ pub(crate) struct ExperimentArgs {
     /// Path of the gleaner-server binary for a temporary server. Default: the one beside this program.
     #[arg(long, value_name = "PATH")]
     server_bin: Option<PathBuf>,
+    /// Folder of recordings made elsewhere, in place of `data.folder` in the file.
+    #[arg(long, value_name = "DIR")]
+    recordings: Option<PathBuf>,
     /// Check the file and print the stages that would run, without running any.
     #[arg(long)]
     plan: bool,
@@ -73,7 +80,7 @@ pub(crate) struct ExperimentArgs {
 
 impl ExperimentArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let experiment = Experiment::read(&self.file)?;
+        let experiment = Experiment::read(&self.file, self.recordings.as_deref())?;
         let graph = Graph::new(&experiment, self.device);
         if self.plan {
             return context.output.result(|| Ok(plan(&experiment, &graph)), || planned(&experiment, &graph));
@@ -88,7 +95,7 @@ impl ExperimentArgs {
         }
         std::fs::create_dir_all(&out).map_err(ClientError::io(&out))?;
         let report = if context.connection.names_server() {
-            course.on(&context.client().await?).await?
+            course.on(&context.client().await?, context.connection.url()).await?
         } else {
             course.on_own_server(&self.server_bin()?).await?
         };
@@ -108,7 +115,9 @@ impl ExperimentArgs {
     fn command(&self, out: &Path) -> String {
         let device = self.device.as_str().to_owned();
         let device = if self.device == Device::default() { String::new() } else { format!(" --device {device}") };
-        format!("gleaner experiment {} --out {}{device}", self.file.display(), out.display())
+        let recordings = self.recordings.as_ref().map(|folder| format!(" --recordings {}", folder.display()));
+        let recordings = recordings.unwrap_or_default();
+        format!("gleaner experiment {} --out {}{recordings}{device}", self.file.display(), out.display())
     }
 
     fn server_bin(&self) -> Result<PathBuf> {

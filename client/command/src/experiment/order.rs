@@ -6,7 +6,6 @@ use gleaner_proto::v1::evaluate_spec::Subject;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::train_spec::Data;
 use gleaner_proto::v1::{EvaluateSpec, PretrainSpec, RoleRule, ScoreSpec, TrainSpec};
-use gleaner_sim::AgentKind;
 
 use super::cell::RuleSettings;
 use super::stage::Work;
@@ -28,7 +27,7 @@ pub(crate) fn job(work: &Work, input: Input<'_>, simulation: &str, device: Devic
         settings
     };
     match work {
-        Work::Given { .. } | Work::Snapshot { .. } | Work::Marks | Work::Dataset { .. } => None,
+        Work::Given { .. } | Work::Snapshot { .. } | Work::Marks | Work::Dataset { .. } | Work::Attempts { .. } => None,
         Work::Pretrain { settings } => Some(Spec::Pretrain(PretrainSpec {
             snapshot_id: id(),
             settings: Some(to_struct(&on(settings))),
@@ -57,11 +56,11 @@ pub(crate) fn job(work: &Work, input: Input<'_>, simulation: &str, device: Devic
 }
 
 /// The rule of a snapshot: roles by cohort, since the episodes of an imperfect agent are imperfect even if they succeed.
-pub(crate) fn rule(settings: &RuleSettings, imperfect: &[&str]) -> RoleRule {
+pub(crate) fn rule(settings: &RuleSettings, experts: &str, imperfect: &[&str]) -> RoleRule {
     let named = || settings.cohorts.clone();
     let all = || imperfect.iter().map(|cohort| (*cohort).to_owned()).collect();
     RoleRule {
-        expert_cohorts: vec![AgentKind::Expert.name().to_owned()],
+        expert_cohorts: vec![experts.to_owned()],
         imperfect_cohorts: if settings.cohorts.is_empty() { all() } else { named() },
         imperfect_per_expert: settings.imperfect_per_expert,
         max_experts: settings.experts,
@@ -92,10 +91,10 @@ mod tests {
 
     #[test]
     fn an_empty_list_of_cohorts_selects_all() {
-        let all = rule(&RuleSettings { experts: 5, ..RuleSettings::default() }, &["a", "b"]);
+        let all = rule(&RuleSettings { experts: 5, ..RuleSettings::default() }, "expert", &["a", "b"]);
         assert_eq!((all.imperfect_cohorts, all.max_experts), (vec!["a".to_owned(), "b".to_owned()], 5));
         assert_eq!(all.expert_cohorts, ["expert"]);
-        let one = rule(&RuleSettings { cohorts: vec!["b".into()], ..RuleSettings::default() }, &["a", "b"]);
-        assert_eq!(one.imperfect_cohorts, ["b"]);
+        let one = rule(&RuleSettings { cohorts: vec!["b".into()], ..RuleSettings::default() }, "teleop", &["a", "b"]);
+        assert_eq!((one.expert_cohorts, one.imperfect_cohorts), (vec!["teleop".to_owned()], vec!["b".to_owned()]));
     }
 }

@@ -1,16 +1,18 @@
-//! An experiment's recordings: made once, kept in its folder, on the server under a separate task.
+//! An experiment's recordings: of the simulator, made once and kept in its folder, or made elsewhere. On the server they
+//! are under a separate task.
 
 use std::collections::HashMap;
 use std::path::Path;
 use std::time::Duration;
 
-use gleaner_client::{Client, ClientError, PushItem, Pushed, UploadLabel, read_labels};
-use gleaner_proto::v1::{CreateTaskRequest, GetTaskRequest};
+use gleaner_client::{Client, ClientError, LabelledFile, PushItem, Pushed, UploadLabel, read_labels};
+use gleaner_proto::v1::{CreateTaskRequest, GetTaskRequest, Outcome};
 use gleaner_sim::{LABELS, MARKS};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::file::Experiment;
+use super::source::Source;
 use crate::cmd::{push, record};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
@@ -25,7 +27,6 @@ const PARALLEL_UPLOADS: usize = 4;
 #[derive(Clone, Debug, Deserialize)]
 struct Row {
     file: String,
-    success: bool,
     went_wrong: Option<u32>,
 }
 
@@ -54,6 +55,8 @@ pub(crate) struct CohortCount {
 #[derive(Debug)]
 pub(crate) struct Recordings {
     pub(crate) by_episode: HashMap<String, Recording>,
+    /// Whether it is known from which step on each went wrong; otherwise no recording has a mark.
+    pub(crate) are_marked: bool,
     /// Bytes that this run sent, and the time that it took.
     pub(crate) sent: (u64, Duration),
 }
@@ -63,47 +66,60 @@ impl Recordings {
     pub(crate) async fn ready(context: &Context, client: &Client, folder: &Path, plan: &Experiment) -> Result<Self> {
         recorded(context, folder, plan).await?;
         create_task(client, plan).await?;
-        let pushed = pushed(context, client, folder, plan).await?;
-        let marks = marks(folder)?;
+        let folder = match &plan.source {
+            Source::Simulated(_) => folder,
+            Source::Folder(elsewhere) => &elsewhere.path,
+        };
+        let files = read_labels(&folder.join(LABELS))?;
+        let successes: HashMap<_, _> =
+            files.iter().map(|file| (file.path.clone(), file.outcome == Outcome::Success)).collect();
+        let pushed = pushed(context, client, plan, files).await?;
+        let are_marked = plan.source.is_marked();
+        let marks = if are_marked { marks(folder)? } else { HashMap::new() };
         // By the pushed file, whatever name its content may have on the server.
-        let episodes = pushed.results.iter().filter_map(|item| {
-            Some((item.path.file_name()?.to_string_lossy().into_owned(), &item.result.as_ref().ok()?.episode))
-        });
+        let episodes = pushed.results.iter().filter_map(|item| Some((&item.path, &item.result.as_ref().ok()?.episode)));
         let mut by_episode = HashMap::new();
-        for (place, (file, episode)) in episodes.enumerate() {
-            let row = marks.get(&file);
-            let row =
-                row.ok_or_else(|| Failure::message(format!("{file} has no row in {}", folder.join(MARKS).display())))?;
-            let mark = Mark { went_wrong: row.went_wrong };
-            let (cohort, steps) = (episode.cohort.clone(), episode.steps);
-            by_episode.insert(episode.id.clone(), Recording { place, cohort, success: row.success, steps, mark });
+        for (place, (path, episode)) in episodes.enumerate() {
+            let file = path.file_name().unwrap_or_default().to_string_lossy();
+            let went_wrong = match marks.get(file.as_ref()) {
+                Some(went_wrong) => *went_wrong,
+                None if are_marked => {
+                    let marks = folder.join(MARKS);
+                    return Err(Failure::message(format!("{file} has no row in {}", marks.display())));
+                }
+                None => None,
+            };
+            let success = successes.get(path).copied().unwrap_or_default();
+            let (cohort, steps, mark) = (episode.cohort.clone(), episode.steps, Mark { went_wrong });
+            by_episode.insert(episode.id.clone(), Recording { place, cohort, success, steps, mark });
         }
-        Ok(Self { by_episode, sent: (pushed.sent_bytes(), pushed.wall) })
+        Ok(Self { by_episode, are_marked, sent: (pushed.sent_bytes(), pushed.wall) })
     }
 
-    /// Each cohort's episodes, in the file's order.
+    /// Each cohort's episodes, experts first.
     pub(crate) fn counts(&self, plan: &Experiment) -> Vec<CohortCount> {
-        let count = |cohort: &gleaner_sim::Cohort| {
-            let of_cohort = || self.by_episode.values().filter(|recording| recording.cohort == cohort.name);
+        let count = |(cohort, agent): (&str, String)| {
+            let of_cohort = || self.by_episode.values().filter(|recording| recording.cohort == cohort);
             CohortCount {
-                cohort: cohort.name.clone(),
-                agent: cohort.agent.to_string(),
+                cohort: cohort.to_owned(),
+                agent,
                 episodes: of_cohort().count() as u64,
                 steps: of_cohort().map(|recording| recording.steps).sum(),
                 successes: of_cohort().filter(|recording| recording.success).count() as u64,
             }
         };
-        plan.recordings.cohorts.iter().map(count).collect()
+        plan.source.agents().into_iter().map(count).collect()
     }
 }
 
-/// Records the missing recordings.
+/// Records the missing recordings of the simulator.
 pub(super) async fn recorded(context: &Context, folder: &Path, plan: &Experiment) -> Result<()> {
+    let Source::Simulated(set) = &plan.source else { return Ok(()) };
     let complete = folder.join(COMPLETE);
     if complete.exists() {
         return Ok(());
     }
-    record::record(context, folder, plan.recordings.clone()).await?;
+    record::record(context, folder, set.clone()).await?;
     Ok(std::fs::write(&complete, b"").map_err(ClientError::io(complete))?)
 }
 
@@ -114,7 +130,7 @@ async fn create_task(client: &Client, plan: &Experiment) -> Result<()> {
         Err(status) if status.code() == tonic::Code::NotFound => {}
         Err(status) => return Err(status.into()),
     }
-    let mut task = gleaner_sim::task_spec(plan.recordings.task, &plan.recordings.config);
+    let mut task = plan.source.spec();
     task.name = name;
     client
         .tasks()
@@ -123,14 +139,18 @@ async fn create_task(client: &Client, plan: &Experiment) -> Result<()> {
     Ok(())
 }
 
-async fn pushed(context: &Context, client: &Client, folder: &Path, plan: &Experiment) -> Result<Pushed> {
-    let item = |file: gleaner_client::LabelledFile| PushItem {
+async fn pushed(context: &Context, client: &Client, plan: &Experiment, files: Vec<LabelledFile>) -> Result<Pushed> {
+    let author = match &plan.source {
+        Source::Simulated(_) => "simulator",
+        Source::Folder(_) => "experiment",
+    };
+    let item = |file: LabelledFile| PushItem {
         path: file.path,
         parts: Vec::new(),
         task: plan.task.clone(),
-        label: UploadLabel { outcome: file.outcome, cohort: file.cohort, author: "simulator".into() },
+        label: UploadLabel { outcome: file.outcome, cohort: file.cohort, author: author.into() },
     };
-    let items = read_labels(&folder.join(LABELS))?.into_iter().map(item).collect();
+    let items = files.into_iter().map(item).collect();
     let pushed = push::push(context, client, items, PARALLEL_UPLOADS).await;
     if let Some((item, error)) = pushed.failures().next() {
         return Err(Failure::message(format!("{} was rejected: {error}", item.path.display())));
@@ -138,9 +158,10 @@ async fn pushed(context: &Context, client: &Client, folder: &Path, plan: &Experi
     Ok(pushed)
 }
 
-fn marks(folder: &Path) -> Result<HashMap<String, Row>> {
+/// The first wrong step of each file that has one.
+fn marks(folder: &Path) -> Result<HashMap<String, Option<u32>>> {
     let rows: Vec<Row> = rows(&folder.join(MARKS))?;
-    Ok(rows.into_iter().map(|row| (row.file.clone(), row)).collect())
+    Ok(rows.into_iter().map(|row| (row.file, row.went_wrong)).collect())
 }
 
 /// The rows of a CSV file with a header.
@@ -166,7 +187,6 @@ mod tests {
                     a.mcap,expert,0,0,true,,\nb.mcap,noise,1,1,false,3,0 0.5 2\n";
         std::fs::write(folder.path().join(MARKS), text).unwrap();
         let marks = marks(folder.path()).unwrap();
-        assert_eq!((marks["a.mcap"].went_wrong, marks["b.mcap"].went_wrong), (None, Some(3)));
-        assert!(marks["a.mcap"].success && !marks["b.mcap"].success);
+        assert_eq!((marks["a.mcap"], marks["b.mcap"]), (None, Some(3)));
     }
 }

@@ -10,6 +10,7 @@ use gleaner_core::selection::Selection;
 use gleaner_core::{Device, EvaluateSpec, Values};
 use serde::Serialize;
 
+use super::attempts::Attempts;
 use super::cell::{CellSettings, RuleSettings};
 use super::file::Experiment;
 use super::study::Cell;
@@ -47,6 +48,13 @@ pub(crate) enum Work {
     Evaluate {
         settings: Values,
     },
+    /// As `Evaluate`, by a command outside of the server.
+    Attempts {
+        attempts: Attempts,
+        episodes: u32,
+        seed: u64,
+        hide_history: bool,
+    },
 }
 
 impl Work {
@@ -58,9 +66,18 @@ impl Work {
             Self::Score { .. } | Self::Marks => "score",
             Self::Dataset { .. } => "dataset",
             Self::Train { .. } => "train",
-            Self::Evaluate { .. } => "evaluate",
+            Self::Evaluate { .. } | Self::Attempts { .. } => "evaluate",
         }
     }
+}
+
+/// Where policies are evaluated.
+#[derive(Clone, Copy, Debug)]
+enum Place<'a> {
+    /// In the embedded simulator, attempts of at most N steps.
+    Simulator(u32),
+    /// By a command.
+    Elsewhere(&'a Attempts),
 }
 
 /// A result that exists before the first stage, by its id.
@@ -134,7 +151,7 @@ impl Graph {
         let mut chains = vec![Vec::new(); cells.len()];
         for (seed, origin) in (0..).zip(origins) {
             for (cell, of_cell) in cells.iter().zip(&mut chains) {
-                let rest = works("", max_steps.unwrap_or_default(), &cell.settings, seed);
+                let rest = works("", Place::Simulator(max_steps.unwrap_or_default()), &cell.settings, seed);
                 let rest = rest.into_iter().filter(|work| !origin.replaces(work));
                 let works = std::iter::once(Work::Given { origin: origin.clone() }).chain(rest);
                 of_cell.push(graph.chain(works, seed, &format!("{}, seed {seed}", cell.label)));
@@ -147,7 +164,8 @@ impl Graph {
     fn filled(mut self, experiment: &Experiment) -> Self {
         let graph = &mut self;
         let task = &experiment.task;
-        let max_steps = experiment.recordings.config.max_steps;
+        let max_steps = experiment.source.simulated().map_or(0, |set| set.config.max_steps);
+        let place = experiment.attempts.as_ref().map_or(Place::Simulator(max_steps), Place::Elsewhere);
         // Seed by seed, so that the first seed of everything is there before the second of anything.
         let mut chains: Vec<Vec<Vec<Chain>>> =
             experiment.studies.iter().map(|study| vec![Vec::new(); study.cells.len()]).collect();
@@ -157,7 +175,7 @@ impl Graph {
                 for (cell, of_cell) in study.cells.iter().zip(of_study) {
                     let Some(&seed) = cell.settings.seeds.get(nth) else { continue };
                     let label = format!("{}, {}, seed {seed}", study.name, cell.label);
-                    let works = works(task, max_steps, &cell.settings, seed);
+                    let works = works(task, place, &cell.settings, seed);
                     of_cell.push(graph.chain(works, seed, &label));
                 }
             }
@@ -174,7 +192,7 @@ impl Graph {
     fn chain(&mut self, works: impl IntoIterator<Item = Work>, seed: u64, label: &str) -> Chain {
         let mut stages = Vec::new();
         for work in works {
-            if self.evaluates || !matches!(work, Work::Evaluate { .. }) {
+            if self.evaluates || work.kind() != "evaluate" {
                 let index = self.stage(work, stages.last().copied(), label);
                 stages.push(index);
             }
@@ -198,7 +216,7 @@ impl Graph {
 }
 
 // A cell's works, each on the result of the one before. The cell has been checked, so every spec is sound.
-fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work> {
+fn works(task: &str, place: Place<'_>, cell: &CellSettings, seed: u64) -> Vec<Work> {
     let cell = &cell.used();
     let mut works = vec![Work::Snapshot { task: task.to_owned(), rule: cell.rule.clone() }];
     if cell.pretrains() {
@@ -221,10 +239,16 @@ fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work
     }
     works.push(Work::Train { settings });
     let CellSettings { episodes, hide_history, .. } = *cell;
-    let trials = EvaluateSpec { episodes, max_steps, seeds: vec![seed], hide_history, ..EvaluateSpec::default() };
-    let mut settings = complete(Ok(trials.values()));
-    settings.remove("simulation");
-    works.push(Work::Evaluate { settings });
+    works.push(match place {
+        Place::Simulator(max_steps) => {
+            let trials =
+                EvaluateSpec { episodes, max_steps, seeds: vec![seed], hide_history, ..EvaluateSpec::default() };
+            let mut settings = complete(Ok(trials.values()));
+            settings.remove("simulation");
+            Work::Evaluate { settings }
+        }
+        Place::Elsewhere(attempts) => Work::Attempts { attempts: attempts.clone(), episodes, seed, hide_history },
+    });
     works
 }
 

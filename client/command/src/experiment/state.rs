@@ -1,4 +1,4 @@
-//! The snapshots and imported scores that an experiment made, in a file beside its report. Jobs and datasets need no
+//! The snapshots, imported scores and evaluations by a command that an experiment made, in a file beside its report. Jobs and datasets need no
 //! file: the server finds them by their keys and selections.
 
 use std::collections::BTreeMap;
@@ -20,6 +20,8 @@ struct Remembered {
     snapshots: BTreeMap<String, String>,
     /// Imported score runs, by the keys of their stages with the input's id.
     runs: BTreeMap<String, String>,
+    /// Evaluations by a command, by the keys of their stages with the policy's id.
+    evaluations: BTreeMap<String, String>,
 }
 
 /// The file and its content.
@@ -63,6 +65,16 @@ impl State {
         self.store()
     }
 
+    pub(crate) fn evaluation(&self, key: &str) -> Option<&str> {
+        self.remembered.evaluations.get(key).map(String::as_str)
+    }
+
+    /// Stores an evaluation; it is on disk when this returns.
+    pub(crate) fn remember_evaluation(&mut self, key: &str, evaluation_id: &str) -> Result<()> {
+        self.remembered.evaluations.insert(key.to_owned(), evaluation_id.to_owned());
+        self.store()
+    }
+
     fn store(&self) -> Result<()> {
         let text = serde_json::to_vec_pretty(&self.remembered).map_err(|error| Failure::message(error.to_string()))?;
         Ok(replace(&self.path, &text).map_err(ClientError::io(&self.path))?)
@@ -93,8 +105,10 @@ mod tests {
         state.remember("a", "snap_1").unwrap();
         state.remember("b", "snap_2").unwrap();
         state.remember_run("a", "run_1").unwrap();
+        state.remember_evaluation("c", "eval_1").unwrap();
         let second = State::open(folder.path()).unwrap();
         assert_eq!((second.snapshot("a"), second.run("a"), second.run("b")), (Some("snap_1"), Some("run_1"), None));
+        assert_eq!((second.evaluation("c"), second.evaluation("a")), (Some("eval_1"), None));
     }
 
     #[test]

@@ -9,10 +9,13 @@ use gleaner_proto::v1::{
 };
 use tonic::{Code, Status};
 
+use super::attempts::Trial;
 use super::cell::RuleSettings;
 use super::file::Experiment;
 use super::order::{self, Input};
 use super::recordings::{Recordings, of_episode};
+use super::site::Site;
+use super::source::Source;
 use super::stage::{Graph, Stage, Work};
 use super::standing::{Gap, StageResult, Submitted, stage_result};
 use super::state::State;
@@ -20,14 +23,15 @@ use crate::failure::{Failure, Result, present};
 use gleaner_core::Device;
 
 /// What made the scores of an oracle, as their run says.
-const MARKS: &str = "the simulator's marks";
+const MARKS: &str = "the marks of the recordings";
 
-/// What stages without jobs need: those that make snapshots, and those that import marks.
+/// What stages without jobs need: those that make snapshots, import marks, or evaluate by a command.
 struct Made<'a> {
     state: &'a mut State,
     recordings: &'a Recordings,
-    /// The imperfect cohorts that are recorded.
-    imperfect: Vec<&'a str>,
+    source: &'a Source,
+    /// Where a command evaluates, if one does.
+    site: Option<&'a mut Site>,
 }
 
 /// Submits the stages of a graph.
@@ -49,9 +53,18 @@ impl<'a> Submitter<'a> {
         experiment: &'a Experiment,
         device: Device,
     ) -> Self {
-        let made = Made { state, recordings, imperfect: experiment.imperfect_cohorts().collect() };
-        let simulation = experiment.recordings.task.name();
+        let made = Made { state, recordings, source: &experiment.source, site: None };
+        let simulation = experiment.source.task_name();
         Self { client, task: &experiment.task, simulation, device, made: Some(made) }
+    }
+
+    /// With a place where commands evaluate.
+    pub(super) fn with(mut self, site: &'a mut Site) -> Self {
+        site.open();
+        if let Some(made) = &mut self.made {
+            made.site = Some(site);
+        }
+        self
     }
 
     /// For stages on results that exist.
@@ -59,14 +72,14 @@ impl<'a> Submitter<'a> {
         Self { client, task, simulation, device, made: None }
     }
 
-    /// All stages, in their order. A stage whose input failed is left out, and so is one that imports scores before its
-    /// encoder is there; a later submission has it.
+    /// All stages, in their order. A stage whose input failed is left out, and so is one that is done at once before
+    /// its input is there; a later submission has it.
     pub(crate) async fn submit(mut self, graph: &Graph) -> Result<Submitted> {
         let mut submitted = Submitted::with_capacity(graph.stages.len());
         for stage in &graph.stages {
             let input = stage.input.map(|index| {
-                let submitted = if stage.work == Work::Marks {
-                    // They are imported at once, so what they are imported with has to be there.
+                let submitted = if matches!(stage.work, Work::Marks | Work::Attempts { .. }) {
+                    // They are done at once, so what they are done with has to be there.
                     stage_result(&submitted, index)
                 } else {
                     submitted[index].as_ref().map_err(Clone::clone)
@@ -97,6 +110,11 @@ impl<'a> Submitter<'a> {
             Work::Snapshot { rule, .. } => self.snapshot(&stage.key, rule).await,
             Work::Dataset { selection } => self.dataset(input.id, selection_to_proto(*selection)).await,
             Work::Marks => self.marks(&job_key(stage, input.id), input).await,
+            Work::Attempts { attempts, episodes, seed, hide_history } => {
+                let (policy_id, hide_history, seed, episodes) = (input.id, *hide_history, *seed, *episodes);
+                let trial = Trial { attempts, policy_id, hide_history, seed, episodes };
+                return self.attempts(stage, trial).await;
+            }
             Work::Pretrain { .. } | Work::Score { .. } | Work::Train { .. } | Work::Evaluate { .. } => {
                 self.job(stage, input).await
             }
@@ -112,11 +130,12 @@ impl<'a> Submitter<'a> {
     }
 
     async fn snapshot(&mut self, key: &str, rule: &RuleSettings) -> Result<StageResult> {
-        let Made { state, imperfect, .. } = present(self.made.as_mut(), "a snapshot for these stages")?;
+        let Made { state, source, .. } = present(self.made.as_mut(), "a snapshot for these stages")?;
         if let Some(known) = known_snapshot(self.client, state, key).await? {
             return Ok(known);
         }
-        let request = CreateSnapshotRequest { task: self.task.to_owned(), rule: Some(order::rule(rule, imperfect)) };
+        let rule = order::rule(rule, source.experts(), &source.imperfect());
+        let request = CreateSnapshotRequest { task: self.task.to_owned(), rule: Some(rule) };
         let reply = self.client.snapshots().create_snapshot(request).await?.into_inner();
         let id = present(reply.snapshot, "a snapshot")?.id;
         state.remember(key, &id)?;
@@ -140,6 +159,12 @@ impl<'a> Submitter<'a> {
         let run = self.client.import_scores(snapshot, MARKS, encoder, scored).await?;
         state.remember_run(key, &run.id)?;
         Ok(StageResult { id: run.id, job: None })
+    }
+
+    async fn attempts(&mut self, stage: &Stage, trial: Trial<'_>) -> Result<std::result::Result<StageResult, Gap>> {
+        let Made { state, site, .. } = present(self.made.as_mut(), "an evaluation of these stages")?;
+        let site = present(site.as_mut(), "a place for attempts")?;
+        site.evaluation(self.client, state, &job_key(stage, trial.policy_id), &stage.label, trial).await
     }
 
     async fn dataset(&self, run: &str, selection: gleaner_proto::v1::Selection) -> Result<StageResult> {

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -21,7 +22,9 @@ from simulator_example.task import task_spec
 
 # Each agent has its own placements, which evaluations never use (see trials).
 SEEDS_APART = 100_000
-LABELS, MARKS, SPEC, UNFINISHED = "labels.csv", "marks.csv", "task.json", "unfinished.part"
+LABELS, MARKS, SPEC = "labels.csv", "marks.csv", "task.json"
+# Of this process alone: another may collect into the same folder.
+UNFINISHED = f"unfinished-{os.getpid()}.part"
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ def collect(env: Simulator, task: str, folder: Path, experts: int, each: int) ->
 
 @dataclass(frozen=True)
 class _Label:
-    path: str
+    file: str
     task: str
     outcome: str
     cohort: str
@@ -87,7 +90,7 @@ def _marks(folder: Path) -> dict[str, Mark]:
 
 def _write(path: Path, rows: Iterable[Mark | _Label]) -> None:
     rows = list(rows)
-    part = path.with_suffix(".part")
+    part = path.with_suffix(f".{os.getpid()}.part")
     with part.open("w", newline="") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(rows[0])])
         writer.writeheader()

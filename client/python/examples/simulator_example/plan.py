@@ -26,6 +26,7 @@ SAID = {
     "weight": "λ, the weight of the kept segments' loss",
     "seed": "of the trainings",
     "episodes": "closed-loop episodes of each policy",
+    "deployment": "deployment to evaluate, of the stage attempt",
     "token": "of the server, if it asks for one",
 }
 
@@ -51,6 +52,7 @@ class Plan:
     weight: float = 1.0
     seed: int = 0
     episodes: int = 100
+    deployment: str = ""
     token: str = ""
 
     @property
@@ -72,7 +74,7 @@ class Plan:
 def parse(stages: tuple[str, ...], about: str) -> tuple[str, Plan]:
     """The stage and the plan from the command line."""
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("stage", choices=stages, nargs="?", default=stages[-1], help="what to do")
+    parser.add_argument("stage", choices=stages, nargs="?", default="all", help="what to do")
     for field in fields(Plan):
         flag = f"--{field.name.replace('_', '-')}"
         parser.add_argument(flag, type=type(field.default), default=field.default, help=SAID[field.name])

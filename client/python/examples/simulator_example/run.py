@@ -14,17 +14,21 @@ from simulator_example.plan import Plan, parse
 from simulator_example.progress import Progress
 from simulator_example.report import write
 from simulator_example.simulator import Simulator, make
-from simulator_example.trials import trials
+from simulator_example.trials import attempt, trials
 
-STAGES = ("collect", "push", "glean", "evaluate", "all")
+STAGES = ("collect", "push", "glean", "evaluate", "all", "attempt")
 
 
 def main(about: str) -> None:
     """Runs the stages of the command line."""
     until, plan = parse(STAGES, about)
-    plan.folder.mkdir(parents=True, exist_ok=True)
     env = make(plan.simulator, plan.task, plan.size)
     try:
+        if until == "attempt":
+            with gleaner.connect(plan.server, plan.token or None) as client:
+                attempt(client, env, plan)
+            return
+        plan.folder.mkdir(parents=True, exist_ok=True)
         shown = _collect(env, plan)
         if until != "collect":
             with _server(plan) as address, gleaner.connect(address, plan.token or None) as client:

@@ -1,4 +1,4 @@
-"""Closed-loop episodes over gRPC, stored one by one, so that an interrupted run resumes with the next."""
+"""Closed-loop episodes over gRPC: stored one by one, so that an interrupted run resumes with the next, or printed."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from simulator_example.progress import Progress
 from simulator_example.simulator import Simulator
 from simulator_example.task import SimulatorAdapter
 
-# Far from the seeds of all demonstrations.
+# Far from the seeds of all demonstrations; two seeds of a run share no episode.
 SEED = 10_000_000
+EPISODES_APART = 100_000
 
 
 def trials(client: gleaner.Client, env: Simulator, plan: Plan, deployment: str) -> gleaner.Trials:
@@ -40,6 +41,17 @@ def trials(client: gleaner.Client, env: Simulator, plan: Plan, deployment: str) 
     result = gleaner.Trials(SEED, tuple(done), policy_id)
     result.report(client, f"{plan.simulator}/{plan.task}")
     return result
+
+
+def attempt(client: gleaner.Client, env: Simulator, plan: Plan) -> None:
+    """Evaluates a deployment for `gleaner experiment`: prints each episode as a line of JSON."""
+
+    def on_trial(trial: gleaner.Trial) -> None:
+        print(json.dumps({"seed": trial.seed, "success": trial.success, "steps": trial.steps}), flush=True)
+
+    with gleaner.Policy(client, plan.deployment) as policy:
+        first = SEED + plan.seed * EPISODES_APART
+        gleaner.evaluate(env, policy, SimulatorAdapter(), plan.episodes, first, on_trial=on_trial)
 
 
 def _read(file: Path, policy_id: str) -> list[gleaner.Trial]:

@@ -8,6 +8,7 @@ use toml::Table;
 use super::super::cell::CellSettings;
 use super::super::file::Experiment;
 use super::super::grid::merge;
+use crate::cmd::record::RecordSet;
 
 const DEMO: &str = include_str!("demo.toml");
 /// The smallest sizes that run every stage.
@@ -29,6 +30,7 @@ pub(super) struct Drive {
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
     pub(super) experiment: Experiment,
+    pub(super) recordings: RecordSet,
     /// Thresholds that are reported.
     pub(super) betas: Vec<f64>,
     pub(super) drive: Drive,
@@ -55,9 +57,11 @@ impl Plan {
         if let Some(cell) = cells(&experiment).find(|cell| cell.seeds.len() != 1) {
             return Err(format!("base.seeds: has {} seeds; the demo trains with one", cell.seeds.len()));
         }
+        let recordings = experiment.source.simulated();
+        let recordings = recordings.cloned().ok_or("data.folder: the demo records in the simulator; leave it out")?;
         // Its server has no other recordings.
-        experiment.task = experiment.recordings.task.to_string();
-        Ok(Self { experiment, betas, drive, settings })
+        experiment.task = recordings.task.to_string();
+        Ok(Self { experiment, recordings, betas, drive, settings })
     }
 
     /// The cells: experts alone, then experts and gleaned segments.
@@ -97,9 +101,9 @@ mod tests {
         let kinds: Vec<&str> = graph.stages.iter().map(|stage| stage.work.kind()).collect();
         assert_eq!(kinds, ["snapshot", "pretrain", "train", "score", "dataset", "train"]);
 
-        let imperfect: Vec<&str> = experiment.imperfect_cohorts().collect();
+        let imperfect = experiment.source.imperfect();
         let Work::Snapshot { task, rule } = &graph.stages[0].work else { panic!("not a snapshot") };
-        let rule = order::rule(rule, &imperfect);
+        let rule = order::rule(rule, "expert", &imperfect);
         let named: Vec<&str> = AgentKind::ALL.iter().skip(1).map(|kind| kind.name()).collect();
         assert_eq!((task.as_str(), &rule.expert_cohorts[..]), ("pick_cube", &["expert".to_owned()][..]));
         assert_eq!(rule.imperfect_cohorts, named);
@@ -138,7 +142,7 @@ mod tests {
     #[test]
     fn the_full_demo_records_every_kind_of_agent_and_evaluates_on_200_unseen_episodes() {
         let plan = Plan::with("").unwrap();
-        let set = &plan.experiment.recordings;
+        let set = &plan.recordings;
         let recorded: Vec<(AgentSpec, usize)> = set.cohorts.iter().map(|cohort| (cohort.agent, cohort.count)).collect();
         let imperfect = AgentKind::ALL.iter().skip(1).map(|kind| (AgentSpec::new(*kind, 1.0).unwrap(), 30));
         assert_eq!(recorded, [(AgentSpec::EXPERT, 60)].into_iter().chain(imperfect).collect::<Vec<_>>());
@@ -152,11 +156,11 @@ mod tests {
     #[test]
     fn given_settings_change_only_the_settings_they_name() {
         let plan = Plan::with("[data]\nexperts = 7\n[base]\ntrain = { steps = 3 }\n").unwrap();
-        assert_eq!(plan.experiment.recordings.cohorts[0].count, 7);
+        assert_eq!(plan.recordings.cohorts[0].count, 7);
         let cell = plan.cells().next().unwrap();
         assert_eq!((&cell.train["steps"], &cell.train["batch"]), (&json!(3), &json!(32)));
         let quick = Plan::with(QUICK).unwrap();
-        assert_eq!(quick.experiment.recordings.cohorts.len(), AgentKind::ALL.len());
+        assert_eq!(quick.recordings.cohorts.len(), AgentKind::ALL.len());
         for (given, parts) in [
             ("[data]\nexpert = 7", ["unknown field", "expert"]),
             ("[base]\nlamda = 7", ["base", "lamda"]),

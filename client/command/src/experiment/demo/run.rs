@@ -163,8 +163,8 @@ impl<'a> Run<'a> {
         self.client.policies().deploy(request).await?;
         let plan = DrivePlan {
             deployment,
-            task: experiment.recordings.task,
-            config: experiment.recordings.config,
+            task: self.plan.recordings.task,
+            config: self.plan.recordings.config,
             episodes: present(self.plan.cells().next(), "a cell")?.episodes,
             seed: self.plan.drive.seed,
             sessions: self.plan.drive.sessions,

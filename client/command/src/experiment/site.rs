@@ -1,0 +1,92 @@
+//! Where the commands of an experiment make attempts: each policy is deployed for them, and the server keeps the results.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use gleaner_client::Client;
+use gleaner_proto::v1::{DeployRequest, GetEvaluationRequest, ReportEvaluationRequest};
+use tonic::Code;
+
+use super::attempts::{self, Trial};
+use super::standing::{Gap, StageResult};
+use super::state::State;
+use crate::failure::{Result, present};
+use crate::output::Output;
+
+/// Where attempts are made, during one run of an experiment.
+pub(super) struct Site {
+    output: Output,
+    server: String,
+    log: PathBuf,
+    /// Why runs failed, by their keys: each is tried once.
+    failed: HashMap<String, String>,
+    /// Whether the command may run: once for each submission, so that reports appear in between.
+    is_open: bool,
+}
+
+impl Site {
+    pub(super) fn new(output: Output, server: &str, out: &Path) -> Self {
+        Self { output, server: server.to_owned(), log: out.join(attempts::LOG), failed: HashMap::new(), is_open: true }
+    }
+
+    /// Lets the command run once more.
+    pub(super) fn open(&mut self) {
+        self.is_open = true;
+    }
+
+    /// The evaluation of an earlier run of the command, or of one now.
+    pub(super) async fn evaluation(
+        &mut self,
+        client: &Client,
+        state: &mut State,
+        key: &str,
+        label: &str,
+        trial: Trial<'_>,
+    ) -> Result<std::result::Result<StageResult, Gap>> {
+        if let Some(known) = known_evaluation(client, state, key).await? {
+            return Ok(Ok(known));
+        }
+        if let Some(problem) = self.failed.get(key) {
+            return Ok(Err(Gap::Failed(problem.clone())));
+        }
+        if !std::mem::take(&mut self.is_open) {
+            return Ok(Err(Gap::NotYet));
+        }
+        // Its own name, so that no other experiment replaces the policy under it.
+        let (policy_id, name) = (trial.policy_id.to_owned(), format!("experiment@{}", trial.policy_id));
+        let request = DeployRequest {
+            name: name.clone(),
+            policy_id: policy_id.clone(),
+            hide_history: trial.hide_history,
+            ..DeployRequest::default()
+        };
+        client.policies().deploy(request).await?;
+        let result = match attempts::run(&self.server, &name, &self.log, trial).await {
+            Ok(result) => result,
+            Err(failure) => {
+                self.failed.insert(key.to_owned(), failure.to_string());
+                return Ok(Err(Gap::Failed(failure.to_string())));
+            }
+        };
+        let solved = format_args!("evaluate {} of {} solved ({label})", result.successes, result.episodes);
+        self.output.note(solved);
+        let simulation = trial.attempts.simulation.clone();
+        let request = ReportEvaluationRequest { policy_id, simulation, seeds: vec![result] };
+        let reply = client.policies().report_evaluation(request).await?.into_inner();
+        let id = present(reply.evaluation, "an evaluation")?.id;
+        state.remember_evaluation(key, &id)?;
+        Ok(Ok(StageResult { id, job: None }))
+    }
+}
+
+/// The evaluation that an earlier run reported, if this server has it.
+pub(super) async fn known_evaluation(client: &Client, state: &State, key: &str) -> Result<Option<StageResult>> {
+    let Some(id) = state.evaluation(key) else { return Ok(None) };
+    let request = GetEvaluationRequest { evaluation_id: id.to_owned() };
+    match client.policies().get_evaluation(request).await {
+        Ok(_) => Ok(Some(StageResult { id: id.to_owned(), job: None })),
+        // Another server, or its data are gone.
+        Err(status) if status.code() == Code::NotFound => Ok(None),
+        Err(status) => Err(status.into()),
+    }
+}
