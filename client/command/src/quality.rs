@@ -3,7 +3,7 @@
 //! Must not know a server; the reports of experiments and of the demo use it.
 
 use gleaner_core::selection::{Candidate, Resolved, Selection, ranked};
-use gleaner_core::statistics::{auroc, auroc_interval, precision_recall};
+use gleaner_core::statistics::{auroc, auroc_difference, auroc_interval, precision_recall};
 use gleaner_sim::RecordedEpisode;
 use serde::{Deserialize, Serialize};
 
@@ -117,6 +117,27 @@ fn separation(cohort: &str, episodes: &[&MarkedEpisode]) -> Separation {
         auroc: auroc(&steps),
         interval: auroc_interval(&groups, RESAMPLING_SEED),
     }
+}
+
+/// By how much one scorer separates better than another, with a 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lead {
+    pub(crate) difference: f64,
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+}
+
+/// The AUROC of one run less that of another over all cohorts; `None` if they have different episodes, or one class.
+pub(crate) fn lead(one: &[MarkedEpisode], other: &[MarkedEpisode]) -> Option<Lead> {
+    let same = |(one, other): (&MarkedEpisode, &MarkedEpisode)| one.scores.episode_id == other.scores.episode_id;
+    if one.len() != other.len() || !one.iter().zip(other).all(same) {
+        return None;
+    }
+    let steps = |episodes: &[MarkedEpisode]| -> Vec<Vec<(f64, bool)>> {
+        episodes.iter().map(|episode| episode.steps().collect()).collect()
+    };
+    let (difference, low, high) = auroc_difference(&steps(one), &steps(other), RESAMPLING_SEED)?;
+    Some(Lead { difference, low, high })
 }
 
 /// The mean of values; `None` of none.

@@ -12,6 +12,7 @@ use gleaner_proto::v1::{
     GetHistogramRequest, GetScoreRunRequest, GetSnapshotRequest, JobState, ListMetricsRequest, Metric, Role,
 };
 
+use super::auroc::{self, AurocDifference, Scored};
 use super::difference::differences;
 use super::fetch::{PARALLEL, scores, success};
 use super::file::{Experiment, Study};
@@ -23,7 +24,7 @@ use super::stage::{Chain, Graph};
 use super::standing::{Gap, Standing, Submitted, stage_result, standing};
 use super::study::Cell;
 use crate::failure::{Failure, Result, present};
-use crate::quality::{BINS, MarkedEpisode, Selected, Separation, histogram, select, separations};
+use crate::quality::{BINS, Lead, MarkedEpisode, Selected, Separation, histogram, lead, select, separations};
 
 /// A score run's scores beside the marks.
 struct Run {
@@ -43,6 +44,8 @@ pub(crate) struct Gatherer<'a> {
     runs: HashMap<String, Run>,
     // By training or evaluation.
     looks: HashMap<String, Vec<Look>>,
+    // By both runs.
+    leads: HashMap<(String, String), Option<Lead>>,
 }
 
 impl<'a> Gatherer<'a> {
@@ -52,7 +55,15 @@ impl<'a> Gatherer<'a> {
         experiment: &'a Experiment,
         graph: &'a Graph,
     ) -> Self {
-        Self { client, recordings, experiment, graph, runs: HashMap::new(), looks: HashMap::new() }
+        Self {
+            client,
+            recordings,
+            experiment,
+            graph,
+            runs: HashMap::new(),
+            looks: HashMap::new(),
+            leads: HashMap::new(),
+        }
     }
 
     /// Every study, with gaps for missing results.
@@ -81,9 +92,36 @@ impl<'a> Gatherer<'a> {
             name: study.name.clone(),
             table: study.table,
             differences: differences(study.table, &cells),
+            auroc_differences: self.auroc_differences(submitted, study, chains),
             cells,
             machine_seconds: stages.iter().filter_map(took).sum(),
             stages: stages.len(),
+        })
+    }
+
+    /// Between runs that have been fetched.
+    fn auroc_differences(
+        &mut self,
+        submitted: &Submitted,
+        study: &Study,
+        chains: &[Vec<Chain>],
+    ) -> Vec<AurocDifference> {
+        if !self.recordings.are_marked {
+            return Vec::new();
+        }
+        let run = |chain: &Chain| {
+            let index = self.graph.find(chain, "score")?;
+            Some((chain.seed, stage_result(submitted, index).ok()?.id.clone()))
+        };
+        let scored = |(cell, chains): (&Cell, &Vec<Chain>)| Scored {
+            label: cell.label.clone(),
+            runs: chains.iter().filter_map(run).collect(),
+        };
+        let cells: Vec<Scored> = study.cells.iter().zip(chains).map(scored).collect();
+        let (runs, leads) = (&self.runs, &mut self.leads);
+        auroc::differences(study.table, &cells, |one, other| {
+            let between = || lead(&runs.get(one)?.episodes, &runs.get(other)?.episodes);
+            *leads.entry((one.to_owned(), other.to_owned())).or_insert_with(between)
         })
     }
 

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
+use super::auroc;
 use super::plots;
 use super::report::{Report, SeedReport, StudyReport};
 use super::standing::Progress;
@@ -109,6 +110,14 @@ fn section(report: &Report, number: usize, study: &StudyReport, text: &mut Strin
              intervals (episodes resampled).\n",
         );
         text.push_str(&table);
+        if let Some(differences) = auroc::table(&study.auroc_differences) {
+            line(
+                text,
+                "\nDifferences of AUROC over all segments: the mean over seeds, and the widest bounds of the seeds' 95 % \
+                 intervals (the same episodes resampled for both).\n",
+            );
+            text.push_str(&differences);
+        }
         if let Some(mild) = tables::mild(report, study) {
             line(text, format_args!("\n{mild}"));
         }

@@ -5,6 +5,7 @@ use gleaner_core::statistics::wilson;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::auroc::AurocDifference;
 use super::cell::CellSettings;
 use super::recordings::CohortCount;
 use super::standing::Progress;
@@ -34,6 +35,9 @@ pub(crate) struct StudyReport {
     pub(crate) cells: Vec<CellReport>,
     /// Of a study of methods: one's success less another's.
     pub(crate) differences: Vec<Difference>,
+    /// Of a study of scorers: the first one's AUROC less each other's.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) auroc_differences: Vec<AurocDifference>,
     /// Of all its stages' jobs; those that it shares with another study count in each.
     pub(crate) machine_seconds: f64,
     pub(crate) stages: usize,
@@ -245,6 +249,7 @@ pub(super) mod tests {
             name: "Methods".into(),
             table: TableKind::Methods,
             differences: differences(TableKind::Methods, &cells),
+            auroc_differences: Vec::new(),
             cells,
             machine_seconds: 95.0,
             stages: 9,

@@ -231,7 +231,8 @@ mod tests {
     use crate::experiment::report::tests::{cell, report, seed};
 
     fn study(table: TableKind, cells: Vec<CellReport>) -> StudyReport {
-        StudyReport { name: "x".into(), table, cells, differences: Vec::new(), machine_seconds: 0.0, stages: 0 }
+        let (differences, auroc_differences) = (Vec::new(), Vec::new());
+        StudyReport { name: "x".into(), table, cells, differences, auroc_differences, machine_seconds: 0.0, stages: 0 }
     }
 
     #[test]
