@@ -69,9 +69,9 @@ differential differential-test: $(DIFFERENTIAL_ENV)
 		--mutants $(MUTANTS) --seed $(SEED) $(if $(CORPUS),--corpus $(CORPUS))
 
 # Failed demonstrations gleaned in a real simulator, over gRPC, with tables and pictures in simulator-runs/$(TASK).
-# Fetches MuJoCo and Meta-World (about 110 MB), or SAPIEN and ManiSkill2 (about 350 MB), the first time. Meta-World draws
-# by OSMesa or EGL, whichever there is; ManiSkill2 by Vulkan. ARGS= has further options, such as
-# --experts 40, and STAGE=collect only makes the recordings, for `gleaner experiment`.
+# Installs MuJoCo and Meta-World (0.5 GB), or SAPIEN and ManiSkill2 (0.9 GB), the first time. Meta-World draws by OSMesa or
+# EGL, whichever there is; ManiSkill2 by Vulkan. ARGS= has further options, such as --experts 40, and STAGE=collect only
+# makes the recordings, for `gleaner experiment`.
 STAGE ?= all
 metaworld: TASK ?= pick-place-v3
 metaworld: SIMULATOR = metaworld

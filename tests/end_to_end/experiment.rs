@@ -1,6 +1,6 @@
 //! `gleaner experiment` against a real server: a grid from a file, its report, and a second run without new jobs.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use gleaner_proto::v1::*;
 
@@ -174,14 +174,20 @@ for attempt in $(seq $3); do echo '{"success": true, "steps": 5}'; done
 """, "{server}", "{deployment}", "{seed}", "{episodes}"]
 "#;
 
+/// The file of an experiment on such recordings, beside them, with these first tables.
+async fn elsewhere(server: &TestServer, dir: &Path, tables: &str) -> PathBuf {
+    recordings(server, &dir.join("recordings")).await;
+    let file = dir.join("elsewhere.toml");
+    let rest = FILE.split_once("[base]").unwrap().1;
+    std::fs::write(&file, format!("{tables}[base]{rest}")).unwrap();
+    file
+}
+
 #[tokio::test]
 async fn recordings_made_elsewhere_are_scored_and_a_command_evaluates() {
     let server = TestServer::start().await;
     let dir = tempfile::tempdir().unwrap();
-    let (file, out) = (dir.path().join("elsewhere.toml"), dir.path().join("out"));
-    recordings(&server, &dir.path().join("recordings")).await;
-    let rest = FILE.split_once("[base]").unwrap().1;
-    std::fs::write(&file, format!("{ELSEWHERE}[base]{rest}")).unwrap();
+    let (file, out) = (elsewhere(&server, dir.path(), ELSEWHERE).await, dir.path().join("out"));
     run(&server, &file, &out).await;
 
     // No job evaluates; the scores and the marks are those of the simulator's own experiment.
@@ -223,11 +229,8 @@ async fn recordings_made_elsewhere_are_scored_and_a_command_evaluates() {
 async fn a_command_that_fails_leaves_its_cells_without_success() {
     let server = TestServer::start().await;
     let dir = tempfile::tempdir().unwrap();
-    let (file, out) = (dir.path().join("elsewhere.toml"), dir.path().join("out"));
-    recordings(&server, &dir.path().join("recordings")).await;
     let failing = ELSEWHERE.replace("echo \"$0", "exit 3; echo \"$0");
-    let rest = FILE.split_once("[base]").unwrap().1;
-    std::fs::write(&file, format!("{failing}[base]{rest}")).unwrap();
+    let (file, out) = (elsewhere(&server, dir.path(), &failing).await, dir.path().join("out"));
     let (success, text) = experiment(&server, &file, &out, &[]).await;
     assert!(!success && text.contains("2 of 4 cells are not complete"), "{text}");
     let report = std::fs::read_to_string(out.join("report.md")).unwrap();

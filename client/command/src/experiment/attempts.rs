@@ -18,7 +18,7 @@ const SERVER: &str = "{server}";
 const DEPLOYMENT: &str = "{deployment}";
 const SEED: &str = "{seed}";
 const EPISODES: &str = "{episodes}";
-/// The file of a run's other output.
+/// The file of the commands' standard error.
 pub(super) const LOG: &str = "attempts.log";
 
 /// The table `[attempts]` of an experiment's file.
@@ -27,8 +27,8 @@ pub(super) const LOG: &str = "attempts.log";
 pub(crate) struct Attempts {
     /// The name of the simulation in the server's evaluations.
     pub(super) simulation: String,
-    /// A program and its arguments. On each line of its output that is a JSON object is one attempt:
-    /// `{"success": true, "steps": 41}`; its other output goes to a log.
+    /// A program and its arguments. Each line of its output that is a JSON object is an attempt:
+    /// `{"success": true, "steps": 41}`; lines of other text have no effect, and its standard error goes to a log.
     command: Vec<String>,
 }
 
@@ -73,12 +73,12 @@ impl Attempts {
     }
 }
 
-/// Runs the command to its end on a deployment of a server, and counts its attempts. Its other output goes to a log.
+/// Runs the command to its end on a deployment of a server, and counts its attempts. Its standard error goes to a log.
 pub(super) async fn run(server: &str, deployment: &str, log: &Path, trial: Trial<'_>) -> Result<SeedResult> {
     let words = trial.attempts.words(server, deployment, trial);
     let failure = |problem: String| {
         let program = words.first().map_or("", String::as_str);
-        Failure::message(format!("attempts.command: {program} {problem}; its output is in {}", log.display()))
+        Failure::message(format!("attempts.command: {program} {problem}; its standard error is in {}", log.display()))
     };
     let file = std::fs::OpenOptions::new().create(true).append(true).open(log).map_err(ClientError::io(log))?;
     let mut command = Command::new(words.first().map_or("", String::as_str));

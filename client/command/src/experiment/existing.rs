@@ -8,11 +8,11 @@ use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{Dataset, Job, ListDatasetsRequest, ListJobsRequest};
 use tonic::Code;
 
-use super::site::known_evaluation;
+use super::known::{known_evaluation, known_run, known_snapshot};
 use super::stage::{Graph, Stage, Work};
 use super::standing::{Gap, StageResult, Submitted};
 use super::state::State;
-use super::submit::{job_key, known_run, known_snapshot};
+use super::submit::job_key;
 use crate::failure::Result;
 
 const PAGE: u32 = 1_000;

@@ -4,10 +4,10 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use gleaner_client::Client;
-use gleaner_proto::v1::{DeployRequest, GetEvaluationRequest, ReportEvaluationRequest};
-use tonic::Code;
+use gleaner_proto::v1::{DeployRequest, ReportEvaluationRequest};
 
 use super::attempts::{self, Trial};
+use super::known::known_evaluation;
 use super::standing::{Gap, StageResult};
 use super::state::State;
 use crate::failure::{Result, present};
@@ -76,17 +76,5 @@ impl Site {
         let id = present(reply.evaluation, "an evaluation")?.id;
         state.remember_evaluation(key, &id)?;
         Ok(Ok(StageResult { id, job: None }))
-    }
-}
-
-/// The evaluation that an earlier run reported, if this server has it.
-pub(super) async fn known_evaluation(client: &Client, state: &State, key: &str) -> Result<Option<StageResult>> {
-    let Some(id) = state.evaluation(key) else { return Ok(None) };
-    let request = GetEvaluationRequest { evaluation_id: id.to_owned() };
-    match client.policies().get_evaluation(request).await {
-        Ok(_) => Ok(Some(StageResult { id: id.to_owned(), job: None })),
-        // Another server, or its data are gone.
-        Err(status) if status.code() == Code::NotFound => Ok(None),
-        Err(status) => Err(status.into()),
     }
 }

@@ -4,14 +4,14 @@
 use gleaner_client::{Client, ScoredEpisode};
 use gleaner_core::proto::selection::selection_to_proto;
 use gleaner_proto::v1::{
-    CreateDatasetRequest, CreateSnapshotRequest, GetScoreRunRequest, GetSnapshotRequest, JobSpec, Role,
-    SubmitJobRequest,
+    CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, JobSpec, Role, SubmitJobRequest,
 };
-use tonic::{Code, Status};
+use tonic::Code;
 
 use super::attempts::Trial;
 use super::cell::RuleSettings;
 use super::file::Experiment;
+use super::known::{known_run, known_snapshot};
 use super::order::{self, Input};
 use super::recordings::{Recordings, of_episode};
 use super::site::Site;
@@ -145,6 +145,9 @@ impl<'a> Submitter<'a> {
     /// The marks of a snapshot's imperfect episodes as scores; the input is the snapshot, or an encoder made of it.
     async fn marks(&mut self, key: &str, input: Input<'_>) -> Result<StageResult> {
         let Made { state, recordings, .. } = present(self.made.as_mut(), "recordings with marks")?;
+        if let Some(known) = known_run(self.client, state, key).await? {
+            return Ok(known);
+        }
         let (snapshot, encoder) = input.before.map_or((input.id, ""), |snapshot| (snapshot, input.id));
         let request = GetSnapshotRequest { snapshot_id: snapshot.to_owned() };
         let episodes = self.client.snapshots().get_snapshot(request).await?.into_inner().episodes;
@@ -190,27 +193,4 @@ impl<'a> Submitter<'a> {
 /// what works on it is new as well.
 pub(crate) fn job_key(stage: &Stage, input: &str) -> String {
     format!("experiment/{}/{input}", stage.key)
-}
-
-/// The snapshot that an earlier run made, if this server has it.
-pub(crate) async fn known_snapshot(client: &Client, state: &State, key: &str) -> Result<Option<StageResult>> {
-    let Some(id) = state.snapshot(key) else { return Ok(None) };
-    let request = GetSnapshotRequest { snapshot_id: id.to_owned() };
-    known(id, client.snapshots().get_snapshot(request).await.map(drop))
-}
-
-/// The imported score run that an earlier run made, if this server has it.
-pub(crate) async fn known_run(client: &Client, state: &State, key: &str) -> Result<Option<StageResult>> {
-    let Some(id) = state.run(key) else { return Ok(None) };
-    let request = GetScoreRunRequest { score_run_id: id.to_owned() };
-    known(id, client.scores().get_score_run(request).await.map(drop))
-}
-
-fn known(id: &str, reply: std::result::Result<(), Status>) -> Result<Option<StageResult>> {
-    match reply {
-        Ok(()) => Ok(Some(StageResult { id: id.to_owned(), job: None })),
-        // Another server, or its data are gone.
-        Err(status) if status.code() == Code::NotFound => Ok(None),
-        Err(status) => Err(status.into()),
-    }
 }
