@@ -113,7 +113,7 @@ async fn an_encoder_is_compared_by_every_scorer_and_gaps_are_named() {
     for (words, part) in [
         (&["ep_1"][..], "give the ids of encoders (enc_…)"),
         (&[encoder, encoder], "is duplicated"),
-        (&[encoder, "--scorer", "cupid"], "supported: ssdf"),
+        (&[encoder, "--scorer", "cupid"], "supported: raw, ssdf"),
         (&[encoder, "--set", "pretrain.steps=5"], "has no effect"),
         (&[encoder, "--top-fraction", "2"], "--top-fraction: 2 is outside"),
         (&[encoder, "--train", "bc", "--simulation", "stack_cube"], "--simulation: "),

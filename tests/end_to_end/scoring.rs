@@ -50,9 +50,9 @@ fn steps(folder: &Path, bytes: &[u8]) -> Vec<(Observation, Vec<f32>)> {
     (0..episode.steps()).map(step).collect()
 }
 
-async fn raw_run(api: &mut Api, encoder: &str) -> String {
-    let raw = lab::with(lab::score(encoder), serde_json::json!({"scorer": "raw"}));
-    api.succeed(lab::TASK, raw).await.result_id
+async fn random_run(api: &mut Api, encoder: &str) -> String {
+    let random = lab::with(lab::score(encoder), serde_json::json!({"scorer": "random"}));
+    api.succeed(lab::TASK, random).await.result_id
 }
 
 /// Scores the recording of a stored episode; returns the episode, the response, and the scores that the run stored.
@@ -125,12 +125,12 @@ async fn rollback_restores_the_previous_score_run() {
     let deployed = api.policies.deploy(request(&shared.run)).await.unwrap().into_inner().deployment.unwrap();
     assert_eq!((&deployed.score_run_id, deployed.history.len()), (&shared.run, 2));
 
-    let raw = raw_run(&mut api, &shared.encoder).await;
+    let random = random_run(&mut api, &shared.encoder).await;
     let absent = absent_id("run");
     for (run, code, words) in [
         (absent.as_str(), Code::NotFound, ["no score run", absent.as_str()]),
         ("run", Code::InvalidArgument, ["score_run_id", "run_"]),
-        (&raw, Code::FailedPrecondition, ["raw", "such as ssdf"]),
+        (&random, Code::FailedPrecondition, ["random", "raw or ssdf"]),
     ] {
         expect_error(&api.policies.deploy(request(run)).await.unwrap_err(), code, &words);
     }
@@ -157,7 +157,7 @@ async fn invalid_recordings_are_not_scored() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let run = shared.run.as_str();
-    let raw = raw_run(&mut api, &shared.encoder).await;
+    let random = random_run(&mut api, &shared.encoder).await;
     let whole = || Part::Data(RECORDINGS[FAILURE].bytes.clone());
     let no_steps = EpisodeWriter::create(Cursor::new(Vec::new()), &lab::spec()).unwrap().finish().unwrap().into_inner();
     let cases: [(Vec<Part>, Code, &[&str]); 11] = [
@@ -165,7 +165,7 @@ async fn invalid_recordings_are_not_scored() {
         (vec![whole()], Code::InvalidArgument, &["open: "]),
         (vec![open("x", 0)], Code::InvalidArgument, &["open.score_run_id: "]),
         (vec![open(&absent_id("run"), 0)], Code::NotFound, &[&absent_id("run")]),
-        (vec![open(&raw, 0), whole()], Code::FailedPrecondition, &["raw", "ssdf"]),
+        (vec![open(&random, 0), whole()], Code::FailedPrecondition, &["random", "raw or ssdf"]),
         (vec![open(run, 0), open(run, 0)], Code::InvalidArgument, &["open: ", "already"]),
         (vec![open(run, 0)], Code::InvalidArgument, &["attempt.mcap", "empty"]),
         (vec![open(run, 7), whole()], Code::InvalidArgument, &["open.size_bytes: ", "more"]),

@@ -41,7 +41,7 @@ async fn expect_scores(api: &mut Api, run: &str, episodes: &[Episode]) {
         .score_run
         .unwrap();
     let settings = lab::given(&described.settings);
-    assert_eq!((&settings["similarity"], &settings["normaliser"]), (&json!("last_l2"), &json!("minmax")));
+    assert_eq!((&settings["similarity"], &settings["normaliser"]), (&json!("segment_l2"), &json!("minmax")));
     let mut every_q = Vec::new();
     for episode in episodes {
         let scores = api.episode_scores(run, &episode.id).await;

@@ -131,14 +131,20 @@ impl Family {
         self.kinds().iter().map(word).collect()
     }
 
-    /// Every setting of its kinds, once, with the names of the kinds that it is limited to (empty: all).
+    /// Every setting of its kinds, once, with the names of the kinds that it is limited to (empty: all). Its default is
+    /// that of the first of them; another one is part of its description.
     #[must_use]
     pub fn settings(self) -> Vec<(Setting, Vec<&'static str>)> {
         let mut all: Vec<(Setting, Vec<&'static str>)> = Vec::new();
         for kind in self.kinds() {
             for setting in &kind.settings {
                 match all.iter_mut().find(|(known, _)| known.name == setting.name) {
-                    Some((_, kinds)) => kinds.push(&kind.name),
+                    Some((known, kinds)) => {
+                        if known.default != setting.default {
+                            known.about += &format!(" Default of {}: {}.", kind.name, setting.default);
+                        }
+                        kinds.push(&kind.name);
+                    }
                     None => all.push((setting.clone(), vec![&kind.name])),
                 }
             }
@@ -187,14 +193,30 @@ mod tests {
     }
 
     #[test]
-    fn kinds_that_share_a_setting_agree_on_it() {
+    fn kinds_that_share_a_setting_agree_on_all_but_its_default() {
         for family in Family::ALL {
-            for (setting, _) in family.settings() {
+            for (setting, kinds) in family.settings() {
                 for kind in family.kinds() {
-                    let own = kind.settings.iter().find(|own| own.name == setting.name);
-                    assert!(own.is_none_or(|own| *own == setting), "{}: {}", kind.name, setting.name);
+                    let Some(own) = kind.settings.iter().find(|own| own.name == setting.name) else { continue };
+                    assert_eq!(own.shape, setting.shape, "{}: {}", kind.name, setting.name);
+                    let other = format!(" Default of {}: {}.", kind.name, own.default);
+                    assert!(setting.about.starts_with(&own.about), "{}: {}", kind.name, setting.name);
+                    assert_eq!(
+                        setting.about.contains(&other),
+                        own.default != setting.default,
+                        "{kinds:?}: {setting:?}"
+                    );
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_default_of_a_later_kind_is_described() {
+        let (similarity, kinds) =
+            Family::Scorer.settings().into_iter().find(|(setting, _)| setting.name == "similarity").unwrap();
+        assert_eq!((kinds, similarity.default), (vec!["raw", "ssdf"], "segment_l2".into()));
+        let about = "Similarity of the features of two segments. Default of ssdf: \"last_l2\".";
+        assert_eq!(similarity.about, about);
     }
 }

@@ -6,7 +6,7 @@ use std::{
 };
 
 use gleaner_core::{Device, ScoreSpec};
-use gleaner_learn::{LiveScorer, Normaliser, TaskShape, Trajectory, features_kind};
+use gleaner_learn::{LiveScorer, Normaliser, TaskShape, Trajectory, scores_live};
 use tokio::runtime::Handle;
 
 use super::{Ready, engine::Engine, loaded_runs::LoadedRuns, source::Stored};
@@ -64,11 +64,10 @@ async fn settings(store: &Store, run: &ScoreRun, job: &JobId) -> Result<ScoreSpe
     let JobSpec::Score { spec, .. } = store.job(job).await?.spec else {
         return Err(Error::internal("reading a score run's settings", "its job is not a score job"));
     };
-    let features = features_kind(&spec).map_err(|error| error.during("reading a score run's settings"))?;
-    if features.is_none() {
+    if !scores_live(&spec).map_err(|error| error.during("reading a score run's settings"))? {
         return Err(Error::precondition(format!(
-            "{} is a run of the {} scorer, which cannot score live; use a run of a scorer that compares features, such as \
-             ssdf",
+            "{} is a run of the {} scorer, which cannot score live; use a run of a scorer that compares \
+             segments: raw or ssdf",
             run.id, spec.scorer.name
         )));
     }

@@ -74,8 +74,9 @@ impl TableKind {
     }
 }
 
-// The default and the paper's to the letter; the nearest neighbour of raw observations as a baseline, without and with
-// the local scale; the classifier; mutual information; progress; and the vote.
+// The paper's score with its features scaled and to the letter; the nearest neighbour of raw observations, of the last
+// step and of whole segments, without and with the local scale, the last of which is the default; the classifier; mutual
+// information; progress; and the vote.
 fn scorings() -> Vec<Draft> {
     let cell = |label: &str, set: &[(&str, &str)]| {
         let flag = |text: &str| text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from);
@@ -84,8 +85,8 @@ fn scorings() -> Vec<Draft> {
     vec![
         cell("ssdf", &[("scorer", "ssdf")]),
         cell("ssdf to the letter", &[("scorer", "ssdf"), ("feature_scale", "plain"), ("local_scale", "false")]),
-        cell("raw", &[("scorer", "raw"), ("local_scale", "false")]),
-        cell("raw + local scale", &[("scorer", "raw"), ("local_scale", "true")]),
+        cell("raw", &[("scorer", "raw"), ("local_scale", "false"), ("similarity", "last_l2")]),
+        cell("raw + local scale", &[("scorer", "raw"), ("local_scale", "true"), ("similarity", "last_l2")]),
         cell("raw segments", &[("scorer", "raw"), ("local_scale", "false"), ("similarity", "segment_l2")]),
         cell("raw segments + local scale", &[("scorer", "raw"), ("local_scale", "true"), ("similarity", "segment_l2")]),
         cell("classifier", &[("scorer", "classifier")]),

@@ -124,7 +124,7 @@ mod tests {
 
     fn cell(method: &str) -> CellSettings {
         let settings = json!({
-            "segment_length": 3, "objectives": ["tr"], "similarity": "segment_l2", "feature_scale": "plain",
+            "segment_length": 3, "objectives": ["tr"], "scorer": "ssdf", "similarity": "segment_l2", "feature_scale": "plain",
             "local_scale": false, "scale": [1.0, 2.0, 3.0], "lambda": 0.7, "history_dropout": 0.1, "chunk_length": 3,
         });
         CellSettings {
@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn a_method_uses_the_settings_of_its_stages() {
         let scoring = ["feature_scale", "history_dropout", "lambda", "local_scale", "objectives", "scale"];
-        assert_eq!(names(&cell("ssdf").used()), [&scoring[..], &["segment_length", "similarity"]].concat());
+        assert_eq!(names(&cell("ssdf").used()), [&scoring[..], &["scorer", "segment_length", "similarity"]].concat());
         assert_eq!((names(&cell("bc").used()), cell("bc").used().beta), (Vec::new(), 0.9));
         assert_eq!(names(&cell("tf_bc").used()), ["history_dropout", "segment_length"]);
         assert_eq!(names(&cell("ssdf_base").used()), ["history_dropout", "objectives", "segment_length"]);

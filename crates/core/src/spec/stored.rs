@@ -30,8 +30,9 @@ fn complete(mut values: Values) -> Values {
     values
 }
 
-/// A scoring's settings in today's form.
+/// A scoring's settings in today's form. Versions that stored no scorer had one only, `ssdf`.
 pub(super) fn score(mut values: Values) -> Values {
+    values.entry(Family::Scorer.as_str()).or_insert_with(|| "ssdf".into());
     if let Some(word) = values.remove("yardstick") {
         values.insert("local_scale".to_owned(), json!(word != "none"));
     }

@@ -1,6 +1,5 @@
 //! The comparison of segments with those of experts: its features, its similarity and its scales.
 
-use gleaner_core::Words as _;
 use gleaner_core::schema::Shape;
 
 gleaner_core::words! {
@@ -38,11 +37,9 @@ gleaner_core::words! {
 }
 
 gleaner_core::settings! {
-    /// Settings of every scorer that compares segments.
+    /// Settings of every scorer that compares segments, beside its similarity.
     #[derive(Copy)]
     pub(super) struct NearestSpec {
-        /// Similarity of the features of two segments.
-        pub(super) similarity: Similarity = Similarity::LastL2, Similarity::shape();
         /// Scale similarities by the local spread of experts around the match; false: as in the paper.
         pub(super) local_scale: bool = true, Shape::Flag;
         /// Factors of the distances of images, proprioception and actions (0: the modality is ignored).
@@ -85,7 +82,7 @@ pub(crate) struct Comparison {
 }
 
 impl Comparison {
-    pub(super) fn new(source: Source, NearestSpec { similarity, local_scale, scale }: NearestSpec) -> Self {
+    pub(super) fn new(source: Source, similarity: Similarity, NearestSpec { local_scale, scale }: NearestSpec) -> Self {
         Self { source, similarity, local_scale, scale }
     }
 }

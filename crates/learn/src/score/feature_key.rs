@@ -52,12 +52,13 @@ mod tests {
     #[test]
     fn whatever_changes_features_is_another_kind() {
         let kind = |spec: ScoreSpec| features_kind(&spec).unwrap();
-        let usual = kind(ScoreSpec::default()).unwrap();
+        let ssdf = spec_of("ssdf", &[]);
+        let usual = kind(ssdf.clone()).unwrap();
         for other in [
             spec_of("ssdf", &[("similarity", "segment_l2".into())]),
             spec_of("ssdf", &[("feature_scale", "plain".into())]),
-            ScoreSpec { device: Device::Cuda, ..ScoreSpec::default() },
-            ScoreSpec { threads: Some(2), ..ScoreSpec::default() },
+            ScoreSpec { device: Device::Cuda, ..ssdf.clone() },
+            ScoreSpec { threads: Some(2), ..ssdf },
         ] {
             assert_ne!(kind(other.clone()).unwrap(), usual, "{other:?}");
         }

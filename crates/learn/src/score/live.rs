@@ -7,8 +7,8 @@ use std::fmt;
 use gleaner_search::{Index, Match, Metric};
 use tch::no_grad_guard;
 
-use super::comparison::{Comparison, Source};
-use super::features::{Features, episode_features, newest_features};
+use super::comparison::Comparison;
+use super::features::{Features, embed_frames, embedding_width, episode_features, newest_features};
 use super::normaliser::Normaliser;
 use super::run::sound;
 use super::similarity::metric;
@@ -61,13 +61,21 @@ impl fmt::Debug for LiveScorer {
     }
 }
 
+/// Whether runs of this scorer can score live: those that compare segments. A score of the others depends on all
+/// episodes of its run.
+///
+/// # Errors
+/// [`LearnError::Invalid`] for a scorer that this program does not have.
+pub fn scores_live(spec: &ScoreSpec) -> Result<bool, LearnError> {
+    Ok(scorer::open(&spec.scorer)?.comparison().is_some())
+}
+
 impl LiveScorer {
     /// Loads a run: its encoder, its experts, its settings and its frozen normaliser. Encodes the experts.
     ///
     /// # Errors
-    /// [`LearnError::Invalid`] for settings without live scores (those of a scorer whose every score depends on
-    /// all episodes, and of the raw scorer, whose observations are not part of histories), for a missing expert, or for
-    /// one that does not fit; [`LearnError::Checkpoint`] or [`LearnError::Version`] if `encoder` cannot be used.
+    /// [`LearnError::Invalid`] for a scorer without live scores (see [`scores_live`]), for a missing expert, or for one
+    /// that does not fit; [`LearnError::Checkpoint`] or [`LearnError::Version`] if `encoder` cannot be used.
     pub fn load(
         encoder: &[u8],
         experts: &[Trajectory],
@@ -76,9 +84,8 @@ impl LiveScorer {
     ) -> Result<Self, LearnError> {
         normaliser.validate("normaliser")?;
         let scorer = scorer::open(&spec.scorer)?;
-        let compares_features = |found: &&Comparison| matches!(found.source, Source::Features(_));
-        let comparison = *scorer.comparison().filter(compares_features).ok_or_else(|| {
-            let message = format!("is {}; only runs that compare features can score live", spec.scorer.name);
+        let comparison = *scorer.comparison().ok_or_else(|| {
+            let message = format!("is {}; only scorers that compare segments can score live", spec.scorer.name);
             LearnError::invalid("scorer", message)
         })?;
         let mut ids = HashSet::new();
@@ -123,7 +130,7 @@ impl LiveScorer {
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
     pub fn embed(&self, frames: &[&[u8]]) -> Result<Vec<Embedding>, LearnError> {
-        self.layout().embed(frames, |frames| self.opened.network.embed_frames(frames))
+        self.layout().embed(frames, |frames| embed_frames(&self.opened.network, self.comparison.source, frames))
     }
 
     /// The score of the newest segment of each history; one pass for all. Its last action must be set, because a
@@ -206,7 +213,7 @@ impl LiveScorer {
         Layout {
             shape: &self.opened.network.shape,
             window: self.opened.network.spec.window(),
-            width: self.opened.network.width(),
+            width: embedding_width(&self.opened.network, self.comparison.source),
             device: self.opened.network.device(),
         }
     }

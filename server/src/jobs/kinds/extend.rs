@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use gleaner_core::{ScoreSpec, kinds::Family};
+use gleaner_core::{Chosen, ScoreSpec, kinds::Family};
 use serde_json::Value;
 
 use crate::{
@@ -74,7 +74,11 @@ fn settings(requested: &ScoreSpec, frozen: ScoreSpec) -> Result<ScoreSpec> {
             ),
         ));
     }
-    let (default, fixed) = (ScoreSpec::default().values(), frozen.values());
+    // Those of the requested scorer, whose settings may have other defaults than the first scorer's.
+    let usual = Chosen::new(Family::Scorer, &requested.scorer.name).unwrap_or_else(|_| requested.scorer.clone());
+    let mut default = ScoreSpec { scorer: usual, ..ScoreSpec::default() }.values();
+    default.insert(Family::Scorer.as_str().to_owned(), Family::Scorer.default_name().into());
+    let fixed = frozen.values();
     let differs = |name: &str, value: &Value| default.get(name) != Some(value) && fixed.get(name) != Some(value);
     let free = |name: &str| name == "device";
     if let Some((name, _)) = requested.values().iter().find(|(name, value)| !free(name) && differs(name, value)) {

@@ -93,7 +93,7 @@ fn extend(run: &ScoreRun, snapshot_id: Option<SnapshotId>, spec: ScoreSpec) -> J
 #[tokio::test]
 async fn an_extension_has_the_settings_of_its_base() {
     let bench = Bench::new().await;
-    let frozen = scoring(json!({"similarity": "segment_l2", "normaliser": "quantile"}));
+    let frozen = scoring(json!({"scorer": "ssdf", "similarity": "last_cosine", "normaliser": "quantile"}));
     let base = run(&bench, frozen.clone()).await;
     testing::episode(&bench.store, &bench.task, crate::domain::episode::Outcome::Success, "").await;
     let grown = bench.store.create_snapshot(&bench.task.id, &RoleRule::default()).await.unwrap().id;
@@ -101,6 +101,8 @@ async fn an_extension_has_the_settings_of_its_base() {
     let JobSpec::Score { encoder_id, snapshot_id, extends, spec } = &job.spec else { panic!("not score") };
     assert_eq!((Some(encoder_id), snapshot_id, extends.as_ref()), (base.origin.encoder_id(), &grown, Some(&base.id)));
     assert_eq!(*spec, frozen);
+    let named = submit(&bench, extend(&base, Some(grown), scoring(json!({"scorer": "ssdf"})))).await.unwrap();
+    assert!(matches!(&named.spec, JobSpec::Score { spec, .. } if *spec == frozen));
 
     let inputs = bench.inputs(&job).await.unwrap();
     let FrozenRun { lo, hi, quantiles, expert_ids } = inputs.base.unwrap();

@@ -15,17 +15,17 @@ async fn a_run_that_cannot_score_leaves_the_deployment_unchanged() {
     testing::episode(&lab.store, &other, Outcome::Failure, "").await;
     let foreign = results::encoder(&lab.store, &other).await;
     let foreign = results::run(&lab.store, &other, &foreign, &[]).await.id;
-    let raw = gleaner_core::ScoreSpec {
-        scorer: gleaner_core::Chosen::new(gleaner_core::kinds::Family::Scorer, "raw").unwrap(),
+    let classifier = gleaner_core::ScoreSpec {
+        scorer: gleaner_core::Chosen::new(gleaner_core::kinds::Family::Scorer, "classifier").unwrap(),
         ..Default::default()
     };
-    let raw = results::run_of(&lab.store, &lab.task, &lab.encoder, raw, &[]).await.id;
+    let classifier = results::run_of(&lab.store, &lab.task, &lab.encoder, classifier, &[]).await.id;
     let imported = results::import(&lab.store, &lab.task, &lab.encoder, Some(lab.encoder.id.clone())).await.id;
     let (_, unfinished) = results::scoring(&lab.store, &lab.task, &lab.encoder).await;
 
     for (run, kind, words) in [
         (foreign, Kind::Invalid, ["score_run_id: ", "belongs to"]),
-        (raw, Kind::Precondition, ["raw", "ssdf"]),
+        (classifier, Kind::Precondition, ["classifier", "raw or ssdf"]),
         (imported, Kind::Precondition, ["was imported", "cannot score live"]),
         (unfinished, Kind::Precondition, ["job_", ""]),
         (ScoreRunId::new(), Kind::NotFound, ["score run", ""]),

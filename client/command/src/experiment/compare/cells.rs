@@ -148,7 +148,7 @@ mod tests {
     fn cells(scorers: &[&str], settings: &[&str], policy: Option<&str>) -> Result<Vec<Cell>, String> {
         let [scorers, settings] = [scorers, settings].map(|words| words.iter().map(ToString::to_string).collect());
         let (scorers, settings): (Vec<String>, Vec<String>) = (scorers, settings);
-        let offered = ["ssdf", "raw", "deminf"].map(str::to_owned);
+        let offered = ["raw", "ssdf", "deminf"].map(str::to_owned);
         let choice = Choice {
             scorers: &scorers,
             offered: &offered,
@@ -166,7 +166,7 @@ mod tests {
     fn every_offered_scorer_is_compared_by_default() {
         let cells = cells(&[], &["normaliser=quantile"], None).unwrap();
         let labels: Vec<&str> = cells.iter().map(|cell| cell.label.as_str()).collect();
-        assert_eq!(labels, ["ssdf", "raw", "deminf"]);
+        assert_eq!(labels, ["raw", "ssdf", "deminf"]);
         assert!(cells.iter().all(|cell| cell.settings.settings["normaliser"] == "quantile"));
         let settings = &cells[0].settings;
         assert_eq!((settings.top, &settings.seeds, settings.evaluate), (Some(0.25), &vec![0, 1], false));
@@ -187,7 +187,7 @@ mod tests {
     #[test]
     fn wrong_options_are_named() {
         for (scorers, settings, policy, parts) in [
-            (&["cupid"][..], &[][..], None, ["--scorer \"cupid\"", "supported: ssdf, raw, deminf"]),
+            (&["cupid"][..], &[][..], None, ["--scorer \"cupid\"", "supported: raw, ssdf, deminf"]),
             (&["raw", "raw"], &[], None, ["--scorer \"raw\"", "duplicated"]),
             (&["raw feature_scale=plain"], &[], None, ["feature_scale: has no effect", "raw"]),
             (&["raw steps=5"], &[], None, ["steps: is not a setting of scorers", "gleaner kinds score"]),
@@ -195,8 +195,8 @@ mod tests {
             (&[], &["train.steps=5"], None, ["--set train.steps=5", "has no effect"]),
             (&[], &["objectives=[\"tr\"]"], Some("bc"), ["--set objectives", "has no effect"]),
             (&[], &["top=0.5"], None, ["--set top=0.5", "option of its own"]),
-            (&["deminf"], &["similarity=last_l2", "local_scale=false"], None, ["--set local_scale", "deminf"]),
-            (&[], &["lamda=1"], Some("bc"), ["ssdf", "unknown field `lamda`"]),
+            (&["deminf"], &["similarity=segment_l2", "local_scale=false"], None, ["--set local_scale", "deminf"]),
+            (&[], &["lamda=1"], Some("bc"), ["raw", "unknown field `lamda`"]),
             (&[], &["train.steps=0"], Some("bc"), ["train.steps", "is 0"]),
             (&[], &[], Some("gpt"), ["--train", "unknown value"]),
         ] {

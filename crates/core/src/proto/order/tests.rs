@@ -88,7 +88,7 @@ fn a_complete_spec_survives_the_wire() {
 
     let score = |settings: Value| ScoreSpec::from_values(&values(settings)).unwrap();
     let ssdf = score(json!({
-        "similarity": "segment_cosine", "feature_scale": "plain", "local_scale": false, "normaliser": "quantile",
+        "scorer": "ssdf", "similarity": "segment_cosine", "feature_scale": "plain", "local_scale": false, "normaliser": "quantile",
         "scale": [0.0, 2.0, 0.5], "device": "cuda",
     }));
     let raw = score(json!({"scorer": "raw", "similarity": "segment_l2"}));

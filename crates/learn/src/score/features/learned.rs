@@ -3,7 +3,7 @@
 
 use tch::Tensor;
 
-use super::{CHUNK, Encoder, Features, extend};
+use super::{CHUNK, Encoder, Features, extend, padding};
 use crate::batch::{Batch, Segment, Segments, Windows, int};
 use crate::error::LearnError;
 use crate::model::{Modality, Network};
@@ -33,8 +33,7 @@ pub(super) fn pass(encoder: Encoder<'_>, steps: &Tensor, windows: &Windows, keep
     let Encoder { network, scale, view } = encoder;
     let z = network.features(steps, windows, view, keep);
     // The last step is always inside the episode; some of the others may be padding.
-    let padding = windows.valid.logical_not().narrow(1, int(network.spec.window() - keep), int(keep));
-    let padding = padding.unsqueeze(-1);
+    let padding = padding(windows, keep);
     [Modality::Image, Modality::Proprioception, Modality::Action].map(|modality| {
         let z = modality.of(&z);
         let z = scale.map_or(z.shallow_clone(), |scale| scale.apply(modality as usize, &z));

@@ -6,7 +6,7 @@ mod learned;
 pub(super) mod raw;
 mod states;
 
-use crate::batch::{rows, values};
+use crate::batch::{Windows, int, rows, values};
 use crate::error::LearnError;
 use crate::history::Stacked;
 use crate::model::{Network, View};
@@ -45,14 +45,44 @@ pub(super) struct Encoder<'a> {
     pub(super) view: View<'static>,
 }
 
+/// `[W, keep, 1]` of `bool`: which of the last `keep` places of each window are before the episode.
+fn padding(windows: &Windows, keep: usize) -> Tensor {
+    windows.valid.logical_not().narrow(1, int(windows.length - keep), int(keep)).unsqueeze(-1)
+}
+
+/// Number of values in a step's embedding of its frames in a history.
+pub(super) fn embedding_width(network: &Network, source: Source) -> usize {
+    match source {
+        Source::Features(_) => network.width(),
+        Source::Observations => raw::step_widths(network)[0],
+    }
+}
+
+/// Frames, each with the layout of one step of [`StepSource`](crate::StepSource), to one embedding each
+/// `[N, embedding_width]`, for histories.
+pub(super) fn embed_frames(network: &Network, source: Source, frames: &[&[u8]]) -> Tensor {
+    match source {
+        Source::Features(_) => network.embed_frames(frames),
+        Source::Observations => raw::embed_frames(network, frames),
+    }
+}
+
 /// The compared features of the newest segment of each history in `stacked`, as [`episode_features`] returns those of
-/// an episode. Only features of the encoder: histories do not contain raw observations.
+/// an episode. The embeddings are of [`embed_frames`].
 pub(super) fn newest_features(encoder: Encoder<'_>, stacked: &Stacked, comparison: &Comparison) -> Features {
     let network = encoder.network;
     let keep = keep(network, comparison);
-    let steps = network.steps(&stacked.embedded, &stacked.proprioception, &stacked.action);
     let mut features = Features::empty(widths(network, comparison));
-    extend(&mut features, &learned::pass(encoder, &steps, &stacked.windows, keep));
+    extend(
+        &mut features,
+        &match comparison.source {
+            Source::Features(_) => {
+                let steps = network.steps(&stacked.embedded, &stacked.proprioception, &stacked.action);
+                learned::pass(encoder, &steps, &stacked.windows, keep)
+            }
+            Source::Observations => raw::newest(network, stacked, keep),
+        },
+    );
     features
 }
 
@@ -61,9 +91,13 @@ fn keep(network: &Network, comparison: &Comparison) -> usize {
     if comparison.similarity.whole_segment() { network.spec.window() } else { 1 }
 }
 
-/// Number of values in the encoder's features of a segment, per modality.
+/// Number of values in the features of a segment, per modality.
 pub(super) fn widths(network: &Network, comparison: &Comparison) -> [usize; 3] {
-    [keep(network, comparison) * network.width(); 3]
+    let step = match comparison.source {
+        Source::Features(_) => [network.width(); 3],
+        Source::Observations => raw::step_widths(network),
+    };
+    step.map(|width| keep(network, comparison) * width)
 }
 
 /// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the output of the transformer, each `[T, d]`.
@@ -82,9 +116,10 @@ pub(super) fn episode_features(
     trajectory: &Trajectory,
     comparison: &Comparison,
 ) -> Result<Features, LearnError> {
+    let keep = keep(encoder.network, comparison);
     match comparison.source {
-        Source::Features(_) => learned::features(encoder, trajectory, keep(encoder.network, comparison)),
-        Source::Observations => raw::features(encoder.network, trajectory, comparison.similarity.whole_segment()),
+        Source::Features(_) => learned::features(encoder, trajectory, keep),
+        Source::Observations => raw::features(encoder.network, trajectory, keep),
     }
 }
 

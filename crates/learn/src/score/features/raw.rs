@@ -3,62 +3,89 @@
 
 use tch::Tensor;
 
-use super::{CHUNK, Features, extend};
-use crate::batch::{Batch, Segment, Segments};
+use super::{CHUNK, Features, extend, padding};
+use crate::batch::{Batch, Segment, Segments, Windows, images, int};
 use crate::error::LearnError;
+use crate::history::Stacked;
 use crate::model::Network;
 use crate::trajectory::Trajectory;
 
-/// Features of every segment's last step, or of all the steps of the `whole` segment. Each value is divided by the root
-/// of its modality's width, so that o, m and a have equal weight for any sizes.
-pub(super) fn features(network: &Network, trajectory: &Trajectory, whole: bool) -> Result<Features, LearnError> {
-    let standard = steps(network, trajectory)?;
-    let mut steps = Features::empty(standard.widths());
-    steps.extend([0, 1, 2].map(|modality| {
-        #[expect(clippy::cast_precision_loss, reason = "a step has far fewer values than 2^24")]
-        let root = (standard.widths()[modality] as f32).sqrt();
-        standard.values(modality).iter().map(|value| value / root).collect::<Vec<f32>>()
-    }));
-    Ok(if whole { windows(&steps, network.spec.window()) } else { steps })
+/// Number of values of a step, per modality.
+pub(super) fn step_widths(network: &Network) -> [usize; 3] {
+    let images = network.statistics.cameras.iter().map(|camera| camera.small_values()).sum();
+    [images, network.shape.proprioception, network.shape.action]
+}
+
+/// Frames, each with the layout of one step of [`StepSource`](crate::StepSource), to the values of o, `[N, width]`.
+pub(super) fn embed_frames(network: &Network, frames: &[&[u8]]) -> Tensor {
+    small(network, &images(&network.shape, frames, network.device()))
+}
+
+/// Features of every segment's last `keep` steps; zero for places before the episode.
+pub(super) fn features(network: &Network, trajectory: &Trajectory, keep: usize) -> Result<Features, LearnError> {
+    let steps = standard(network, trajectory)?;
+    let mut features = Features::empty(step_widths(network).map(|width| keep * width));
+    for chunk in Segments::every(&[trajectory]).all().chunks(CHUNK) {
+        let (windows, needed) = Windows::lay_out(chunk, network.spec.window(), network.device());
+        let needed: Vec<i64> = needed.iter().map(|(_, t)| int(*t)).collect();
+        let needed = Tensor::from_slice(&needed).to_device(network.device());
+        let steps = steps.each_ref().map(|part| part.index_select(0, &needed));
+        extend(&mut features, &pass(steps, &windows, keep));
+    }
+    Ok(features)
+}
+
+/// Features of the last `keep` steps of each history in `stacked`, whose embeddings are of [`embed_frames`].
+pub(super) fn newest(network: &Network, stacked: &Stacked, keep: usize) -> [Tensor; 3] {
+    let statistics = &network.statistics;
+    let steps = [
+        stacked.embedded.shallow_clone(),
+        statistics.proprioception.apply(&stacked.proprioception),
+        statistics.action.apply(&stacked.action),
+    ];
+    pass(steps, &stacked.windows, keep)
 }
 
 /// Standardised o, m and a of every step.
 pub(in crate::score) fn steps(network: &Network, trajectory: &Trajectory) -> Result<Features, LearnError> {
-    let every = Segments::every(&[trajectory]).all();
-    let parts = every.chunks(CHUNK).map(|chunk| standard(network, trajectory, chunk));
-    let parts: Vec<[Tensor; 3]> = parts.collect::<Result<_, LearnError>>()?;
-    let widths = [0, 1, 2].map(|i| parts.first().map_or(1, |part| usize::try_from(part[i].size()[1]).unwrap_or(1)));
-    let mut features = Features::empty(widths);
-    parts.iter().for_each(|part| extend(&mut features, part));
+    let mut features = Features::empty(step_widths(network));
+    extend(&mut features, &standard(network, trajectory)?);
     Ok(features)
 }
 
-/// o, m and a of `chunk`, `[chunk.len(), width]` each.
-fn standard(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> Result<[Tensor; 3], LearnError> {
+/// Features of windows over standardised steps, of their last `keep` steps, each `[W, keep width]`. Each value is
+/// divided by the root of its modality's width, so that o, m and a have equal weight for any sizes.
+fn pass(steps: [Tensor; 3], windows: &Windows, keep: usize) -> [Tensor; 3] {
+    let (newest, padding) = (windows.newest(keep), padding(windows, keep));
+    steps.map(|steps| {
+        let width = steps.size()[1];
+        #[expect(clippy::cast_precision_loss, reason = "a step has far fewer values than 2^53")]
+        let kept = steps.index_select(0, &newest) / (width as f64).sqrt();
+        kept.view([-1, int(keep), width]).masked_fill(&padding, 0.0).flatten(1, -1)
+    })
+}
+
+/// Standardised o, m and a of every step, `[T, width]` each.
+fn standard(network: &Network, trajectory: &Trajectory) -> Result<[Tensor; 3], LearnError> {
+    let every = Segments::every(&[trajectory]).all();
+    let parts = every.chunks(CHUNK).map(|chunk| standard_chunk(network, trajectory, chunk));
+    let parts: Vec<[Tensor; 3]> = parts.collect::<Result<_, LearnError>>()?;
+    Ok([0, 1, 2].map(|modality| Tensor::cat(&parts.iter().map(|part| &part[modality]).collect::<Vec<_>>(), 0)))
+}
+
+fn standard_chunk(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> Result<[Tensor; 3], LearnError> {
     let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device())?;
     let statistics = &network.statistics;
-    let cameras = batch.images.iter().zip(&statistics.cameras);
-    let images: Vec<Tensor> = cameras.map(|(image, camera)| camera.small(image).flatten(1, -1)).collect();
     Ok([
-        Tensor::cat(&images, 1),
+        small(network, &batch.images),
         statistics.proprioception.apply(&batch.proprioception),
         statistics.action.apply(&batch.action),
     ])
 }
 
-/// The last `window` steps concatenated, for every step; places before the episode are zero.
-fn windows(steps: &Features, window: usize) -> Features {
-    let mut all = Features::empty(steps.widths().map(|width| width * window));
-    all.extend([0, 1, 2].map(|modality| {
-        let mut values = Vec::new();
-        for last in 0..steps.count() {
-            let padding = window.saturating_sub(last + 1);
-            values.resize(values.len() + padding * steps.widths()[modality], 0.0);
-            for step in last + 1 + padding - window..=last {
-                values.extend_from_slice(steps.row(modality, step));
-            }
-        }
-        values
-    }));
-    all
+/// Images, per camera `[N, C, H, W]`, to the down-sampled and standardised values of all cameras, `[N, width]`.
+fn small(network: &Network, images: &[Tensor]) -> Tensor {
+    let cameras = images.iter().zip(&network.statistics.cameras);
+    let images: Vec<Tensor> = cameras.map(|(image, camera)| camera.small(image).flatten(1, -1)).collect();
+    Tensor::cat(&images, 1)
 }

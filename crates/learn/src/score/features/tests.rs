@@ -20,7 +20,7 @@ fn features(network: &Network, trajectory: &Trajectory, source: Source, similari
     episode_features(
         Encoder { network, scale: None, view: View::WHOLE },
         trajectory,
-        &Comparison::new(source, NearestSpec { similarity, ..NearestSpec::default() }),
+        &Comparison::new(source, similarity, NearestSpec::default()),
     )
     .unwrap()
 }

@@ -11,7 +11,8 @@ fn specs() -> Vec<ScoreSpec> {
     let plain = spec_of("ssdf", &[("feature_scale", "plain".into()), ("local_scale", false.into())]);
     let quantile = ScoreSpec { normaliser: NormaliserKind::Quantile, ..ScoreSpec::default() };
     let similarity = |word: &str| spec_of("ssdf", &[("similarity", word.into())]);
-    vec![plain, quantile, similarity("last_cosine"), similarity("segment_l2")]
+    let raw = |word: &str| spec_of("raw", &[("similarity", word.into())]);
+    vec![plain, quantile, similarity("last_cosine"), similarity("segment_l2"), raw("last_l2"), raw("segment_l2")]
 }
 
 /// Experts in another order than that of their ids, and a failure.
@@ -84,8 +85,9 @@ fn what_cannot_be_scored_is_named() {
         LiveScorer::load(&encoder(), experts, spec, run.normaliser.clone()).map(|_| ()).unwrap_err().to_string()
     };
     assert!(load(&[], &spec).starts_with("experts: "));
-    for scorer in ["raw", "classifier", "progress", "vote"] {
-        assert!(load(&experts, &spec_of(scorer, &[])).starts_with("scorer: "));
+    for scorer in ["classifier", "deminf", "progress", "vote", "random"] {
+        let spec = spec_of(scorer, &[]);
+        assert!(load(&experts, &spec).starts_with("scorer: ") && !scores_live(&spec).unwrap(), "{scorer}");
     }
     let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser.clone()).unwrap();
     let mut history = History::new(live.segment_length());

@@ -9,7 +9,7 @@ use crate::family;
 
 /// Every scorer; the first is the default.
 const SCORERS: [&ScorerKind; 7] =
-    [&ssdf::KIND, &raw::KIND, &classifier::KIND, &deminf::KIND, &progress::KIND, &vote::KIND, &random::KIND];
+    [&raw::KIND, &ssdf::KIND, &classifier::KIND, &deminf::KIND, &progress::KIND, &vote::KIND, &random::KIND];
 
 /// The chosen scorer with its settings.
 pub(in crate::score) fn open(chosen: &Chosen) -> Result<Scorer, LearnError> {

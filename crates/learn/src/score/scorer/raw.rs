@@ -1,16 +1,28 @@
-//! The scorer `raw`, a baseline: the nearest expert segment in the observations and actions themselves.
+//! The scorer `raw`, the default: the nearest expert segment in the observations and actions themselves.
 
 use gleaner_core::Group as _;
+use gleaner_core::Words as _;
 use gleaner_core::kinds::Needs;
 
 use super::{Scorer, ScorerKind};
-use crate::score::comparison::{Comparison, NearestSpec, Source};
+use crate::score::comparison::{Comparison, NearestSpec, Similarity, Source};
 
 pub(super) const KIND: ScorerKind = ScorerKind {
     name: "raw",
     title: "Raw nearest neighbour",
-    about: "A baseline: the nearest expert segment in standardised images, proprioception and actions, without a network.",
+    about: "The nearest expert segment in standardised images, proprioception and actions, without a network.",
     needs: Needs { encoder: true, history: false, images: true, all_episodes: false },
-    settings: NearestSpec::schema,
-    open: |chosen| Ok(Scorer::Nearest(Comparison::new(Source::Observations, chosen.read()?))),
+    settings: || [RawSpec::schema(), NearestSpec::schema()].concat(),
+    open: |chosen| {
+        let RawSpec { similarity } = chosen.read()?;
+        Ok(Scorer::Nearest(Comparison::new(Source::Observations, similarity, chosen.read()?)))
+    },
 };
+
+gleaner_core::settings! {
+    /// The observations and actions that are compared.
+    struct RawSpec {
+        /// Similarity of the features of two segments.
+        similarity: Similarity = Similarity::SegmentL2, Similarity::shape();
+    }
+}

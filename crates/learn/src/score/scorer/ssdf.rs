@@ -5,7 +5,7 @@ use gleaner_core::Words as _;
 use gleaner_core::kinds::Needs;
 
 use super::{Scorer, ScorerKind};
-use crate::score::comparison::{Comparison, FeatureScale, NearestSpec, Source};
+use crate::score::comparison::{Comparison, FeatureScale, NearestSpec, Similarity, Source};
 
 pub(super) const KIND: ScorerKind = ScorerKind {
     name: "ssdf",
@@ -14,8 +14,8 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     needs: Needs { encoder: true, history: false, images: true, all_episodes: false },
     settings: || [FeatureSpec::schema(), NearestSpec::schema()].concat(),
     open: |chosen| {
-        let FeatureSpec { feature_scale } = chosen.read()?;
-        Ok(Scorer::Nearest(Comparison::new(Source::Features(feature_scale), chosen.read()?)))
+        let FeatureSpec { feature_scale, similarity } = chosen.read()?;
+        Ok(Scorer::Nearest(Comparison::new(Source::Features(feature_scale), similarity, chosen.read()?)))
     },
 };
 
@@ -24,5 +24,7 @@ gleaner_core::settings! {
     struct FeatureSpec {
         /// Scaling of the features before they are compared.
         feature_scale: FeatureScale = FeatureScale::Whitened, FeatureScale::shape();
+        /// Similarity of the features of two segments.
+        similarity: Similarity = Similarity::LastL2, Similarity::shape();
     }
 }

@@ -104,7 +104,7 @@ fn an_unknown_setting_or_word_is_rejected() {
         (score_of(json!({"scorer": "x"})), "spec.score.settings.scorer: unknown value"),
         (score_of(json!({"similarity": "x"})), "spec.score.settings.similarity: unknown value"),
         (score_of(json!({"normaliser": "x"})), "spec.score.settings.normaliser: unknown value"),
-        (score_of(json!({"feature_scale": "x"})), "spec.score.settings.feature_scale: unknown value"),
+        (score_of(json!({"scorer": "ssdf", "feature_scale": "x"})), "spec.score.settings.feature_scale: unknown value"),
         (score_of(json!({"local_scale": "local"})), "spec.score.settings.local_scale: expected true or false"),
         (score_of(json!({"device": "tpu"})), "spec.score.settings.device: unknown value"),
         (act_of(json!({"preset": 1})), "spec.train.settings.preset: expected tiny, "),

@@ -21,7 +21,7 @@ use crate::batch::{int, rows};
 use crate::error::LearnError;
 use crate::random::{Purpose, generator};
 use crate::score::EpisodeScores;
-use crate::score::comparison::{Comparison, FeatureScale, NearestSpec, Source};
+use crate::score::comparison::{Comparison, FeatureScale, NearestSpec, Similarity, Source};
 use crate::score::features::{Encoder, Features, episode_features};
 use crate::score::run::{Progress, count, sound};
 use crate::train::Monitor;
@@ -75,7 +75,8 @@ fn scores(
     let of_recordings = count(recordings.experts().iter().copied());
     let of_episodes = count(experts.iter().chain(imperfect));
     let mut progress = Progress::new(monitor, (1 + WAYS as u64) * of_recordings + of_episodes);
-    let comparison = Comparison::new(Source::Features(FeatureScale::Whitened), NearestSpec::default());
+    let comparison =
+        Comparison::new(Source::Features(FeatureScale::Whitened), Similarity::LastL2, NearestSpec::default());
     let features = |episode: &Trajectory| sound(episode_features(encoder, episode, &comparison)?, &episode.id);
     let mut groups = Vec::with_capacity(recordings.experts().len());
     for (number, expert) in recordings.experts().iter().enumerate() {
