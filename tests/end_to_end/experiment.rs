@@ -121,6 +121,34 @@ async fn experiment_shares_stages_and_resumes() {
     assert!(!success && text.contains("without --report"), "{text}");
 }
 
+/// Two seeds with recordings of their own are two tasks on the server, and one report.
+#[tokio::test]
+async fn seeds_may_have_recordings_of_their_own() {
+    let server = TestServer::start().await;
+    let dir = tempfile::tempdir().unwrap();
+    let (file, out) = (dir.path().join("draws.toml"), dir.path().join("out"));
+    let settings = FILE.split("[[study]]").next().unwrap().replace("seeds = [0]", "seeds = [1, 2]\nevaluate = false");
+    let settings = settings.replace("experts = 3\n", "experts = 3\nseed_stride = 7\n");
+    let scoring = "[[study]]\ntable = \"scoring\"\naxes = { scorer = [\"raw\"] }\n";
+    std::fs::write(&file, format!("{settings}{scoring}")).unwrap();
+    run(&server, &file, &out).await;
+
+    let made = jobs(&server).await;
+    let tasks: std::collections::HashSet<&str> = made.iter().map(|job| job.task_id.as_str()).collect();
+    assert_eq!((made.len(), tasks.len()), (4, 2), "an encoder and a score run for each seed");
+    let numbers: serde_json::Value = serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    let experts = &numbers["recorded"][0];
+    assert_eq!((&experts["cohort"], &experts["episodes"]), (&"expert".into(), &6.into()));
+    assert!(
+        numbers["studies"][0]["cells"][0]["seeds"].as_array().unwrap().iter().all(|seed| !seed["separation"].is_null())
+    );
+
+    run(&server, &file, &out).await;
+    assert_eq!(jobs(&server).await.len(), made.len(), "nothing is repeated");
+    let (success, text) = experiment(&server, &file, &out, &["--report"]).await;
+    assert!(success && !text.contains("Unfinished"), "{text}");
+}
+
 /// The report lists the finished cells while others run.
 #[tokio::test]
 async fn report_is_written_before_the_experiment_ends() {

@@ -100,7 +100,8 @@ impl RecordSet {
         ))
     }
 
-    fn total(&self) -> u64 {
+    /// Number of recordings.
+    pub(crate) fn total(&self) -> u64 {
         self.cohorts.iter().map(|cohort| cohort.count as u64).fold(0, u64::saturating_add)
     }
 }

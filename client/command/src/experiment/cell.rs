@@ -184,6 +184,22 @@ pub(crate) struct RuleSettings {
     pub(crate) cohorts: Vec<String>,
     /// Which episodes a limit leaves in.
     pub(crate) seed: u64,
+    /// Above 0, each seed draws episodes of its own: seed S as under `seed` + S × this.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub(crate) seed_stride: u64,
+}
+
+impl RuleSettings {
+    /// The rule of one seed of the cell.
+    pub(crate) fn of(&self, seed: u64) -> Self {
+        let offset = seed.saturating_mul(self.seed_stride);
+        Self { seed: self.seed.saturating_add(offset), seed_stride: 0, ..self.clone() }
+    }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
+fn is_zero(stride: &u64) -> bool {
+    *stride == 0
 }
 
 #[cfg(test)]

@@ -100,7 +100,7 @@ impl Course<'_> {
     // The stages of earlier runs. If there are any, every recording exists as well.
     async fn existing(&self, client: &Client) -> Result<Submitted> {
         let state = State::open(self.out)?;
-        let existing = Existing::on(client, &state, &self.experiment.task).await?;
+        let existing = Existing::on(client, &state, &self.experiment.recordings).await?;
         let submitted = existing.stages(self.graph).await?;
         if submitted.iter().all(std::result::Result::is_err) {
             return Err(self.nothing_yet());
@@ -115,19 +115,21 @@ impl Course<'_> {
     }
 
     async fn recordings(&self, client: &Client) -> Result<Recordings> {
-        let folder = self.out.join(RECORDINGS).join(&self.experiment.data_key);
-        Recordings::ready(self.context, client, &folder, self.experiment).await
+        let folder = |key: &str| self.out.join(RECORDINGS).join(key);
+        let all = self.experiment.recordings.all().into_iter();
+        let all: Vec<_> = all.map(|collection| (collection, folder(&collection.key))).collect();
+        Recordings::ready(self.context, client, &all).await
     }
 
     fn reporter<'a>(&'a self, client: &'a Client, recordings: &'a Recordings) -> Reporter<'a> {
         let Self { context, experiment, graph, device, .. } = *self;
         let frame = Report {
             name: experiment.name.clone(),
-            task: experiment.source.task_name().to_owned(),
+            task: experiment.recordings.source().task_name().to_owned(),
             command: self.command.clone(),
             device: device.as_str().to_owned(),
             cores: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
-            recorded: recordings.counts(experiment),
+            recorded: recordings.counts(experiment.recordings.source()),
             progress: Progress::default(),
             studies: Vec::new(),
             stages: Vec::new(),

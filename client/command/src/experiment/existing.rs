@@ -8,6 +8,7 @@ use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{Dataset, Job, ListDatasetsRequest, ListJobsRequest};
 use tonic::Code;
 
+use super::collection::Collections;
 use super::known::{known_evaluation, known_run, known_snapshot};
 use super::stage::{Graph, Stage, Work};
 use super::standing::{Gap, StageResult, Submitted};
@@ -17,7 +18,7 @@ use crate::failure::Result;
 
 const PAGE: u32 = 1_000;
 
-/// A task's jobs and datasets on a server.
+/// The jobs and datasets of an experiment on a server.
 pub(crate) struct Existing<'a> {
     client: &'a Client,
     state: &'a State,
@@ -26,26 +27,34 @@ pub(crate) struct Existing<'a> {
 }
 
 impl<'a> Existing<'a> {
-    pub(crate) async fn on(client: &'a Client, state: &'a State, task: &str) -> Result<Self> {
+    pub(crate) async fn on(client: &'a Client, state: &'a State, recordings: &Collections) -> Result<Self> {
         let mut existing = Self { client, state, jobs: HashMap::new(), datasets: Vec::new() };
+        for collection in recordings.all() {
+            existing.add(&collection.task).await?;
+        }
+        Ok(existing)
+    }
+
+    async fn add(&mut self, task: &str) -> Result<()> {
+        let client = self.client;
         let datasets = client.datasets().list_datasets(ListDatasetsRequest { task: task.to_owned() }).await;
-        existing.datasets = match datasets {
+        self.datasets.extend(match datasets {
             Ok(reply) => reply.into_inner().datasets,
             // The task has never been created there.
-            Err(status) if status.code() == Code::NotFound => return Ok(existing),
+            Err(status) if status.code() == Code::NotFound => return Ok(()),
             Err(status) => return Err(status.into()),
-        };
+        });
         let mut request = ListJobsRequest { task: task.to_owned(), page_size: PAGE, ..ListJobsRequest::default() };
         loop {
             let reply = client.jobs().list_jobs(request.clone()).await?.into_inner();
             for job in reply.jobs.into_iter().filter(|job| !job.key.is_empty()) {
                 // After one that failed there may be another under the same key; ids grow with time.
-                if existing.jobs.get(&job.key).is_none_or(|other| other.id < job.id) {
-                    existing.jobs.insert(job.key.clone(), job);
+                if self.jobs.get(&job.key).is_none_or(|other| other.id < job.id) {
+                    self.jobs.insert(job.key.clone(), job);
                 }
             }
             if reply.next_page_token.is_empty() {
-                return Ok(existing);
+                return Ok(());
             }
             request.page_token = reply.next_page_token;
         }

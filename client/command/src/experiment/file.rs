@@ -8,6 +8,7 @@ use serde::Deserialize;
 use toml::Table;
 
 use super::attempts::Attempts;
+use super::collection::{Collection, Collections, take_stride, with_seed};
 use super::source::{self, Source};
 use super::study::{Cell, StudySettings, TableKind, one_line};
 use crate::failure::{Failure, Result};
@@ -31,14 +32,9 @@ struct ExperimentFile {
 #[derive(Clone, Debug)]
 pub(crate) struct Experiment {
     pub(crate) name: String,
-    /// The task's name on the server: of these recordings alone, so that experiments with the same recordings share
-    /// them and others do not mix theirs.
-    pub(crate) task: String,
-    pub(crate) source: Source,
+    pub(crate) recordings: Collections,
     /// What evaluates policies, if the embedded simulator does not.
     pub(crate) attempts: Option<Attempts>,
-    /// A digest of all that the recordings depend on.
-    pub(crate) data_key: String,
     pub(crate) studies: Vec<Study>,
 }
 
@@ -77,7 +73,10 @@ impl Experiment {
     }
 
     fn checked(file: ExperimentFile, beside: &Path) -> std::result::Result<Self, String> {
-        let (source, data_key) = Source::read(file.task, &file.data, beside)?;
+        let mut data = file.data;
+        let stride = take_stride(&mut data)?;
+        let first = Collection::read(file.task, &data, beside)?;
+        let source = &first.source;
         let names = source.imperfect();
         if let Some(attempts) = &file.attempts {
             attempts.check().map_err(|problem| format!("attempts.{problem}"))?;
@@ -96,7 +95,7 @@ impl Experiment {
         for study in &file.study {
             let name = study.name().to_owned();
             let cells = study.cells(&file.base, &names).map_err(|problem| format!("study {name:?}: {problem}"))?;
-            if let Some(problem) = cells.iter().find_map(|cell| impossible(cell, &source, file.attempts.is_some())) {
+            if let Some(problem) = cells.iter().find_map(|cell| impossible(cell, source, file.attempts.is_some())) {
                 return Err(format!("study {name:?}: {problem}"));
             }
             if studies.iter().any(|other| other.name == name) {
@@ -104,8 +103,11 @@ impl Experiment {
             }
             studies.push(Study { name, table: study.table, cells });
         }
-        let task = format!("{}_{data_key}", source.task_name());
-        Ok(Self { name: file.name, task, source, attempts: file.attempts, data_key, studies })
+        let cells = studies.iter().flat_map(|study| &study.cells);
+        let seeds: Vec<u64> = cells.flat_map(|cell| cell.settings.seeds.clone()).collect();
+        let of_seed = |seed| Collection::read(file.task, &with_seed(data.clone(), seed), beside);
+        let recordings = Collections::new(first, stride, seeds, of_seed)?;
+        Ok(Self { name: file.name, recordings, attempts: file.attempts, studies })
     }
 }
 
@@ -140,7 +142,7 @@ mod tests {
     #[test]
     fn the_committed_files_are_valid() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/experiments");
-        for name in ["pick_cube", "stack_cube", "scorers", "arms", "chunks", "quick"] {
+        for name in ["pick_cube", "stack_cube", "scorers", "arms", "draws", "chunks", "quick"] {
             let experiment = Experiment::read(&folder.join(name).with_extension("toml"), None).unwrap();
             assert!(!experiment.studies.is_empty(), "{name}");
         }
@@ -149,15 +151,16 @@ mod tests {
     #[test]
     fn omitted_settings_have_their_defaults() {
         let experiment = Experiment::parse(&[HEAD, DATA, STUDY].concat()).unwrap();
-        assert_eq!(experiment.source.simulated().unwrap().config, SimConfig::default());
-        assert_eq!(experiment.source.imperfect(), ["noise"]);
+        assert_eq!(experiment.recordings.source().simulated().unwrap().config, SimConfig::default());
+        assert_eq!(experiment.recordings.source().imperfect(), ["noise"]);
         assert_eq!(experiment.studies[0].name, "Quality score threshold β");
-        assert!(experiment.task.starts_with("pick_cube_"), "{}", experiment.task);
+        let task = &experiment.recordings.of(0).task;
+        assert!(task.starts_with("pick_cube_"), "{task}");
     }
 
     #[test]
     fn the_name_of_recordings_depends_on_their_settings_only() {
-        let key = |text: String| Experiment::parse(&text).unwrap().data_key;
+        let key = |text: String| Experiment::parse(&text).unwrap().recordings.of(0).key.clone();
         let plain = key([HEAD, DATA, STUDY].concat());
         assert_eq!(plain, key([HEAD, DATA, "[base]\nbeta = 0.5\n", STUDY].concat()));
         assert_ne!(plain, key([HEAD, &DATA.replace("count = 2", "count = 3"), STUDY].concat()));

@@ -179,7 +179,7 @@ impl<'a> Gatherer<'a> {
         let metrics = self.client.jobs().list_metrics(request).await?.into_inner().metrics;
         let metric = |Metric { step, name, value }| job::Metric { sequence: 0, step, name, value };
         let metrics: Vec<job::Metric> = metrics.into_iter().map(metric).collect();
-        let looks = looks(&metrics, &self.experiment.source.spec().cameras);
+        let looks = looks(&metrics, &self.experiment.recordings.source().spec().cameras);
         self.looks.insert(job_id.to_owned(), looks.clone());
         Ok(looks)
     }

@@ -1,6 +1,6 @@
 //! `experiment`: a grid of settings from a file, run as jobs of a server, in one report.
 //!
-//! `file`, `source`, `attempts`, `study`, `grid`, `method`, `cell` and `used` are the settings; `stage` makes a graph of
+//! `file`, `collection`, `source`, `attempts`, `study`, `grid`, `method`, `cell` and `used` are the settings; `stage` makes a graph of
 //! them in which no stage is done twice. `course` runs it: `recordings`, `submit`, `site` and `follow` do the work,
 //! `order` has the messages, `existing`, `known` and `state` find the work of earlier runs, and `standing` is the progress.
 //! `gather` and `fetch` return the results; `pool`, `interval`, `difference` and `auroc` sum them up; `report`, `markdown`,
@@ -10,6 +10,7 @@
 mod attempts;
 mod auroc;
 mod cell;
+mod collection;
 pub(crate) mod compare;
 mod course;
 pub(crate) mod demo;
@@ -170,7 +171,7 @@ fn plan(experiment: &Experiment, graph: &Graph) -> Value {
     };
     json!({
         "name": experiment.name,
-        "task": experiment.task,
+        "tasks": experiment.recordings.all().into_iter().map(|collection| collection.task.as_str()).collect::<Vec<_>>(),
         "studies": experiment.studies.iter().map(study).collect::<Vec<_>>(),
         "stages": counts(graph).into_iter().collect::<std::collections::BTreeMap<_, _>>(),
     })

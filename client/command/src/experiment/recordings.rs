@@ -2,7 +2,7 @@
 //! are under a separate task.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use gleaner_client::{Client, ClientError, LabelledFile, PushItem, Pushed, UploadLabel, read_labels};
@@ -11,7 +11,7 @@ use gleaner_sim::{LABELS, MARKS};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::file::Experiment;
+use super::collection::Collection;
 use super::source::Source;
 use crate::cmd::{push, record};
 use crate::context::Context;
@@ -62,23 +62,31 @@ pub(crate) struct Recordings {
 }
 
 impl Recordings {
-    /// Records the missing recordings, and pushes those that the server lacks.
-    pub(crate) async fn ready(context: &Context, client: &Client, folder: &Path, plan: &Experiment) -> Result<Self> {
-        recorded(context, folder, plan).await?;
-        create_task(client, plan).await?;
-        let folder = match &plan.source {
+    /// Records the missing recordings, each collection in its folder, and pushes those that the server lacks.
+    pub(crate) async fn ready(context: &Context, client: &Client, all: &[(&Collection, PathBuf)]) -> Result<Self> {
+        let mut ready = Self { by_episode: HashMap::new(), are_marked: true, sent: (0, Duration::ZERO) };
+        for (collection, folder) in all {
+            ready.add(context, client, folder, collection).await?;
+        }
+        Ok(ready)
+    }
+
+    async fn add(&mut self, context: &Context, client: &Client, folder: &Path, collection: &Collection) -> Result<()> {
+        recorded(context, folder, collection).await?;
+        create_task(client, collection).await?;
+        let folder = match &collection.source {
             Source::Simulated(_) => folder,
             Source::Folder(elsewhere) => &elsewhere.path,
         };
         let files = read_labels(&folder.join(LABELS))?;
         let successes: HashMap<_, _> =
             files.iter().map(|file| (file.path.clone(), file.outcome == Outcome::Success)).collect();
-        let pushed = pushed(context, client, plan, files).await?;
-        let are_marked = plan.source.is_marked();
+        let pushed = pushed(context, client, collection, files).await?;
+        let are_marked = collection.source.is_marked();
         let marks = if are_marked { marks(folder)? } else { HashMap::new() };
         // By the pushed file, whatever name its content may have on the server.
         let episodes = pushed.results.iter().filter_map(|item| Some((&item.path, &item.result.as_ref().ok()?.episode)));
-        let mut by_episode = HashMap::new();
+        let before = self.by_episode.len();
         for (place, (path, episode)) in episodes.enumerate() {
             let file = path.file_name().unwrap_or_default().to_string_lossy();
             let went_wrong = match marks.get(file.as_ref()) {
@@ -91,13 +99,16 @@ impl Recordings {
             };
             let success = successes.get(path).copied().unwrap_or_default();
             let (cohort, steps, mark) = (episode.cohort.clone(), episode.steps, Mark { went_wrong });
-            by_episode.insert(episode.id.clone(), Recording { place, cohort, success, steps, mark });
+            let recording = Recording { place: before + place, cohort, success, steps, mark };
+            self.by_episode.insert(episode.id.clone(), recording);
         }
-        Ok(Self { by_episode, are_marked, sent: (pushed.sent_bytes(), pushed.wall) })
+        self.are_marked &= are_marked;
+        self.sent = (self.sent.0 + pushed.sent_bytes(), self.sent.1 + pushed.wall);
+        Ok(())
     }
 
     /// Each cohort's episodes, experts first.
-    pub(crate) fn counts(&self, plan: &Experiment) -> Vec<CohortCount> {
+    pub(crate) fn counts(&self, source: &Source) -> Vec<CohortCount> {
         let count = |(cohort, agent): (&str, String)| {
             let of_cohort = || self.by_episode.values().filter(|recording| recording.cohort == cohort);
             CohortCount {
@@ -108,13 +119,13 @@ impl Recordings {
                 successes: of_cohort().filter(|recording| recording.success).count() as u64,
             }
         };
-        plan.source.agents().into_iter().map(count).collect()
+        source.agents().into_iter().map(count).collect()
     }
 }
 
 /// Records the missing recordings of the simulator.
-pub(super) async fn recorded(context: &Context, folder: &Path, plan: &Experiment) -> Result<()> {
-    let Source::Simulated(set) = &plan.source else { return Ok(()) };
+pub(super) async fn recorded(context: &Context, folder: &Path, collection: &Collection) -> Result<()> {
+    let Source::Simulated(set) = &collection.source else { return Ok(()) };
     let complete = folder.join(COMPLETE);
     if complete.exists() {
         return Ok(());
@@ -123,14 +134,14 @@ pub(super) async fn recorded(context: &Context, folder: &Path, plan: &Experiment
     Ok(std::fs::write(&complete, b"").map_err(ClientError::io(complete))?)
 }
 
-async fn create_task(client: &Client, plan: &Experiment) -> Result<()> {
-    let name = plan.task.clone();
+async fn create_task(client: &Client, collection: &Collection) -> Result<()> {
+    let name = collection.task.clone();
     match client.tasks().get_task(GetTaskRequest { task: name.clone() }).await {
         Ok(_) => return Ok(()),
         Err(status) if status.code() == tonic::Code::NotFound => {}
         Err(status) => return Err(status.into()),
     }
-    let mut task = plan.source.spec();
+    let mut task = collection.source.spec();
     task.name = name;
     client
         .tasks()
@@ -139,15 +150,20 @@ async fn create_task(client: &Client, plan: &Experiment) -> Result<()> {
     Ok(())
 }
 
-async fn pushed(context: &Context, client: &Client, plan: &Experiment, files: Vec<LabelledFile>) -> Result<Pushed> {
-    let author = match &plan.source {
+async fn pushed(
+    context: &Context,
+    client: &Client,
+    collection: &Collection,
+    files: Vec<LabelledFile>,
+) -> Result<Pushed> {
+    let author = match &collection.source {
         Source::Simulated(_) => "simulator",
         Source::Folder(_) => "experiment",
     };
     let item = |file: LabelledFile| PushItem {
         path: file.path,
         parts: Vec::new(),
-        task: plan.task.clone(),
+        task: collection.task.clone(),
         label: UploadLabel { outcome: file.outcome, cohort: file.cohort, author: author.into() },
     };
     let items = files.into_iter().map(item).collect();

@@ -109,6 +109,8 @@ impl Origin {
 #[derive(Clone, Debug)]
 pub(crate) struct Stage {
     pub(crate) key: String,
+    /// The server's task, by its name or id.
+    pub(crate) task: String,
     pub(crate) work: Work,
     pub(crate) input: Option<usize>,
     /// The first cell that needs it.
@@ -146,15 +148,21 @@ impl Graph {
 
     /// The stages of cells on results that exist, one for each seed: the seeds are 0 and up. `max_steps` limits the
     /// attempts of evaluations; without it policies are trained and not evaluated.
-    pub(super) fn on_results(cells: &[Cell], origins: &[Origin], max_steps: Option<u32>, device: Device) -> Self {
+    pub(super) fn on_results(
+        task: &str,
+        cells: &[Cell],
+        origins: &[Origin],
+        max_steps: Option<u32>,
+        device: Device,
+    ) -> Self {
         let mut graph = Self { device, evaluates: max_steps.is_some(), ..Self::default() };
         let mut chains = vec![Vec::new(); cells.len()];
         for (seed, origin) in (0..).zip(origins) {
             for (cell, of_cell) in cells.iter().zip(&mut chains) {
-                let rest = works("", Place::Simulator(max_steps.unwrap_or_default()), &cell.settings, seed);
+                let rest = works(task, Place::Simulator(max_steps.unwrap_or_default()), &cell.settings, seed);
                 let rest = rest.into_iter().filter(|work| !origin.replaces(work));
                 let works = std::iter::once(Work::Given { origin: origin.clone() }).chain(rest);
-                of_cell.push(graph.chain(works, seed, &format!("{}, seed {seed}", cell.label)));
+                of_cell.push(graph.chain(task, works, seed, &format!("{}, seed {seed}", cell.label)));
             }
         }
         graph.chains = vec![chains];
@@ -163,8 +171,7 @@ impl Graph {
 
     fn filled(mut self, experiment: &Experiment) -> Self {
         let graph = &mut self;
-        let task = &experiment.task;
-        let max_steps = experiment.source.simulated().map_or(0, |set| set.config.max_steps);
+        let max_steps = experiment.recordings.source().simulated().map_or(0, |set| set.config.max_steps);
         let place = experiment.attempts.as_ref().map_or(Place::Simulator(max_steps), Place::Elsewhere);
         // Seed by seed, so that the first seed of everything is there before the second of anything.
         let mut chains: Vec<Vec<Vec<Chain>>> =
@@ -175,8 +182,9 @@ impl Graph {
                 for (cell, of_cell) in study.cells.iter().zip(of_study) {
                     let Some(&seed) = cell.settings.seeds.get(nth) else { continue };
                     let label = format!("{}, {}, seed {seed}", study.name, cell.label);
+                    let task = &experiment.recordings.of(seed).task;
                     let works = works(task, place, &cell.settings, seed);
-                    of_cell.push(graph.chain(works, seed, &label));
+                    of_cell.push(graph.chain(task, works, seed, &label));
                 }
             }
         }
@@ -189,18 +197,18 @@ impl Graph {
         chain.stages.iter().copied().find(|&index| self.stages[index].work.kind() == kind)
     }
 
-    fn chain(&mut self, works: impl IntoIterator<Item = Work>, seed: u64, label: &str) -> Chain {
+    fn chain(&mut self, task: &str, works: impl IntoIterator<Item = Work>, seed: u64, label: &str) -> Chain {
         let mut stages = Vec::new();
         for work in works {
             if self.evaluates || work.kind() != "evaluate" {
-                let index = self.stage(work, stages.last().copied(), label);
+                let index = self.stage(task, work, stages.last().copied(), label);
                 stages.push(index);
             }
         }
         Chain { seed, stages }
     }
 
-    fn stage(&mut self, work: Work, input: Option<usize>, label: &str) -> usize {
+    fn stage(&mut self, task: &str, work: Work, input: Option<usize>, label: &str) -> usize {
         let input_key = input.map(|input| self.stages[input].key.as_str()).unwrap_or_default();
         // A Work holds numbers, words and lists of them: it always has a JSON form.
         let canonical = serde_json::to_string(&(FORMAT, self.device, &work, input_key)).unwrap_or_default();
@@ -210,7 +218,7 @@ impl Graph {
         }
         let index = self.stages.len();
         self.by_key.insert(key.clone(), index);
-        self.stages.push(Stage { key, work, input, label: label.to_owned() });
+        self.stages.push(Stage { key, task: task.to_owned(), work, input, label: label.to_owned() });
         index
     }
 }
@@ -218,7 +226,7 @@ impl Graph {
 // A cell's works, each on the result of the one before. The cell has been checked, so every spec is sound.
 fn works(task: &str, place: Place<'_>, cell: &CellSettings, seed: u64) -> Vec<Work> {
     let cell = &cell.used();
-    let mut works = vec![Work::Snapshot { task: task.to_owned(), rule: cell.rule.clone() }];
+    let mut works = vec![Work::Snapshot { task: task.to_owned(), rule: cell.rule.of(seed) }];
     if cell.pretrains() {
         works.push(Work::Pretrain { settings: complete(cell.pretrain_spec(seed).map(|spec| spec.values())) });
     }

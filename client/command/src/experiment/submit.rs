@@ -37,7 +37,6 @@ struct Made<'a> {
 /// Submits the stages of a graph.
 pub(crate) struct Submitter<'a> {
     client: &'a Client,
-    task: &'a str,
     /// The simulator's task.
     simulation: &'a str,
     device: Device,
@@ -53,9 +52,9 @@ impl<'a> Submitter<'a> {
         experiment: &'a Experiment,
         device: Device,
     ) -> Self {
-        let made = Made { state, recordings, source: &experiment.source, site: None };
-        let simulation = experiment.source.task_name();
-        Self { client, task: &experiment.task, simulation, device, made: Some(made) }
+        let made = Made { state, recordings, source: experiment.recordings.source(), site: None };
+        let simulation = experiment.recordings.source().task_name();
+        Self { client, simulation, device, made: Some(made) }
     }
 
     /// With a place where commands evaluate.
@@ -68,8 +67,8 @@ impl<'a> Submitter<'a> {
     }
 
     /// For stages on results that exist.
-    pub(super) fn on_results(client: &'a Client, task: &'a str, simulation: &'a str, device: Device) -> Self {
-        Self { client, task, simulation, device, made: None }
+    pub(super) fn on_results(client: &'a Client, simulation: &'a str, device: Device) -> Self {
+        Self { client, simulation, device, made: None }
     }
 
     /// All stages, in their order. A stage whose input failed is left out, and so is one that is done at once before
@@ -107,7 +106,7 @@ impl<'a> Submitter<'a> {
     async fn stage(&mut self, stage: &Stage, input: Input<'_>) -> Result<std::result::Result<StageResult, Gap>> {
         let result = match &stage.work {
             Work::Given { origin } => Ok(StageResult { id: origin.id().to_owned(), job: None }),
-            Work::Snapshot { rule, .. } => self.snapshot(&stage.key, rule).await,
+            Work::Snapshot { rule, .. } => self.snapshot(stage, rule).await,
             Work::Dataset { selection } => self.dataset(input.id, selection_to_proto(*selection)).await,
             Work::Marks => self.marks(&job_key(stage, input.id), input).await,
             Work::Attempts { attempts, episodes, seed, hide_history } => {
@@ -129,16 +128,16 @@ impl<'a> Submitter<'a> {
         }
     }
 
-    async fn snapshot(&mut self, key: &str, rule: &RuleSettings) -> Result<StageResult> {
+    async fn snapshot(&mut self, stage: &Stage, rule: &RuleSettings) -> Result<StageResult> {
         let Made { state, source, .. } = present(self.made.as_mut(), "a snapshot for these stages")?;
-        if let Some(known) = known_snapshot(self.client, state, key).await? {
+        if let Some(known) = known_snapshot(self.client, state, &stage.key).await? {
             return Ok(known);
         }
         let rule = order::rule(rule, source.experts(), &source.imperfect());
-        let request = CreateSnapshotRequest { task: self.task.to_owned(), rule: Some(rule) };
+        let request = CreateSnapshotRequest { task: stage.task.clone(), rule: Some(rule) };
         let reply = self.client.snapshots().create_snapshot(request).await?.into_inner();
         let id = present(reply.snapshot, "a snapshot")?.id;
-        state.remember(key, &id)?;
+        state.remember(&stage.key, &id)?;
         Ok(StageResult { id, job: None })
     }
 
@@ -179,7 +178,7 @@ impl<'a> Submitter<'a> {
     async fn job(&self, stage: &Stage, input: Input<'_>) -> Result<StageResult> {
         let spec = present(order::job(&stage.work, input, self.simulation, self.device), "a job for this stage")?;
         let request = SubmitJobRequest {
-            task: self.task.to_owned(),
+            task: stage.task.clone(),
             spec: Some(JobSpec { spec: Some(spec) }),
             key: job_key(stage, input.id),
             ..SubmitJobRequest::default()

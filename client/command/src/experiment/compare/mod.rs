@@ -100,9 +100,15 @@ impl CompareArgs {
         if let Some(out) = &self.out {
             std::fs::create_dir_all(out).map_err(ClientError::io(out))?;
         }
-        let graph = Graph::on_results(&cells, &origins, simulated.map(|(_, config)| config.max_steps), self.device);
+        let graph = Graph::on_results(
+            &subject.task_id,
+            &cells,
+            &origins,
+            simulated.map(|(_, config)| config.max_steps),
+            self.device,
+        );
         let simulation = simulated.map_or("", |(task, _)| task.name());
-        let submitted = self.jobs(context, &client, &subject.task_id, simulation, &graph).await?;
+        let submitted = self.jobs(context, &client, simulation, &graph).await?;
         let collector =
             Collector { client: &client, episodes: &episodes, cells: &cells, graph: &graph, top: self.top_fraction };
         let found = collector.found(&submitted).await?;
@@ -126,15 +132,8 @@ impl CompareArgs {
     }
 
     /// Every job to its end. Jobs of an earlier comparison are found by their keys.
-    async fn jobs(
-        &self,
-        context: &Context,
-        client: &Client,
-        task: &str,
-        simulation: &str,
-        graph: &Graph,
-    ) -> Result<Submitted> {
-        let submitter = Submitter::on_results(client, task, simulation, self.device);
+    async fn jobs(&self, context: &Context, client: &Client, simulation: &str, graph: &Graph) -> Result<Submitted> {
+        let submitter = Submitter::on_results(client, simulation, self.device);
         let mut submitted = submitter.submit(graph).await?;
         context.output.note("the same command resumes after an interruption; the jobs continue on the server");
         follow::to_the_end(context, client, graph, &mut submitted, async |_: &Submitted| {}).await?;

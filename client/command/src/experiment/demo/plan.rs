@@ -57,10 +57,10 @@ impl Plan {
         if let Some(cell) = cells(&experiment).find(|cell| cell.seeds.len() != 1) {
             return Err(format!("base.seeds: has {} seeds; the demo trains with one", cell.seeds.len()));
         }
-        let recordings = experiment.source.simulated();
+        let recordings = experiment.recordings.source().simulated();
         let recordings = recordings.cloned().ok_or("data.folder: the demo records in the simulator; leave it out")?;
         // Its server has no other recordings.
-        experiment.task = recordings.task.to_string();
+        experiment.recordings.rename(recordings.task.name())?;
         Ok(Self { experiment, recordings, betas, drive, settings })
     }
 
@@ -101,7 +101,7 @@ mod tests {
         let kinds: Vec<&str> = graph.stages.iter().map(|stage| stage.work.kind()).collect();
         assert_eq!(kinds, ["snapshot", "pretrain", "train", "score", "dataset", "train"]);
 
-        let imperfect = experiment.source.imperfect();
+        let imperfect = experiment.recordings.source().imperfect();
         let Work::Snapshot { task, rule } = &graph.stages[0].work else { panic!("not a snapshot") };
         let rule = order::rule(rule, "expert", &imperfect);
         let named: Vec<&str> = AgentKind::ALL.iter().skip(1).map(|kind| kind.name()).collect();

@@ -69,7 +69,7 @@ impl<'a> Run<'a> {
         let report = Report {
             plan: self.plan.settings.clone(),
             cell: present(self.plan.cells().last(), "a cell")?.clone(),
-            recorded: recordings.counts(experiment),
+            recorded: recordings.counts(experiment.recordings.source()),
             separation: separations(&episodes),
             thresholds: self.plan.betas.iter().map(threshold).collect(),
             histogram,
@@ -90,9 +90,12 @@ impl<'a> Run<'a> {
     async fn recordings(&mut self, folder: &Path) -> Result<Recordings> {
         let (context, experiment) = (self.context, &self.plan.experiment);
         let began = Instant::now();
-        recorded(context, folder, experiment).await?;
+        let all: Vec<_> = experiment.recordings.all().into_iter().map(|of| (of, folder.to_owned())).collect();
+        for (collection, folder) in &all {
+            recorded(context, folder, collection).await?;
+        }
         let took = began.elapsed();
-        let recordings = Recordings::ready(context, self.client, folder, experiment).await?;
+        let recordings = Recordings::ready(context, self.client, &all).await?;
         let steps: u64 = recordings.by_episode.values().map(|recording| recording.steps).sum();
         self.done("record", took, format!("{} episodes, {steps} steps", recordings.by_episode.len()));
         let (bytes, took) = recordings.sent;
@@ -158,7 +161,7 @@ impl<'a> Run<'a> {
     async fn evaluate(&mut self, name: &str, trained_on: &str, policy_id: String) -> Result<Evaluation> {
         let began = Instant::now();
         let experiment = &self.plan.experiment;
-        let deployment = format!("{}@{name}", experiment.task);
+        let deployment = format!("{}@{name}", experiment.recordings.of(0).task);
         let request = DeployRequest { name: deployment.clone(), policy_id, ..DeployRequest::default() };
         self.client.policies().deploy(request).await?;
         let plan = DrivePlan {

@@ -83,7 +83,7 @@ fn the_committed_file_for_recordings_is_valid() {
     write(dir.path().join("labels.csv"), labels).unwrap();
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/experiments/recorded.toml");
     let experiment = Experiment::read(&file, Some(dir.path())).unwrap();
-    assert!(experiment.task.starts_with("push_") && experiment.studies.len() == 2, "{experiment:?}");
+    assert!(experiment.recordings.of(0).task.starts_with("push_") && experiment.studies.len() == 2, "{experiment:?}");
 }
 
 #[test]
@@ -100,6 +100,10 @@ fn what_recordings_without_a_simulator_do_not_allow_is_named() {
     let attempts = format!("[attempts]\nsimulation = \"x/y\"\n{words}\n");
     for (problem, part) in [
         (problem("", "methods"), "evaluate: no simulator is known for these recordings; give [attempts]"),
+        (
+            problem("seed_stride = 9\n[base]\nevaluate = false\n", "scoring"),
+            "data.seed_stride: the recordings of a folder are the same for every seed",
+        ),
         (problem(&attempts.replace("{seed}", ""), "methods"), "attempts.command: has no argument {seed}"),
         (problem(&attempts.replace("x/y", ""), "methods"), "attempts.simulation: "),
         (

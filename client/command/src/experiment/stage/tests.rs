@@ -94,6 +94,32 @@ fn keys_are_stable_between_versions() {
 }
 
 #[test]
+fn seeds_with_a_stride_share_no_stage() {
+    let seeds = |data: &str, rule: &str| {
+        let file =
+            format!("{data}[base]\nseeds = [1, 2]\n[base.rule]\nseed = 5\n{rule}[[study]]\ntable = \"scoring\"\n");
+        Graph::new(&Experiment::parse(&file).unwrap(), Device::Cpu)
+    };
+    let snapshots = |graph: &Graph| {
+        let snapshots = graph.stages.iter().filter_map(|stage| {
+            let Work::Snapshot { task, rule } = &stage.work else { return None };
+            Some((task == &stage.task, rule.seed, rule.seed_stride))
+        });
+        snapshots.collect::<Vec<_>>()
+    };
+    assert_eq!(snapshots(&seeds(DATA, "")), [(true, 5, 0)]);
+    assert_eq!(snapshots(&seeds(DATA, "seed_stride = 3\n")), [(true, 8, 0), (true, 11, 0)]);
+    let own = seeds(&DATA.replace("experts = 3", "experts = 3\nseed_stride = 100"), "");
+    assert_eq!(snapshots(&own), [(true, 5, 0), (true, 5, 0)]);
+    let tasks: std::collections::HashSet<&str> = own.stages.iter().map(|stage| stage.task.as_str()).collect();
+    assert_eq!(tasks.len(), 2);
+    let of = |chain: &Chain| chain.stages.iter().map(|index| own.stages[*index].task.clone()).collect::<Vec<_>>();
+    for cell in &own.chains[0] {
+        assert!(of(&cell[0]).iter().all(|task| !of(&cell[1]).contains(task)));
+    }
+}
+
+#[test]
 fn stages_on_results_begin_with_them() {
     let scored_by = |label: &str, evaluate| {
         let settings = gleaner_core::Values::from_iter([("scorer".to_owned(), label.into())]);
@@ -105,18 +131,18 @@ fn stages_on_results_begin_with_them() {
 
     // One encoder: SSDF has one score run for all seeds, a scorer with random numbers one for each.
     let encoder = [Origin::Encoder("enc_1".into()), Origin::Encoder("enc_1".into())];
-    let graph = Graph::on_results(&cells(false), &encoder, None, Device::Cpu);
+    let graph = Graph::on_results("task_1", &cells(false), &encoder, None, Device::Cpu);
     assert_eq!(kinds(&graph), ["pretrain", "score", "score", "score"]);
     assert_eq!(graph.chains[0][0][0].stages, graph.chains[0][0][1].stages);
     assert_eq!(graph.stages[0].work, Work::Given { origin: encoder[0].clone() });
-    let other = Graph::on_results(&cells(false), &[Origin::Encoder("enc_2".into())], None, Device::Cpu);
+    let other = Graph::on_results("task_1", &cells(false), &[Origin::Encoder("enc_2".into())], None, Device::Cpu);
     assert!(other.stages.iter().all(|stage| graph.stages.iter().all(|known| known.key != stage.key)));
 
     // A snapshot: an encoder for each seed; without a simulator no evaluation.
     let snapshot = [Origin::Snapshot("snap_1".into()), Origin::Snapshot("snap_1".into())];
-    let graph = Graph::on_results(&cells(true)[..1], &snapshot, None, Device::Cpu);
+    let graph = Graph::on_results("task_1", &cells(true)[..1], &snapshot, None, Device::Cpu);
     let seed = ["pretrain", "score", "dataset", "train"];
     assert_eq!(kinds(&graph), [&["snapshot"], &seed[..], &seed].concat());
-    let graph = Graph::on_results(&cells(true)[..1], &snapshot[..1], Some(60), Device::Cpu);
+    let graph = Graph::on_results("task_1", &cells(true)[..1], &snapshot[..1], Some(60), Device::Cpu);
     assert_eq!(kinds(&graph).last(), Some(&"evaluate"));
 }
