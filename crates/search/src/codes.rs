@@ -7,15 +7,18 @@ use crate::lanes::{self, CODES, Lanes, MOST, Panels, Query, Terms, WIDE};
 use crate::metric::Metric;
 use crate::points::Points;
 
-/// Wider rows could overflow the sums of codes' products.
-const MOST_WIDE: usize = 1024;
+/// Wider rows could overflow the sums of codes' products, of 255 × 127 each at most.
+const MOST_WIDE: usize = 1 << 15;
+/// So many codes, and their squares, add up exactly in single precision: 127² × 1024 < 2²⁴.
+const EXACT: usize = 1024;
 /// The smallest step with a finite inverse.
 const LEAST_STEP: f32 = 1e-32;
 /// A square that keeps the padding of the last panel far from every query, with a finite root.
 const FAR: f32 = 1e30;
 /// Upper bound of the error of a value divided by its step: three roundings of at most 127.
 const DIVISION: f64 = 3e-5;
-/// Upper bound of the errors of a square and its rounding, of the sum of two squares, and of adding the product.
+/// Upper bound of the errors of a square and its rounding, of the sum of two squares, and of the product, its rounding
+/// and addition.
 const ROUNDING: f64 = 16.0 * U;
 
 /// Points' codes.
@@ -71,8 +74,28 @@ impl Scratch {
     }
 
     /// Writes codes of the last placed row of `part` to `codes`.
-    fn code(&self, part: usize, grid: Grid, codes: &mut [i32]) -> lanes::Sums {
-        lanes::code(&self.placed[part], grid.inverse, codes)
+    fn code(&self, part: usize, grid: Grid, codes: &mut [i32]) -> Sums {
+        let mut sums = Sums::default();
+        for (placed, codes) in self.placed[part].chunks(EXACT / WIDE).zip(codes.chunks_mut(EXACT / CODES)) {
+            sums.add(lanes::code(placed, grid.inverse, codes));
+        }
+        sums
+    }
+}
+
+/// The sums of [`lanes::Sums`] over a row of any width.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    codes: f64,
+    squares: f64,
+    rests: f64,
+}
+
+impl Sums {
+    fn add(&mut self, some: lanes::Sums) {
+        self.codes += f64::from(some.codes);
+        self.squares += f64::from(some.squares);
+        self.rests += f64::from(some.rests);
     }
 }
 
@@ -133,7 +156,7 @@ impl Codes {
             let sums = scratch.code(part, grid, &mut row);
             side.moved = side.moved.max(side.moved(frame, (largest, grid), &sums));
             let (panel, lane) = (at / WIDE, at % WIDE);
-            self.squares[panel * 3 + part].0[lane] = below(scale * f64::from(sums.squares));
+            self.squares[panel * 3 + part].0[lane] = below(scale * sums.squares);
             for (to, code) in self.panels[panel * all + from..].iter_mut().zip(&row) {
                 // Adds 128 to each of the four bytes.
                 to.0[lane] = code ^ i32::from_ne_bytes([0x80; 4]);
@@ -176,7 +199,7 @@ impl Queries {
                 *largest = self.scratch.place(frame, features, (part, at));
             }
             let grids = largest.map(Grid::new);
-            let mut sums = [lanes::Sums::default(); 3];
+            let mut sums = [Sums::default(); 3];
             for (part, sums) in sums.iter_mut().enumerate() {
                 let (of_part, rest) = place.split_at_mut(codes.groups[part]);
                 *sums = self.scratch.code(part, grids[part], of_part);
@@ -197,8 +220,8 @@ impl Queries {
 impl Side {
     /// Upper bound of the distance of a row with `sums` from its exact position, in steps of `grid`, for values of at
     /// most `largest`.
-    fn moved(&self, frame: &Frame, (largest, grid): (f32, Grid), sums: &lanes::Sums) -> f64 {
-        let rests = f64::from(sums.rests.sqrt()) * 1.001 + DIVISION * self.root;
+    fn moved(&self, frame: &Frame, (largest, grid): (f32, Grid), sums: &Sums) -> f64 {
+        let rests = sums.rests.sqrt() * 1.001 + DIVISION * self.root;
         frame.moved(f64::from(largest) * self.root * 1.001) + f64::from(grid.step) * rests
     }
 
@@ -209,10 +232,10 @@ impl Side {
     }
 
     /// The terms of a query with `sums` in steps of `step`.
-    fn terms(&self, step: f32, sums: &lanes::Sums) -> Terms {
+    fn terms(&self, step: f32, sums: &Sums) -> Terms {
         let own = f64::from(step);
         #[expect(clippy::cast_possible_truncation, reason = "whole and small, or the rounding is in the margin")]
         let (begin, factor) = ((-128.0 * sums.codes) as i32, (-2.0 * self.factor * own * f64::from(self.step)) as f32);
-        Terms { begin, factor, square: below(self.factor * own * own * f64::from(sums.squares)) }
+        Terms { begin, factor, square: below(self.factor * own * own * sums.squares) }
     }
 }

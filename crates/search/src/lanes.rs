@@ -24,7 +24,7 @@ pub(crate) const PANELS: usize = 4;
 #[repr(C, align(64))]
 pub(crate) struct Lanes<T>(pub(crate) [T; WIDE]);
 
-/// Sums over a row of codes.
+/// Sums over at most 1024 codes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Sums {
     /// Sum of the codes, and sum of their squares: whole numbers, exact.

@@ -48,7 +48,7 @@ pub(super) fn bounds(
                     let corpus = panels.codes[panel * panels.all + from..panel * panels.all + until].iter();
                     let product = corpus.zip(&query.codes[from..until]).map(|(e, q)| product(e.0[lane], *q));
                     let terms = &query.terms[part];
-                    #[expect(clippy::cast_precision_loss, reason = "below 2^24")]
+                    #[expect(clippy::cast_precision_loss, reason = "the rounding is in the margin")]
                     let product = (terms.begin + product.sum::<i32>()) as f32;
                     let squares = panels.squares[panel * 3 + part].0[lane] + terms.square;
                     let value = terms.factor.mul_add(product, squares).max(0.0);

@@ -15,31 +15,60 @@ fn crowd(seed: u64, count: usize, (by, outlier): (f32, f32)) -> Points {
     Points::new(values, WIDTHS).unwrap()
 }
 
+/// Rows of −1 and 1, whose codes are the largest.
+fn extremes(seed: u64, count: usize, widths: [usize; 3]) -> Points {
+    let mut rng = generator(seed, 13);
+    let values = widths.map(|width| (0..count * width).map(|_| if rng.random() { 1.0 } else { -1.0 }).collect());
+    Points::new(values, widths).unwrap()
+}
+
+fn assert_bounds(corpus: &Points, queries: &Points, metric: Metric, most: f32) {
+    let frame = Frame::new(corpus, metric.kind);
+    let Some(codes) = Codes::new(corpus, &frame, &metric) else { return };
+    let mut placed = Queries::new();
+    placed.fill((&codes, &frame), queries, (0, queries.count()));
+    assert_eq!(codes.panels(), corpus.count().div_ceil(WIDE));
+    let mut bounds = [[Lanes([0f32; WIDE]); PANELS]; QUERIES];
+    for (query, panel) in (0..queries.count()).flat_map(|query| (0..codes.panels()).map(move |panel| (query, panel))) {
+        let one = placed.get(query, &codes, most);
+        let open = lanes::bounds(&[one; QUERIES], &codes.some((panel, panel + 1)), &mut bounds);
+        for (lane, bound) in bounds[0][0].0.into_iter().enumerate() {
+            assert_eq!(open[3] >> lane & 1 == 1, bound <= most);
+            let point = panel * WIDE + lane;
+            if point >= corpus.count() {
+                assert!(bound > 1e9 || metric.scale.contains(&0.0));
+                continue;
+            }
+            let distance = metric.distance(metric.parts((queries, query), (corpus, point)));
+            assert!(bound <= limit(&metric, placed.moved[query], distance), "{bound} {distance}");
+            assert!(f64::from(bound) > distance * 0.9, "{bound} {distance}");
+        }
+    }
+}
+
 #[test]
 fn bounds_are_below_distances_but_tight() {
-    let (corpus, queries) = (features(1, 203, 100.0), features(2, 50, 100.0));
     for metric in METRICS {
-        let frame = Frame::new(&corpus, metric.kind);
-        let Some(codes) = Codes::new(&corpus, &frame, &metric) else { return };
-        let mut placed = Queries::new();
-        placed.fill((&codes, &frame), &queries, (0, 50));
-        assert_eq!(codes.panels(), 203usize.div_ceil(WIDE));
-        let mut bounds = [[Lanes([0f32; WIDE]); PANELS]; QUERIES];
-        for (query, panel) in (0..50).flat_map(|query| (0..codes.panels()).map(move |panel| (query, panel))) {
-            let one = placed.get(query, &codes, 30.0);
-            let open = lanes::bounds(&[one; QUERIES], &codes.some((panel, panel + 1)), &mut bounds);
-            for (lane, bound) in bounds[0][0].0.into_iter().enumerate() {
-                assert_eq!(open[3] >> lane & 1 == 1, bound <= 30.0);
-                let point = panel * WIDE + lane;
-                if point >= corpus.count() {
-                    assert!(bound > 1e9 || metric.scale.contains(&0.0));
-                    continue;
-                }
-                let distance = metric.distance(metric.parts((&queries, query), (&corpus, point)));
-                assert!(bound <= limit(&metric, placed.moved[query], distance), "{bound} {distance}");
-                assert!(f64::from(bound) > distance * 0.9, "{bound} {distance}");
-            }
-        }
+        assert_bounds(&features(1, 203, 100.0), &features(2, 50, 100.0), metric, 30.0);
+    }
+    // The sums of these rows' codes are not exact in single precision.
+    for metric in [METRICS[0], METRICS[1]] {
+        let corpus = extremes(1, 19, [5000, 3, 1025]);
+        assert_bounds(&corpus, &extremes(2, 6, [5000, 3, 1025]), metric, 30.0);
+    }
+    assert_bounds(&extremes(1, 3, [1 << 15, 1, 1]), &extremes(2, 2, [1 << 15, 1, 1]), ONES, 30.0);
+}
+
+#[test]
+fn wide_rows_are_found_exactly() {
+    let widths = [3600, 40, 1100];
+    let groups = [extremes(1, 60, widths), extremes(2, 60, widths)];
+    let mut queries = extremes(3, 10, widths);
+    queries.append(&extremes(2, 5, widths));
+    for metric in [METRICS[0], METRICS[1]] {
+        let index = Index::new(&numbered(&groups), metric).unwrap();
+        assert_eq!(index.codes.is_some(), lanes::fast());
+        assert_eq!(winners(&index, &queries, None), brute_force(&groups, &queries, metric, None));
     }
 }
 
@@ -109,13 +138,9 @@ fn old_winners_stay_unless_something_is_nearer() {
 
 #[test]
 fn rows_too_wide_for_codes_are_searched_without() {
-    let wide = |seed: u64, count: usize| {
-        let mut rng = generator(seed, 13);
-        let values = [1100, 3, 2].map(|width| (0..count * width).map(|_| rng.random_range(-1.0f32..1.0)).collect());
-        Points::new(values, [1100, 3, 2]).unwrap()
-    };
-    let groups = [wide(1, 20), wide(2, 20)];
+    let wide = |seed: u64, count: usize| extremes(seed, count, [(1 << 15) + 1, 3, 2]);
+    let groups = [wide(1, 8), wide(2, 8)];
     let index = Index::new(&numbered(&groups), ONES).unwrap();
     assert!(index.codes.is_none());
-    assert_eq!(winners(&index, &wide(3, 9), None), brute_force(&groups, &wide(3, 9), ONES, None));
+    assert_eq!(winners(&index, &wide(3, 5), None), brute_force(&groups, &wide(3, 5), ONES, None));
 }
