@@ -46,11 +46,6 @@ impl CameraStandard {
         let size = self.target.mean.size();
         self.target.apply(&images.adaptive_avg_pool2d(&size[1..]))
     }
-
-    /// Number of values in the target of an image, C h w.
-    pub(crate) fn small_values(&self) -> usize {
-        self.target.mean.numel()
-    }
 }
 
 /// Height and width of the image that H_o predicts.

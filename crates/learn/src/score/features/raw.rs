@@ -1,5 +1,5 @@
-//! The observations and actions themselves: all cameras' images down-sampled to the targets of H_o, proprioception and
-//! actions, standardised by the model's statistics. No network pass.
+//! The observations and actions themselves: all cameras' images down-sampled, proprioception and actions, standardised
+//! by the model's statistics. No network pass.
 
 use tch::Tensor;
 
@@ -8,12 +8,21 @@ use crate::batch::{Batch, Segment, Segments, Windows, images, int};
 use crate::error::LearnError;
 use crate::history::Stacked;
 use crate::model::Network;
+use crate::normalize::target_size;
+use crate::shape::CameraShape;
 use crate::trajectory::Trajectory;
+
+/// Most pixels of a down-sampled image's side: the target of H_o in the smallest preset, so that larger models neither
+/// change the score nor multiply its memory.
+const SIDE: u32 = 8;
 
 /// Number of values of a step, per modality.
 pub(super) fn step_widths(network: &Network) -> [usize; 3] {
-    let images = network.statistics.cameras.iter().map(|camera| camera.small_values()).sum();
-    [images, network.shape.proprioception, network.shape.action]
+    let values = |camera: &CameraShape| {
+        let [height, width] = target_size(camera, SIDE).map(|side| usize::try_from(side).unwrap_or(0));
+        camera.channels() * height * width
+    };
+    [network.shape.cameras.iter().map(values).sum(), network.shape.proprioception, network.shape.action]
 }
 
 /// Frames, each with the layout of one step of [`StepSource`](crate::StepSource), to the values of o, `[N, width]`.
@@ -85,7 +94,12 @@ fn standard_chunk(network: &Network, trajectory: &Trajectory, chunk: &[Segment])
 
 /// Images, per camera `[N, C, H, W]`, to the down-sampled and standardised values of all cameras, `[N, width]`.
 fn small(network: &Network, images: &[Tensor]) -> Tensor {
-    let cameras = images.iter().zip(&network.statistics.cameras);
-    let images: Vec<Tensor> = cameras.map(|(image, camera)| camera.small(image).flatten(1, -1)).collect();
-    Tensor::cat(&images, 1)
+    let cameras = images.iter().zip(&network.statistics.cameras).zip(&network.shape.cameras);
+    let small = cameras.map(|((images, standard), camera)| {
+        let small = standard.small(images);
+        let side = target_size(camera, SIDE);
+        let small = if small.size()[2..] == side { small } else { small.adaptive_avg_pool2d(side) };
+        small.flatten(1, -1)
+    });
+    Tensor::cat(&small.collect::<Vec<_>>(), 1)
 }

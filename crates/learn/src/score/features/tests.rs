@@ -4,14 +4,20 @@ use tch::no_grad_guard;
 
 use super::*;
 use crate::checkpoint::{self, CheckpointKind};
+use crate::pretrain::pretrain;
 use crate::score::comparison::{FeatureScale, NearestSpec, Similarity};
 use crate::score::tests::encoder;
 use crate::toy;
+use crate::train::Silent;
 
 const SOURCES: [Source; 2] = [Source::Features(FeatureScale::Plain), Source::Observations];
 
 fn network() -> Network {
-    let (info, named) = checkpoint::read(&encoder(), CheckpointKind::Encoder).unwrap();
+    read(&encoder())
+}
+
+fn read(encoder: &[u8]) -> Network {
+    let (info, named) = checkpoint::read(encoder, CheckpointKind::Encoder).unwrap();
     Network::from_named(&info.shape, info.model, &named, tch::Device::Cpu).unwrap()
 }
 
@@ -107,4 +113,25 @@ fn raw_features_are_the_standardised_values_and_weigh_alike() {
     let expected: Vec<f32> = values(&standard).iter().map(|value| value / 2f32.sqrt()).collect();
     assert_close(raw.values(2), &expected);
     assert_eq!((raw.widths(), raw.count()), ([4 * 8 * 8, 3, 2], 9));
+}
+
+#[test]
+fn raw_features_of_a_larger_preset_are_as_small() {
+    let mut spec = toy::pretrain_spec(1);
+    spec.model.preset = gleaner_core::Preset::Small;
+    let larger = pretrain(&toy::shape(), &toy::experts(3, 10), &spec, None, None, &mut Silent).unwrap();
+    let (larger, network, episode) = (read(&larger), network(), toy::episode("e", 5, 9, true));
+    let images = tch::Tensor::zeros([1, 4, 16, 16], tch::kind::FLOAT_CPU);
+    assert_eq!(larger.statistics.cameras[0].small(&images).size(), [1, 4, 16, 16]);
+    let of = |network| features(network, &episode, Source::Observations, Similarity::LastL2);
+    let (small, large) = (of(&network), of(&larger));
+    assert_eq!(large.widths(), small.widths());
+    (1..3).for_each(|modality| assert_close(small.values(modality), large.values(modality)));
+    // The same pixels in units of another deviation, one for each channel.
+    for (small, large) in small.values(0).chunks(8 * 8).zip(large.values(0).chunks(8 * 8)).take(4) {
+        let largest = (0..8 * 8).max_by(|a, b| small[*a].abs().total_cmp(&small[*b].abs())).unwrap();
+        let factor = large[largest] / small[largest];
+        assert!(factor > 0.1, "{factor}");
+        assert_close(large, &small.iter().map(|value| value * factor).collect::<Vec<_>>());
+    }
 }
