@@ -9,7 +9,7 @@ use crate::points::Points;
 
 /// Wider rows could overflow the sums of codes' products, of 255 × 127 each at most.
 const MOST_WIDE: usize = 1 << 15;
-/// So many codes, and their squares, add up exactly in single precision: 127² × 1024 < 2²⁴.
+/// At most this many codes, and their squares, add up exactly in single precision: 127² × 1024 < 2²⁴.
 const EXACT: usize = 1024;
 /// The smallest step with a finite inverse.
 const LEAST_STEP: f32 = 1e-32;
