@@ -3,8 +3,8 @@
 
 use tch::Tensor;
 
-use super::{CHUNK, Encoder, Features, extend, padding};
-use crate::batch::{Batch, Segment, Segments, Windows, int};
+use super::{CHUNK, Encoder, Features, extend, lay_out, padding};
+use crate::batch::{Batch, Segment, Segments, Windows};
 use crate::error::LearnError;
 use crate::model::{Modality, Network};
 use crate::trajectory::Trajectory;
@@ -16,12 +16,9 @@ pub(super) fn features(encoder: Encoder<'_>, trajectory: &Trajectory, keep: usiz
     let every = Segments::every(&[trajectory]).all();
     let steps = every.chunks(CHUNK).map(|chunk| encode(network, trajectory, chunk));
     let steps = Tensor::cat(&steps.collect::<Result<Vec<Tensor>, LearnError>>()?, 0);
-    let window = network.spec.window();
     let mut features = Features::empty([keep * network.width(); 3]);
     for chunk in every.chunks(CHUNK) {
-        let (windows, needed) = Windows::lay_out(chunk, window, network.device());
-        let needed: Vec<i64> = needed.iter().map(|(_, t)| int(*t)).collect();
-        let needed = Tensor::from_slice(&needed).to_device(network.device());
+        let (windows, needed) = lay_out(network, chunk);
         let steps = steps.index_select(0, &needed);
         extend(&mut features, &pass(encoder, &steps, &windows, keep));
     }

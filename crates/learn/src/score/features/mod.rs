@@ -6,7 +6,7 @@ mod learned;
 pub(super) mod raw;
 mod states;
 
-use crate::batch::{Windows, int, rows, values};
+use crate::batch::{Segment, Windows, int, rows, values};
 use crate::error::LearnError;
 use crate::history::Stacked;
 use crate::model::{Network, View};
@@ -43,6 +43,13 @@ pub(super) struct Encoder<'a> {
     /// The scale of the features.
     pub(super) scale: Option<&'a FeatureScale>,
     pub(super) view: View<'static>,
+}
+
+/// The windows of an episode's `segments`, and the steps that they are made of, `[N]`.
+fn lay_out(network: &Network, segments: &[Segment]) -> (Windows, Tensor) {
+    let (windows, needed) = Windows::lay_out(segments, network.spec.window(), network.device());
+    let needed: Vec<i64> = needed.iter().map(|(_, t)| int(*t)).collect();
+    (windows, Tensor::from_slice(&needed).to_device(network.device()))
 }
 
 /// `[W, keep, 1]` of `bool`: which of the last `keep` places of each window are before the episode.

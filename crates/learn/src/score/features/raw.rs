@@ -3,7 +3,7 @@
 
 use tch::Tensor;
 
-use super::{CHUNK, Features, extend, padding};
+use super::{CHUNK, Features, extend, lay_out, padding};
 use crate::batch::{Batch, Segment, Segments, Windows, images, int};
 use crate::error::LearnError;
 use crate::history::Stacked;
@@ -35,9 +35,7 @@ pub(super) fn features(network: &Network, trajectory: &Trajectory, keep: usize) 
     let steps = standard(network, trajectory)?;
     let mut features = Features::empty(step_widths(network).map(|width| keep * width));
     for chunk in Segments::every(&[trajectory]).all().chunks(CHUNK) {
-        let (windows, needed) = Windows::lay_out(chunk, network.spec.window(), network.device());
-        let needed: Vec<i64> = needed.iter().map(|(_, t)| int(*t)).collect();
-        let needed = Tensor::from_slice(&needed).to_device(network.device());
+        let (windows, needed) = lay_out(network, chunk);
         let steps = steps.each_ref().map(|part| part.index_select(0, &needed));
         extend(&mut features, &pass(steps, &windows, keep));
     }
