@@ -101,16 +101,20 @@ def chosen_of(name: str, kind: str, family: list[dict[str, Any]]) -> dict[str, A
 
 
 def own_settings(family: list[dict[str, Any]]) -> list[tuple[dict[str, Any], str]]:
-    """The settings of a family's kinds, each once, with the names of the kinds that it is limited to."""
-    found: dict[str, tuple[dict[str, Any], list[str]]] = {}
+    """The settings of a family's kinds, each once, with the kinds that it is limited to and their other defaults."""
+    found: dict[str, list[tuple[str, dict[str, Any]]]] = {}
     for kind in family:
         for setting in kind.get("settings", []):
-            found.setdefault(setting["name"], (setting, []))[1].append(kind["name"])
+            found.setdefault(setting["name"], []).append((kind["name"], setting))
 
-    def limit(names: list[str]) -> str:
-        return f" Only for {', '.join(names)}." if len(names) < len(family) else ""
+    def only(uses: list[tuple[str, dict[str, Any]]]) -> str:
+        first = uses[0][1]["default"]
+        others = ((name, setting["default"]) for name, setting in uses if setting["default"] != first)
+        defaults = "".join(f" Default of {name}: {json.dumps(default)}." for name, default in others)
+        limit = f" Only for {', '.join(name for name, _ in uses)}." if len(uses) < len(family) else ""
+        return defaults + limit
 
-    return [(setting, limit(names)) for setting, names in found.values()]
+    return [(uses[0][1], only(uses)) for uses in found.values()]
 
 
 def setting_lines(setting: dict[str, Any], only: str) -> list[str]:

@@ -69,7 +69,7 @@ pub use policy::{Observed, Policy, PolicySession, Pretrained, train_policy};
 pub use pretrain::pretrain;
 pub use score::{
     EpisodeScores, FeatureScale, FeatureStore, Forgetful, LiveScorer, Normaliser, ScoreBase, ScoreInputs, Scores,
-    SegmentScore, Similarity, extend_scores, features_kind, score, scores_live,
+    SegmentScore, Similarity, extend_scores, features_kind, score,
 };
 pub use shape::{CameraShape, TaskShape};
 pub use steps::{Numbers, StepSource, StepWidths};

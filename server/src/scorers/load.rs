@@ -5,8 +5,8 @@ use std::{
     sync::{Arc, Weak},
 };
 
-use gleaner_core::{Device, ScoreSpec};
-use gleaner_learn::{LiveScorer, Normaliser, TaskShape, Trajectory, scores_live};
+use gleaner_core::{Device, ScoreSpec, kinds::Family};
+use gleaner_learn::{LiveScorer, Normaliser, TaskShape, Trajectory};
 use tokio::runtime::Handle;
 
 use super::{Ready, engine::Engine, loaded_runs::LoadedRuns, source::Stored};
@@ -64,11 +64,14 @@ async fn settings(store: &Store, run: &ScoreRun, job: &JobId) -> Result<ScoreSpe
     let JobSpec::Score { spec, .. } = store.job(job).await?.spec else {
         return Err(Error::internal("reading a score run's settings", "its job is not a score job"));
     };
-    if !scores_live(&spec).map_err(|error| error.during("reading a score run's settings"))? {
+    if spec.needs_all_episodes() {
+        let live = Family::Scorer.kinds().iter().filter(|kind| !kind.needs.all_episodes);
+        let live: Vec<&str> = live.map(|kind| kind.name.as_str()).collect();
         return Err(Error::precondition(format!(
-            "{} is a run of the {} scorer, which cannot score live; use a run of a scorer that compares \
-             segments: raw or ssdf",
-            run.id, spec.scorer.name
+            "{} is a run of the {} scorer, which cannot score live; use a run of {}",
+            run.id,
+            spec.scorer.name,
+            live.join(" or ")
         )));
     }
     Ok(ScoreSpec { device: Device::Cpu, threads: Some(1), ..spec })

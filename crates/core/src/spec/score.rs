@@ -68,6 +68,12 @@ impl ScoreSpec {
         Ok(Self { scorer: scorer.chosen(&values), normaliser, device, threads: None })
     }
 
+    /// Whether each score depends on all episodes of its run, so that none can be added later.
+    #[must_use]
+    pub fn needs_all_episodes(&self) -> bool {
+        Family::Scorer.find(&self.scorer.name).is_some_and(|kind| kind.needs.all_episodes)
+    }
+
     /// Every setting with its value.
     #[must_use]
     pub fn values(&self) -> Values {

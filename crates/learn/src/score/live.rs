@@ -61,21 +61,12 @@ impl fmt::Debug for LiveScorer {
     }
 }
 
-/// Whether runs of this scorer can score live: those that compare segments. A score of the others depends on all
-/// episodes of its run.
-///
-/// # Errors
-/// [`LearnError::Invalid`] for a scorer that this program does not have.
-pub fn scores_live(spec: &ScoreSpec) -> Result<bool, LearnError> {
-    Ok(scorer::open(&spec.scorer)?.comparison().is_some())
-}
-
 impl LiveScorer {
     /// Loads a run: its encoder, its experts, its settings and its frozen normaliser. Encodes the experts.
     ///
     /// # Errors
-    /// [`LearnError::Invalid`] for a scorer without live scores (see [`scores_live`]), for a missing expert, or for one
-    /// that does not fit; [`LearnError::Checkpoint`] or [`LearnError::Version`] if `encoder` cannot be used.
+    /// [`LearnError::Invalid`] for a scorer whose every score depends on all episodes, for a missing expert, or for one that
+    /// does not fit; [`LearnError::Checkpoint`] or [`LearnError::Version`] if `encoder` cannot be used.
     pub fn load(
         encoder: &[u8],
         experts: &[Trajectory],

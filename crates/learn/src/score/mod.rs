@@ -18,7 +18,7 @@ pub use comparison::{FeatureScale, Similarity};
 pub use feature_key::features_kind;
 pub(crate) use features::last_steps;
 pub use features::{FeatureStore, Forgetful};
-pub use live::{LiveScorer, SegmentScore, scores_live};
+pub use live::{LiveScorer, SegmentScore};
 pub use normaliser::Normaliser;
 
 use std::collections::HashSet;

@@ -63,9 +63,7 @@ async fn has_every_expert(jobs: &Jobs, base: &ScoreRun, snapshot: &SnapshotId) -
 
 /// The run's settings with the order's device and threads. A setting at its default takes the run's value.
 fn settings(requested: &ScoreSpec, frozen: ScoreSpec) -> Result<ScoreSpec> {
-    let needs_all =
-        |spec: &ScoreSpec| Family::Scorer.find(&spec.scorer.name).is_some_and(|kind| kind.needs.all_episodes);
-    if let Some(spec) = [requested, &frozen].into_iter().find(|spec| needs_all(spec)) {
+    if let Some(spec) = [requested, &frozen].into_iter().find(|spec| spec.needs_all_episodes()) {
         return Err(Error::invalid(
             "spec.score.extends",
             format!(

@@ -5,7 +5,7 @@ use super::*;
 use crate::score::tests::{score_anew, spec_of};
 use crate::toy;
 use crate::train::Silent;
-use gleaner_core::{NormaliserKind, ScoreSpec};
+use gleaner_core::{NormaliserKind, ScoreSpec, kinds::Family};
 
 fn specs() -> Vec<ScoreSpec> {
     let plain = spec_of("ssdf", &[("feature_scale", "plain".into()), ("local_scale", false.into())]);
@@ -85,9 +85,11 @@ fn what_cannot_be_scored_is_named() {
         LiveScorer::load(&encoder(), experts, spec, run.normaliser.clone()).map(|_| ()).unwrap_err().to_string()
     };
     assert!(load(&[], &spec).starts_with("experts: "));
-    for scorer in ["classifier", "deminf", "progress", "vote", "random"] {
-        let spec = spec_of(scorer, &[]);
-        assert!(load(&experts, &spec).starts_with("scorer: ") && !scores_live(&spec).unwrap(), "{scorer}");
+    let scorers = Family::Scorer.kinds().iter().map(|kind| spec_of(&kind.name, &[]));
+    let refused: Vec<ScoreSpec> = scorers.filter(ScoreSpec::needs_all_episodes).collect();
+    assert!(refused.len() >= 5, "{refused:?}");
+    for spec in refused {
+        assert!(load(&experts, &spec).starts_with("scorer: "), "{spec:?}");
     }
     let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser.clone()).unwrap();
     let mut history = History::new(live.segment_length());
