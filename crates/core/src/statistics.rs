@@ -2,16 +2,18 @@
 //!
 //! Plain functions over numbers, which depend on neither the simulator nor tensors.
 
+mod levels;
 mod rank;
 mod strata;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+pub use levels::{Attempts, difference_over_levels, rate_over_levels};
 pub use rank::{jaccard, mid_ranks, spearman};
 pub use strata::{Stratified, auroc_within, quantile_bins};
 
-/// The number of resamples of [`auroc_interval`].
+/// The number of resamples of a bootstrap interval.
 const RESAMPLES: usize = 2_000;
 
 /// Area under the ROC curve: the probability that a random positive scores higher than a random negative, ties counted as
@@ -61,7 +63,11 @@ fn bootstrap(episodes: usize, seed: u64, statistic: impl Fn(&[f64]) -> Option<f6
         }
         statistic(&times)
     };
-    let mut values: Vec<f64> = (0..RESAMPLES).filter_map(draw).collect();
+    central((0..RESAMPLES).filter_map(draw).collect())
+}
+
+/// The 2.5 % and the 97.5 % quantile of resampled values; `None` without any.
+fn central(mut values: Vec<f64>) -> Option<(f64, f64)> {
     values.sort_by(f64::total_cmp);
     // The ranks with one in forty outside at either end.
     let outside = values.len() / 40;

@@ -3,12 +3,18 @@
 //! The same seed means the same recordings, the same encoder where both have one, and the same evaluation attempts,
 //! so the difference of a pair scatters less than either rate.
 
+use gleaner_core::statistics::difference_over_levels;
+
 use super::cell::CellSettings;
 use super::interval::student;
 use super::method::Method;
+use super::rate::{RESAMPLING_SEED, Rate};
 use super::report::{CellReport, Difference, SeedDifference};
 use super::study::TableKind;
 use crate::quality::mean;
+
+/// A difference whose interval cannot be given.
+const GAP: &str = "-";
 
 /// The pairs that show the effect of one part of the method: first the method with it, then the one without.
 const PAIRS: [(Method, Method); 5] = [
@@ -19,11 +25,25 @@ const PAIRS: [(Method, Method); 5] = [
     (Method::SSDF_ACT, Method::ACT),
 ];
 
-/// The differences that a study's table shows: between methods that have all other settings in common.
+/// The differences that a study's table shows: in a table of methods, between those that have all other settings in common;
+/// in any other comparison of cells, of each cell with the first.
 pub(crate) fn differences(table: TableKind, cells: &[CellReport]) -> Vec<Difference> {
-    if table != TableKind::Methods {
-        return Vec::new();
+    match table {
+        TableKind::Methods => of_methods(cells),
+        TableKind::Cells => {
+            let pairs = cells
+                .split_first()
+                .into_iter()
+                .flat_map(|(first, others)| others.iter().map(move |cell| (cell, first)));
+            pairs.filter_map(|(cell, first)| difference(cell, first)).collect()
+        }
+        TableKind::Objectives | TableKind::Beta | TableKind::Similarity | TableKind::Quantity | TableKind::Scoring => {
+            Vec::new()
+        }
     }
+}
+
+fn of_methods(cells: &[CellReport]) -> Vec<Difference> {
     let mut found = Vec::new();
     for (method, less) in PAIRS {
         for cell in cells.iter().filter(|cell| cell.settings.method == method) {
@@ -37,14 +57,46 @@ pub(crate) fn differences(table: TableKind, cells: &[CellReport]) -> Vec<Differe
 
 fn difference(cell: &CellReport, less: &CellReport) -> Option<Difference> {
     let of_seed = |seed: u64| less.seeds.iter().find(|other| other.seed == seed)?.success;
-    let paired = cell.seeds.iter().filter_map(|seed| {
-        let difference = seed.success?.rate - of_seed(seed.seed)?.rate;
-        Some(SeedDifference { seed: seed.seed, difference })
-    });
-    let seeds: Vec<SeedDifference> = paired.collect();
+    let paired = cell.seeds.iter().filter_map(|seed| Some((seed.seed, seed.success?, of_seed(seed.seed)?)));
+    let paired: Vec<(u64, Rate, Rate)> = paired.collect();
+    let of_pair = |&(seed, rate, less): &(u64, Rate, Rate)| SeedDifference { seed, difference: rate.rate - less.rate };
+    let seeds: Vec<SeedDifference> = paired.iter().map(of_pair).collect();
     let values: Vec<f64> = seeds.iter().map(|seed| seed.difference).collect();
-    let interval = student(&values).map(|(low, high)| (low.max(-1.0), high.min(1.0)));
-    Some(Difference { cell: cell.label.clone(), less: less.label.clone(), mean: mean(&values)?, interval, seeds })
+    let attempts: Vec<_> = paired.iter().map(|(_, rate, less)| (rate.attempts(), less.attempts())).collect();
+    Some(Difference {
+        cell: cell.label.clone(),
+        less: less.label.clone(),
+        mean: mean(&values)?,
+        interval: student(&values).map(|(low, high)| (low.max(-1.0), high.min(1.0))),
+        interval_of_levels: difference_over_levels(&attempts, RESAMPLING_SEED),
+        seeds,
+    })
+}
+
+/// The differences as a table in Markdown, if there are any.
+pub(crate) fn table(differences: &[Difference]) -> Option<String> {
+    let mut text = String::from(
+        "| | mean, % points | 95 % t-interval over seeds | 95 % bootstrap over seeds and attempts | seed by seed |\n\
+         |---|---:|---:|---:|---|\n",
+    );
+    for pair in differences {
+        let points = |share: f64| format!("{:+.1}", share * 100.0);
+        let interval = |of: Option<(f64, f64)>| {
+            of.map_or_else(|| GAP.to_owned(), |(low, high)| format!("{} to {}", points(low), points(high)))
+        };
+        let seeds: Vec<String> =
+            pair.seeds.iter().map(|seed| format!("{}: {}", seed.seed, points(seed.difference))).collect();
+        text.push_str(&format!(
+            "| {} − {} | {} | {} | {} | {} |\n",
+            pair.cell,
+            pair.less,
+            points(pair.mean),
+            interval(pair.interval),
+            interval(pair.interval_of_levels),
+            seeds.join(", ")
+        ));
+    }
+    (!differences.is_empty()).then_some(text)
 }
 
 #[cfg(test)]
@@ -69,7 +121,9 @@ mod tests {
         let (low, high) = one.interval.unwrap();
         let half = 4.3027 * 0.1 / 3.0_f64.sqrt();
         assert!((one.mean - 0.4).abs() < 1e-12 && (low - 0.4 + half).abs() < 1e-5 && (high - 0.4 - half).abs() < 1e-5);
-        assert!(differences(TableKind::Cells, &cells).is_empty());
+        let (low, high) = one.interval_of_levels.unwrap();
+        assert!(low < one.mean && one.mean < high, "{low} {high}");
+        assert!(differences(TableKind::Beta, &cells).is_empty());
     }
 
     #[test]
@@ -81,6 +135,18 @@ mod tests {
         assert_eq!((found[0].mean, found[0].interval), (0.5, None));
         let nothing = [method(Method::SSDF, [Some(8), None, None]), method(Method::BC, [None, Some(2), None])];
         assert!(differences(TableKind::Methods, &nothing).is_empty());
+    }
+
+    #[test]
+    fn cells_are_compared_with_the_first() {
+        let [bc, base] = [Method::BC, Method::SSDF_BASE].map(|of| method(of, [Some(3), Some(2), Some(4)]));
+        let ssdf = method(Method::SSDF, [Some(5), Some(2), Some(5)]);
+        let found = differences(TableKind::Cells, &[bc, base, ssdf]);
+        let shown: Vec<_> = found.iter().map(|one| (one.cell.as_str(), one.less.as_str(), one.mean)).collect();
+        let third = shown[1].2;
+        assert_eq!(shown, [("SSDF-base", "BC", 0.0), ("SSDF", "BC", third)]);
+        assert!((third - 0.1).abs() < 1e-12 && found[0].interval.is_none() && found[0].interval_of_levels.is_some());
+        assert!(differences(TableKind::Cells, &[]).is_empty());
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use gleaner_client::Client;
 use gleaner_proto::v1::{EpisodeScores, GetEpisodeScoresRequest, GetEvaluationRequest};
 
-use super::report::Rate;
+use super::rate::Rate;
 use crate::failure::{Result, present};
 
 /// Requests under way at the same time.

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use super::auroc;
+use super::difference;
 use super::plots;
 use super::report::{Report, SeedReport, StudyReport};
 use super::standing::Progress;
@@ -92,12 +93,8 @@ fn section(report: &Report, number: usize, study: &StudyReport, text: &mut Strin
         ),
     );
     text.push_str(&tables::summary(report, study));
-    if let Some(table) = tables::differences(study) {
-        line(
-            text,
-            "\nDifferences of success between methods under the same seeds: the same recordings, encoders and \
-             attempts.\n",
-        );
+    if let Some(table) = difference::table(&study.differences) {
+        line(text, "\nDifferences of success under the same seeds: the same recordings, encoders and attempts.\n");
         text.push_str(&table);
     }
     for plot in plots::names(number, study) {

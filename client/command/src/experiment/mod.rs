@@ -28,6 +28,7 @@ mod method;
 mod order;
 mod plots;
 mod pool;
+mod rate;
 mod recordings;
 mod report;
 mod reporter;

@@ -1,13 +1,17 @@
 //! A cell's seeds as one: counts added up, the rest averaged.
 
+use gleaner_core::statistics::{Attempts, rate_over_levels};
+
 use super::interval::{deviation, student};
-use super::report::{Pooled, PooledAuroc, Rate, SeedReport};
+use super::rate::{RESAMPLING_SEED, Rate};
+use super::report::{Pooled, PooledAuroc, SeedReport};
 use crate::quality::{Selected, Separation, mean};
 
 /// A cell's seeds as one.
 pub(crate) fn pool(seeds: &[SeedReport]) -> Pooled {
     let rates: Vec<Rate> = seeds.iter().filter_map(|seed| seed.success).collect();
     let shares: Vec<f64> = rates.iter().map(|rate| rate.rate).collect();
+    let attempts: Vec<Attempts> = rates.iter().map(|rate| rate.attempts()).collect();
     let total = |of: fn(&Rate) -> u32| rates.iter().map(of).sum::<u32>();
     let selected: Vec<&Selected> = seeds.iter().filter_map(|seed| seed.selected.as_ref()).collect();
     let over = |of: fn(&Selected) -> Option<f64>| {
@@ -20,6 +24,7 @@ pub(crate) fn pool(seeds: &[SeedReport]) -> Pooled {
         mean_of_seeds: mean(&shares),
         deviation_of_seeds: deviation(&shares),
         interval_of_seeds: student(&shares).map(|(low, high)| (low.max(0.0), high.min(1.0))),
+        interval_of_levels: rate_over_levels(&attempts, RESAMPLING_SEED),
         kept: over(kept),
         precision: over(|selected| selected.precision),
         recall: over(|selected| selected.recall),

@@ -1,12 +1,12 @@
 //! An experiment's report: one structure, of which the Markdown, the plots and the JSON are made.
 
 use gleaner_core::looks::Look;
-use gleaner_core::statistics::wilson;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::auroc::AurocDifference;
 use super::cell::CellSettings;
+use super::rate::Rate;
 use super::recordings::CohortCount;
 use super::standing::Progress;
 use super::study::TableKind;
@@ -76,23 +76,6 @@ pub(crate) struct SeedReport {
     pub(crate) looks: Vec<Look>,
 }
 
-/// Successes among a number of episodes, with the 95 % Wilson interval of the rate.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Rate {
-    pub(crate) episodes: u32,
-    pub(crate) successes: u32,
-    pub(crate) rate: f64,
-    pub(crate) low: f64,
-    pub(crate) high: f64,
-}
-
-impl Rate {
-    pub(crate) fn new(successes: u32, episodes: u32) -> Self {
-        let (low, high) = wilson(successes, episodes);
-        Self { episodes, successes, rate: f64::from(successes) / f64::from(episodes.max(1)), low, high }
-    }
-}
-
 /// A cell over its seeds.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Pooled {
@@ -104,6 +87,9 @@ pub(crate) struct Pooled {
     pub(crate) deviation_of_seeds: Option<f64>,
     /// Student's 95 % interval of their mean, within [0, 1]; of two seeds or more that differ.
     pub(crate) interval_of_seeds: Option<(f64, f64)>,
+    /// The 95 % bootstrap interval of their mean over seeds and attempts; of two seeds or more.
+    #[serde(default)]
+    pub(crate) interval_of_levels: Option<(f64, f64)>,
     /// Means over the seeds.
     pub(crate) kept: Option<f64>,
     pub(crate) precision: Option<f64>,
@@ -132,6 +118,9 @@ pub(crate) struct Difference {
     pub(crate) mean: f64,
     /// Student's 95 % interval of the mean.
     pub(crate) interval: Option<(f64, f64)>,
+    /// The 95 % bootstrap interval over seeds and attempts; of two seeds or more.
+    #[serde(default)]
+    pub(crate) interval_of_levels: Option<(f64, f64)>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -44,6 +44,9 @@ pub(crate) fn summary(report: &Report, study: &StudyReport) -> String {
     row("95 % t-interval over seeds", &|cell| {
         cell.pooled.interval_of_seeds.map(|(low, high)| span(low * 100.0, high * 100.0, 1))
     });
+    row("95 % bootstrap over seeds and attempts", &|cell| {
+        cell.pooled.interval_of_levels.map(|(low, high)| span(low * 100.0, high * 100.0, 1))
+    });
     row("successes", &|cell| cell.pooled.success.map(|rate| format!("{} of {}", rate.successes, rate.episodes)));
     row("deviation of seeds, %", &|cell| cell.pooled.deviation_of_seeds.map(percent));
     row("reserved segments", &|cell| cell.pooled.kept.map(|kept| format!("{kept:.0}")));
@@ -125,27 +128,6 @@ pub(crate) fn mild(report: &Report, study: &StudyReport) -> Option<String> {
         })
         .collect();
     (!mild.is_empty()).then(|| format!("`{ALL}` counts cohorts of a low grade too: {}.", mild.join(", ")))
-}
-
-/// One method's success less another's, when there are pairs.
-pub(crate) fn differences(study: &StudyReport) -> Option<String> {
-    let mut text =
-        String::from("| | mean, % points | 95 % t-interval over seeds | seed by seed |\n|---|---:|---:|---|\n");
-    for pair in &study.differences {
-        let points = |share: f64| format!("{:+.1}", share * 100.0);
-        let interval = pair.interval.map(|(low, high)| format!("{} to {}", points(low), points(high)));
-        let seeds: Vec<String> =
-            pair.seeds.iter().map(|seed| format!("{}: {}", seed.seed, points(seed.difference))).collect();
-        text.push_str(&format!(
-            "| {} − {} | {} | {} | {} |\n",
-            pair.cell,
-            pair.less,
-            points(pair.mean),
-            interval.unwrap_or_else(|| GAP.into()),
-            seeds.join(", ")
-        ));
-    }
-    (!study.differences.is_empty()).then_some(text)
 }
 
 /// One line for each cell and seed.

@@ -7,7 +7,8 @@ use gleaner_core::selection::{Candidate, Selection};
 
 use super::super::fetch::{PARALLEL, scores, success};
 use super::super::pool::pool;
-use super::super::report::{Rate, SeedReport};
+use super::super::rate::Rate;
+use super::super::report::SeedReport;
 use super::super::stage::{Chain, Graph};
 use super::super::standing::{Standing, Submitted, stage_result, standing};
 use super::super::study::Cell;

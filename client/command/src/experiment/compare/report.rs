@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use gleaner_core::Values;
 use serde::Serialize;
 
-use super::super::report::{PooledAuroc, Rate};
+use super::super::rate::Rate;
+use super::super::report::PooledAuroc;
 
 /// A comparison of scorers.
 #[derive(Clone, Debug, PartialEq, Serialize)]

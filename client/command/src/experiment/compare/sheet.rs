@@ -1,7 +1,7 @@
 //! The numbers of a comparison as CSV: one row for each value, with what it is of. Values that could not be computed
 //! have no row.
 
-use super::super::report::Rate;
+use super::super::rate::Rate;
 use super::report::{Auroc, Comparison, ScorerReport, Separated, Success};
 use super::text::LENGTH;
 use crate::failure::{Failure, Result};

@@ -1,6 +1,7 @@
 //! The text of a comparison with every kind of gap.
 
-use super::super::super::report::{PooledAuroc, Rate};
+use super::super::super::rate::Rate;
+use super::super::super::report::PooledAuroc;
 use super::super::report::{LengthBin, ScorerSeed, Separated, Success};
 use super::*;
 
