@@ -19,8 +19,9 @@ import trustme
 from tritonclient.utils import InferenceServerException
 
 import gleaner
-from conftest import DEPLOYMENT, TASK, Lab, Server, binary, certificates
+from conftest import DEPLOYMENT, TASK, Lab
 from gleaner._endpoint import Endpoint
+from programs import Server, binary, certificates
 from test_tritonclient import observation, tensors
 
 

@@ -12,9 +12,10 @@ import grpc
 import pytest
 
 import gleaner
-from conftest import Server, half_an_upload
+from conftest import half_an_upload
 from gleaner._proto.v1 import episode_pb2 as pb
 from gleaner._upload import Upload
+from programs import Server
 
 
 def free_port() -> int:

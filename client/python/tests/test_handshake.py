@@ -22,11 +22,11 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 import gleaner
-from conftest import Server, certificates
 from gleaner import _handshake
 from gleaner._endpoint import Endpoint
 from gleaner._printable import printable
 from gleaner._upload import name_to_send
+from programs import Server, certificates
 
 SECONDS = 10.0
 DAY = datetime(2020, 1, 1, tzinfo=timezone.utc)

@@ -10,9 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 import gleaner
-from conftest import IMAGE, TASK, Lab, Server
+from conftest import IMAGE, TASK, Lab
 from gleaner.observation import size
 from gleaner.types import TaskSpec
+from programs import Server
 
 
 def observation(spec: TaskSpec, seed: int = 0) -> dict[str, Any]:
