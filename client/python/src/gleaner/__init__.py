@@ -28,6 +28,8 @@ from gleaner.scores import EpisodeScores, Histogram
 from gleaner.scoring import LiveScore, ScoredRecording, StepScores
 from gleaner.statistics import wilson
 from gleaner.types import word
+from gleaner.vector import VectorPolicy
+from gleaner.vector_evaluation import evaluate_vector
 
 __all__ = [
     "Adapter",
@@ -61,8 +63,10 @@ __all__ = [
     "Trials",
     "Unauthorized",
     "Unavailable",
+    "VectorPolicy",
     "connect",
     "evaluate",
+    "evaluate_vector",
     "wilson",
     "word",
 ]

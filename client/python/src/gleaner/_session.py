@@ -25,13 +25,16 @@ class Session:
             self.abandon()
             raise
 
-    def ask(self, observation: pb.Observation) -> pb.SessionAction | pb.SessionMissed:
-        """Sends an observation and waits for its answer."""
+    def observe(self, observation: pb.Observation) -> None:
+        """Sends an observation, without waiting."""
         self._stream.send(pb.SessionRequest(observation=observation))
+
+    def answer(self, stamp_ns: int) -> pb.SessionAction | pb.SessionMissed:
+        """Waits for the answer to the observation with this stamp."""
         while True:
             response = self._expect("action", "missed")
             answer = response.action if response.HasField("action") else response.missed
-            if answer.observation_stamp_ns == observation.stamp_ns:
+            if answer.observation_stamp_ns == stamp_ns:
                 return answer
 
     def close(self, outcome: Any) -> pb.SessionClosed:

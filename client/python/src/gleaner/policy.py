@@ -96,8 +96,18 @@ class Policy:
         When the server misses the deadline, the newest chunk that covers this step is used in its place; without
         one `Missed` is raised, and the robot should hold.
         """
+        self._observe(observation)
+        return self._action()
+
+    def chunk(self, observation: Observation | Mapping[str, Any]) -> Chunk:
+        """All the actions for an observation, from this step on. Raises `Missed` without an answer by the deadline."""
+        self._observe(observation)
+        return self._answer()
+
+    def _action(self) -> NDArray[np.float32]:
+        # The action for the observation that was sent last.
         try:
-            action: NDArray[np.float32] = self.chunk(observation).actions[0]
+            action: NDArray[np.float32] = self._answer().actions[0]
         except Missed:
             late = self._late()
             if late is None:
@@ -106,8 +116,8 @@ class Policy:
         self._given = action.copy()
         return action.copy()
 
-    def chunk(self, observation: Observation | Mapping[str, Any]) -> Chunk:
-        """All the actions for an observation, from this step on. Raises `Missed` without an answer by the deadline."""
+    def _observe(self, observation: Observation | Mapping[str, Any]) -> None:
+        # Sends without waiting.
         observation = Observation.of(observation)
         stamp_ns = self._stamp(observation)
         message = to_wire(observation, self.spec, stamp_ns)
@@ -115,8 +125,15 @@ class Policy:
             message.executed_action.extend(self._given)
         session = self._session or self._connect()
         self._stamp_ns, self._given = stamp_ns, None
+        session.observe(message)
+
+    def _answer(self) -> Chunk:
+        # The answer to the observation that was sent last.
+        session, stamp_ns = self._session, self._stamp_ns
+        if session is None or stamp_ns is None:
+            raise invalid("observation", "none was sent")
         try:
-            answer = session.ask(message)
+            answer = session.answer(stamp_ns)
         except Rejected:
             self._abandon()
             raise
