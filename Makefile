@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test test-room crash-test test-python lint-python differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds
+.PHONY: demo build test test-room crash-test test-python check-lerobot-policy lint-python differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -45,6 +45,17 @@ test-python: .libtorch $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install -q 'client/python[test]'
 	cd client/python && ../../$(PYTHON_ENV)/bin/pytest
 
+# LeRobot drives a deployment through the policy plug-in, with its own evaluation loop. Needs Python 3.12 or newer
+# (LEROBOT_PYTHON) and installs LeRobot the first time (about 6 GB).
+LEROBOT_PYTHON ?= $(PYTHON)
+LEROBOT_ENV = target/lerobot-policy-python
+check-lerobot-policy: .libtorch
+	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
+	test -d $(LEROBOT_ENV) || $(LEROBOT_PYTHON) -m venv $(LEROBOT_ENV)
+	$(LEROBOT_ENV)/bin/pip install -q 'lerobot[dataset,evaluation,pusht]==0.6.1' 'torch==2.11.0' 'pytest>=8'
+	$(LEROBOT_ENV)/bin/pip install -q client/python client/lerobot
+	cd client/lerobot && HF_HUB_OFFLINE=1 ../../$(LEROBOT_ENV)/bin/pytest
+
 # Scripts outside the package, by their paths from there.
 LONE_SCRIPTS = ../../scripts/convert_resnet.py ../../crates/learn/src/model/image_encoder/resnet/reference.py
 lint-python: $(PYTHON_ENV)
@@ -53,6 +64,7 @@ lint-python: $(PYTHON_ENV)
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml ../../crates/recording/differential
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check --config pyproject.toml $(LONE_SCRIPTS)
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml $(LONE_SCRIPTS)
+	cd client/lerobot && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy $(LONE_SCRIPTS)
 
