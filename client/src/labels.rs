@@ -15,6 +15,8 @@ use crate::error::{ClientError, Result};
 pub struct LabelledFile {
     /// The recording; relative paths in the file are relative to the file's folder.
     pub path: PathBuf,
+    /// Its line in the file.
+    pub line: u64,
     /// Its task, if the file has the column.
     pub task: Option<String>,
     /// How the attempt ended.
@@ -75,6 +77,7 @@ pub fn read_labels(csv_path: &Path) -> Result<Vec<LabelledFile>> {
         }
         files.push(LabelledFile {
             path: folder.join(&row.file),
+            line: index as u64 + 2,
             task: row.task.filter(|task| !task.is_empty()),
             outcome: outcome_from_word(&row.outcome).map_err(at_line)?,
             cohort: row.cohort.unwrap_or_default(),
@@ -103,12 +106,18 @@ mod tests {
         let files = read("file,task,outcome,cohort\na.mcap,PickCube-v0,success,expert\nsub/b.mcap,,failure,noise3\n");
         let a = LabelledFile {
             path: "a.mcap".into(),
+            line: 2,
             task: Some("PickCube-v0".into()),
             outcome: Outcome::Success,
             cohort: "expert".into(),
         };
-        let b =
-            LabelledFile { path: "sub/b.mcap".into(), task: None, outcome: Outcome::Failure, cohort: "noise3".into() };
+        let b = LabelledFile {
+            path: "sub/b.mcap".into(),
+            line: 3,
+            task: None,
+            outcome: Outcome::Failure,
+            cohort: "noise3".into(),
+        };
         assert_eq!(files.unwrap(), [a, b]);
     }
 

@@ -61,6 +61,7 @@ pub use push::{PushEvent, PushItem, PushResult, Pushed};
 pub use score_table::{ScoredEpisode, read_scores};
 pub use scoring::StepScorer;
 pub use session::{Session, observation};
+pub use source::whole_recording;
 pub use token::Token;
 pub use upload::{UploadLabel, Uploaded};
 pub use watch::has_ended;

@@ -84,6 +84,31 @@ impl Source {
     }
 }
 
+/// A recording as one file: the file itself, or for a folder of the parts of one recording their join, which is written
+/// into `folder`.
+///
+/// # Errors
+/// [`ClientError::Io`]; [`ClientError::Invalid`] names a part that is missing or of another recording.
+pub async fn whole_recording(path: &Path, folder: &Path) -> Result<PathBuf> {
+    let source = Source::of(path, &[])?;
+    let joined = folder.join("joined.mcap");
+    off_runtime(path.to_owned(), move || match source.files {
+        Files::One(file) => {
+            open_regular(&file)?;
+            Ok(file)
+        }
+        Files::Parts(parts) => {
+            for part in parts.iter() {
+                open_regular(part)?;
+            }
+            let out = std::fs::File::create(&joined).map_err(ClientError::io(&joined))?;
+            join(&parts, std::io::BufWriter::new(out)).map_err(not_joined)?;
+            Ok(joined)
+        }
+    })
+    .await
+}
+
 fn digest_joined(parts: &[PathBuf]) -> Result<(Digest, Option<RecordingSummary>)> {
     for part in parts {
         open_regular(part)?;

@@ -28,6 +28,7 @@ mod drain;
 mod evaluations;
 mod experiment;
 mod file_limit;
+mod first_minutes;
 mod full_disk;
 mod hostile_text;
 mod image_weights;

@@ -130,7 +130,7 @@ const CRATES: [(&str, &[&str]); 16] = [
     ("crates/sim", &["recording"]),
     ("crates/worker", &["core", "data-folder", "learn", "logs", "proto", "recording", "sim"]),
     ("client", &["core", "proto", "recording", "sim"]),
-    ("client/command", &["client", "core", "proto", "recording", "sim"]),
+    ("client/command", &["client", "core", "inspector", "proto", "recording", "sim"]),
     ("server", &["core", "data-folder", "edge", "inspector", "learn", "logs", "proto", "recording", "sim", "web"]),
 ];
 

@@ -3,8 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use crate::cmd::{
-    dataset, drive, episodes, evaluate, evaluations, export, import_scores, jobs, kinds, label, pipeline, policies,
-    push, record, schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
+    dataset, drive, episodes, evaluate, evaluations, export, import_scores, inspect, jobs, kinds, label, pipeline,
+    policies, push, record, schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
 };
 use crate::connection::{ConnectionArgs, GLOBAL};
 use crate::context::Context;
@@ -29,7 +29,9 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Create, list and show tasks.
+    /// Show what recordings hold: topics, rates, fields with their ranges, cameras. Needs no server.
+    Inspect(inspect::InspectArgs),
+    /// Draft, check, create, list and show tasks.
     #[command(subcommand)]
     Task(task::TaskCommand),
     /// Upload recordings with their labels.
@@ -120,6 +122,7 @@ pub(crate) enum Command {
 impl Command {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         match self {
+            Self::Inspect(args) => args.run(context).await,
             Self::Task(command) => command.run(context).await,
             Self::Push(args) => args.run(context).await,
             Self::Episodes(args) => args.run(context).await,

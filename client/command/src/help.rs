@@ -9,7 +9,7 @@ use crate::connection::GLOBAL;
 
 /// Headings with their commands, in the order of the overview.
 const GROUPS: [(&str, &[&str]); 8] = [
-    ("Episodes", &["push", "episodes", "episode", "download", "label", "labels", "delete", "restore"]),
+    ("Episodes", &["inspect", "push", "episodes", "episode", "download", "label", "labels", "delete", "restore"]),
     ("Tasks and snapshots", &["task", "snapshot"]),
     ("Learning", &["pretrain", "score", "train", "pipeline", "schedule", "kinds"]),
     ("Jobs", &["jobs", "job", "watch", "cancel"]),

@@ -1,14 +1,17 @@
 //! The `gleaner` command: parse, run, exit code.
 
+mod alike;
 mod chart;
 mod cli;
 mod cmd;
 mod connection;
 mod context;
+mod draft;
 mod experiment;
 mod failure;
 mod figure;
 mod help;
+mod inspector;
 mod json;
 mod output;
 mod own_server;

@@ -65,6 +65,7 @@ pub mod snapshot;
 mod spec;
 pub mod statistics;
 pub mod steps;
+mod survey;
 pub mod tag;
 pub mod task;
 mod task_spec;
@@ -88,6 +89,7 @@ pub use spec::{
     ImageWeightsSpec, InitialWeights, ModelSpec, NormaliserKind, ObserverSpec, OptimSpec, Precision, Preset,
     PretrainSpec, RateSchedule, RunSpec, ScoreSpec, TrainSpec, job_kinds, jobs, schema_of,
 };
+pub use survey::{FieldKind, Survey, SurveyedCamera, SurveyedField, SurveyedTopic, ValueRange};
 pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 
 #[doc(hidden)]

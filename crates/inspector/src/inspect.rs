@@ -4,7 +4,7 @@
 
 use std::io::ErrorKind;
 
-use gleaner_recording::{RecordingError, Report, TaskSpec, cache_episode, salvage};
+use gleaner_recording::{RecordingError, Report, Survey, TaskSpec, cache_episode, salvage, survey};
 
 use crate::{InspectError, Order, limits};
 
@@ -16,6 +16,8 @@ pub enum Verdict {
     Usable(Report),
     /// The intact part was copied; it has this many actions.
     Salvaged(u64),
+    /// What the recording holds.
+    Surveyed(Survey),
     /// The recording is rejected, with the reason and the fix.
     Refused(String),
     /// The disk filled up.
@@ -24,7 +26,7 @@ pub enum Verdict {
     Fault(String),
 }
 
-/// Inspects or salvages one recording under limits on this process. Any written verdict is a success.
+/// Inspects, salvages or surveys one recording under limits on this process. Any written verdict is a success.
 ///
 /// # Errors
 /// If a limit cannot be set, the spec cannot be read or the verdict cannot be written.
@@ -49,6 +51,10 @@ fn is_full(error: &RecordingError) -> bool {
 fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> {
     if let Some(out) = &order.salvage {
         return Ok(salvage(&order.recording, out).map(Verdict::Salvaged));
+    }
+    if order.survey {
+        let found = survey(&order.recording, &order.limits.limits(), order.pictures.as_deref());
+        return Ok(found.map(Verdict::Surveyed));
     }
     let spec = spec(order)?;
     let cached = cache_episode(&order.recording, &spec, &order.limits.limits(), &order.frames);

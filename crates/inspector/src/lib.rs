@@ -2,8 +2,8 @@
 //! frames.
 //!
 //! The server starts the program `gleaner-inspector` for each recording, because damaged files can abort the process that
-//! reads them. The crate depends on `gleaner-recording` only, so that the process starts in milliseconds. The server links
-//! the library for [`Order`] (the arguments), [`Verdict`] (the result) and [`RecordingsConfig`] (the limits as flags).
+//! reads them; `gleaner` starts it for recordings that are not sent. The crate depends on `gleaner-recording` only, so that
+//! the process starts in milliseconds. Both link the library for [`Order`] (the arguments), [`Verdict`] (the result) and [`RecordingsConfig`] (the limits as flags).
 
 mod error;
 mod inspect;

@@ -1,12 +1,12 @@
-//! The `gleaner-inspector` binary: one recording under limits. The server starts it and reads its exit code and its standard
-//! error.
+//! The `gleaner-inspector` binary: one recording under limits. The server and the command line start it and read its exit
+//! code and its standard error.
 
 use std::process::ExitCode;
 
 use clap::Parser;
 use gleaner_inspector::{Order, inspect};
 
-/// Inspects one recording under limits (started by `gleaner-server`, not by hand).
+/// Inspects one recording under limits (started by `gleaner-server` and `gleaner`, not by hand).
 #[derive(Debug, Parser)]
 #[command(name = "gleaner-inspector", version)]
 struct Cli {
@@ -14,7 +14,7 @@ struct Cli {
     order: Order,
 }
 
-#[expect(clippy::print_stderr, reason = "the server logs it")]
+#[expect(clippy::print_stderr, reason = "its parent logs or shows it")]
 fn main() -> ExitCode {
     match inspect(&Cli::parse().order) {
         Ok(()) => ExitCode::SUCCESS,

@@ -24,6 +24,12 @@ pub struct Order {
     /// Copy the intact part of the recording to this file instead of inspecting it; the spec is not read.
     #[arg(long)]
     pub salvage: Option<PathBuf>,
+    /// Report what the recording holds instead of inspecting it; the spec is not read and no frames are written.
+    #[arg(long, conflicts_with = "salvage")]
+    pub survey: bool,
+    /// With --survey, write the first picture of each camera into this folder.
+    #[arg(long, requires = "survey")]
+    pub pictures: Option<PathBuf>,
     /// Maximum memory in bytes.
     #[arg(long)]
     pub memory_bytes: u64,
@@ -53,18 +59,20 @@ impl Order {
 
     /// The arguments of the program.
     pub fn arguments(&self) -> Vec<OsString> {
-        let Self { recording, spec, report, frames, salvage, memory_bytes, seconds, limits } = self;
+        let Self { recording, spec, report, frames, salvage, survey, pictures, memory_bytes, seconds, limits } = self;
         let paths = [
             ("--recording", Some(recording)),
             ("--spec", Some(spec)),
             ("--report", Some(report)),
             ("--frames", Some(frames)),
             ("--salvage", salvage.as_ref()),
+            ("--pictures", pictures.as_ref()),
         ];
         let paths = paths.into_iter().filter_map(|(flag, path)| Some([flag.into(), path?.into()])).flatten();
         let numbers = [("--memory-bytes", memory_bytes), ("--seconds", seconds)];
         let numbers = numbers.into_iter().flat_map(|(flag, number)| [flag.into(), number.to_string().into()]);
-        paths.chain(numbers).chain(limits.flags().into_iter().map(Into::into)).collect()
+        let survey = survey.then(|| "--survey".into());
+        paths.chain(survey).chain(numbers).chain(limits.flags().into_iter().map(Into::into)).collect()
     }
 }
 
@@ -88,11 +96,15 @@ mod tests {
             report: "p".into(),
             frames: "f".into(),
             salvage: None,
+            survey: false,
+            pictures: None,
             memory_bytes: 7,
             seconds: 1,
             limits: RecordingsConfig { max_records: 3, ..gleaner_recording::Limits::ADMITTED.into() },
         };
-        for order in [Order { salvage: Some("repaired".into()), ..order.clone() }, order] {
+        let salvage = Order { salvage: Some("repaired".into()), ..order.clone() };
+        let survey = Order { survey: true, pictures: Some("p".into()), ..order.clone() };
+        for order in [salvage, survey, order] {
             let words = [vec!["x".into()], order.arguments()].concat();
             assert_eq!(Flags::try_parse_from(words).unwrap().order, order);
         }

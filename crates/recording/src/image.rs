@@ -9,7 +9,7 @@ mod raw;
 use std::io::Cursor;
 
 use image::codecs::jpeg::JpegEncoder;
-use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use gleaner_core::PictureSizes;
 
@@ -125,6 +125,37 @@ fn codec_of(bytes: &[u8]) -> Option<ImageFormat> {
 /// Name of the compression that the first bytes show, such as `jpeg`.
 pub(crate) fn codec_name(bytes: &[u8]) -> Option<&'static str> {
     codec_of(bytes)?.to_mime_type().strip_prefix("image/")
+}
+
+/// What the header of a compressed image shows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Header {
+    /// Name of the compression.
+    pub(crate) codec: &'static str,
+    /// (height, width).
+    pub(crate) size: (u32, u32),
+    /// Whether it is a depth image: 16-bit gray.
+    pub(crate) depth: bool,
+}
+
+/// Reads the header of a compressed image of any size.
+///
+/// # Errors
+/// [`RecordingError::BrokenImage`].
+pub(crate) fn header_of(bytes: &[u8]) -> Result<Header, RecordingError> {
+    let bytes = without_ros_prefix(bytes);
+    let found = codec_of(bytes).zip(codec_name(bytes));
+    let (format, codec) = found.ok_or_else(|| {
+        broken(format!("{} bytes are neither JPEG, PNG nor WebP; record one of these or a raw image", bytes.len()))
+    })?;
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(BYTES_ASIDE);
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(|error| broken(error.to_string()))?;
+    let (width, height) = decoder.dimensions();
+    let depth = format == ImageFormat::Png && decoder.color_type() == ColorType::L16;
+    Ok(Header { codec, size: (height, width), depth })
 }
 
 /// Checks the size in the header first, so that a false size reserves no memory.

@@ -7,6 +7,7 @@
 //! - [`read_episode`] reads a recording as an [`Episode`] and a [`Report`] of its findings, within [`Limits`].
 //! - [`EpisodeWriter`] writes an episode; [`extract`] copies a stretch of a recording; [`salvage`] copies the intact part of
 //!   a damaged one; [`join`] makes one recording of the parts that a recorder has cut it into.
+//! - [`survey`] reads what a recording holds without a task, for people who describe one.
 //! - [`summarize`] reads what a recording states about itself, and [`estimate`] what reading it takes.
 //! - [`cache_episode`] reads a recording as a frame cache: a file of which a [`FrameCache`] reads any step.
 //! - [`printable`] escapes untrusted text for terminals, pages and logs.
@@ -67,6 +68,7 @@ mod planner;
 pub use gleaner_core::printable;
 mod read;
 mod salvage;
+mod survey;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
@@ -79,8 +81,9 @@ mod write;
 
 // What the functions here take and return.
 pub use gleaner_core::{
-    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Finding, FindingCode, InspectionEstimate,
-    Mapping, PictureSizes, RecordedSize, RecordingSummary, Report, Severity, TaskSpec, TopicReport,
+    Alignment, CameraSource, CameraSpec, Crop, FieldKind, FieldSource, FieldSpec, Finding, FindingCode,
+    InspectionEstimate, Mapping, PictureSizes, RecordedSize, RecordingSummary, Report, Severity, Survey,
+    SurveyedCamera, SurveyedField, SurveyedTopic, TaskSpec, TopicReport, ValueRange,
 };
 
 pub use cache::{FrameCache, Numbers};
@@ -93,5 +96,6 @@ pub use join::join;
 pub use limits::{Limits, MOST_JSON_DEPTH};
 pub use read::{Reading, cache_episode, memory_per_step, read_episode, read_episode_within};
 pub use salvage::salvage;
+pub use survey::survey;
 pub use validate::{validate, validate_within};
 pub use write::{CameraRef, EpisodeWriter, ImageRef, ObservationRef, StepRef, written_mapping};

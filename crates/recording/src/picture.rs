@@ -82,7 +82,8 @@ pub(crate) fn data<'a>(message: &'a Value<'_>) -> Result<Cow<'a, [u8]>, Recordin
     })
 }
 
-fn whole(number: f64) -> Option<u32> {
+/// A number as the side of an image; `None` for a fraction or one out of range.
+pub(crate) fn whole(number: f64) -> Option<u32> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the range is checked first")]
     (number >= 0.0 && number <= f64::from(u32::MAX) && number.fract() == 0.0).then_some(number as u32)
 }

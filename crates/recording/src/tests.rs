@@ -9,7 +9,7 @@ mod golden;
 mod images;
 mod integrity;
 mod rollouts;
-mod scene;
+pub(crate) mod scene;
 mod steps;
 pub(crate) mod video;
 

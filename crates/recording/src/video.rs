@@ -4,9 +4,11 @@
 //! either. The crate `gleaner-video` decodes; this module depends on no plan of steps.
 
 mod camera;
+mod first;
 mod packet;
 mod reel;
 
 pub(crate) use camera::{Shown, Video};
+pub(crate) use first::FirstPicture;
 pub(crate) use packet::{Packet, packet};
 pub(crate) use reel::Reel;

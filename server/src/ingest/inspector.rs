@@ -139,6 +139,8 @@ impl Inspector {
             report: folder.join(REPORT),
             frames: folder.join(FRAMES),
             salvage: None,
+            survey: false,
+            pictures: None,
             memory_bytes: self.memory_bytes,
             seconds: self.seconds.saturating_add(size / BYTES_PER_SECOND),
             limits: self.limits.clone(),
@@ -160,7 +162,7 @@ impl Inspector {
             }
             Some(Verdict::Full(why)) => Err(Error::refused_by_disk(DISK_FULL, "inspecting a recording", why)),
             Some(Verdict::Fault(why)) => Err(Error::internal("inspecting a recording", why)),
-            Some(Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Refused(_)) | None => {
+            Some(Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Surveyed(_) | Verdict::Refused(_)) | None => {
                 Err(failure::broken(order, status, &stderr_text))
             }
         }

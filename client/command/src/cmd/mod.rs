@@ -10,6 +10,7 @@ pub(crate) mod evaluations;
 pub(crate) mod export;
 pub(crate) mod follow;
 pub(crate) mod import_scores;
+pub(crate) mod inspect;
 pub(crate) mod jobs;
 pub(crate) mod kinds;
 pub(crate) mod label;

@@ -1,21 +1,19 @@
 //! `push`: recordings with their labels, many at a time.
 
 mod check;
+mod items;
 mod join;
 
-use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use clap::Args;
-use gleaner_client::{
-    Client, LabelledFile, PushEvent, PushItem, Pushed, Skipped, UploadLabel, find_recordings, outcome_from_word,
-    read_labels,
-};
-use gleaner_proto::v1::{GetTaskRequest, Outcome};
+use gleaner_client::{Client, PushEvent, PushItem, Pushed, Skipped, outcome_from_word};
+use gleaner_proto::v1::Outcome;
 use gleaner_recording::printable;
 use serde_json::{Value, json};
 
+use crate::alike::Alike;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::{json, words};
@@ -34,13 +32,14 @@ pub(crate) struct PushArgs {
     /// Name or id of the task. Default: that of the labels file, or the only task of the server.
     #[arg(long)]
     task: Option<String>,
-    /// Outcome of the attempts.
-    #[arg(long, value_parser = outcome_from_word, default_value = "unknown", value_name = "success|failure|unknown")]
-    outcome: Outcome,
+    /// Outcome of the attempts. Default: that of the labels file, or unknown.
+    #[arg(long, value_parser = outcome_from_word, value_name = "success|failure|unknown")]
+    outcome: Option<Outcome>,
     /// Cohort: a free name for a group of episodes, such as an operator, a policy or a skill level.
-    #[arg(long, default_value = "", hide_default_value = true)]
-    cohort: String,
-    /// CSV file with the columns file,task,outcome,cohort that labels each recording; paths are relative to it.
+    #[arg(long)]
+    cohort: Option<String>,
+    /// CSV file with the columns file,task,outcome,cohort that labels each recording; paths are relative to it. Default:
+    /// the labels.csv in each folder given, unless --outcome or --cohort is given.
     #[arg(long, value_name = "CSV", conflicts_with_all = ["outcome", "cohort"])]
     labels: Option<PathBuf>,
     /// Maximum number of concurrent uploads. More make better use of a fast network; fewer leave bandwidth to others.
@@ -55,11 +54,7 @@ pub(crate) struct PushArgs {
 impl PushArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
-        let (items, skipped) = self.items(context, &client).await?;
-        for task in items.iter().map(|item| item.task.clone()).collect::<BTreeSet<_>>() {
-            // Once, before the first byte, rather than as the same failure of each file.
-            client.tasks().get_task(GetTaskRequest { task }).await?;
-        }
+        let (items, skipped) = items::items(&self, context, &client).await?;
         if self.check {
             return check::check(context, &client, items, self.jobs).await;
         }
@@ -76,47 +71,6 @@ impl PushArgs {
         context.output.next(format_args!("gleaner pretrain --task {task} --wait"));
         Ok(())
     }
-
-    async fn items(&self, context: &Context, client: &Client) -> Result<(Vec<PushItem>, Vec<Skipped>)> {
-        let item = |path: PathBuf, task: String, outcome: Outcome, cohort: String| PushItem {
-            path,
-            parts: Vec::new(),
-            task,
-            label: UploadLabel { outcome, cohort, author: context.connection.author() },
-        };
-        let Some(labels) = &self.labels else {
-            let task = context.task(client, self.task.as_deref()).await?;
-            if self.join {
-                let item =
-                    |(path, parts)| PushItem { parts, ..item(path, task.clone(), self.outcome, self.cohort.clone()) };
-                return Ok((join::recordings(&self.paths)?.into_iter().map(item).collect(), Vec::new()));
-            }
-            let found = find_recordings(&self.paths)?;
-            let paths = found.recordings.into_iter();
-            let items = paths.map(|path| item(path, task.clone(), self.outcome, self.cohort.clone())).collect();
-            return Ok((items, found.skipped));
-        };
-        let mut rows = read_labels(labels)?;
-        let mut skipped = Vec::new();
-        if !self.paths.is_empty() {
-            let found = find_recordings(&self.paths)?;
-            rows = chosen(rows, found.recordings, labels)?;
-            skipped = found.skipped;
-        }
-        if rows.is_empty() {
-            return Err(Failure::message(format!("{} lists no recordings", labels.display())));
-        }
-        let mut items = Vec::with_capacity(rows.len());
-        for row in rows {
-            let named = self.task.clone().or(row.task);
-            let task = match named {
-                Some(task) => task,
-                None => context.task(client, None).await?,
-            };
-            items.push(item(row.path, task, row.outcome, row.cohort));
-        }
-        Ok((items, skipped))
-    }
 }
 
 // Bytes of a recording for the progress: those of its parts are about those of their join.
@@ -127,18 +81,6 @@ fn size(item: &PushItem) -> u64 {
         Err(_) if item.parts.is_empty() => of(&item.path),
         Err(_) => item.parts.iter().map(|part| of(part)).sum(),
     }
-}
-
-// The rows of these recordings; each must have one.
-fn chosen(rows: Vec<LabelledFile>, recordings: Vec<PathBuf>, labels: &Path) -> Result<Vec<LabelledFile>> {
-    let place = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let mut by_place: HashMap<PathBuf, LabelledFile> = rows.into_iter().map(|row| (place(&row.path), row)).collect();
-    let row = |path: PathBuf| {
-        by_place.remove(&place(&path)).ok_or_else(|| {
-            Failure::message(format!("{} is not listed in {}; add a line for it", path.display(), labels.display()))
-        })
-    };
-    recordings.into_iter().map(row).collect()
 }
 
 /// Pushes with a progress bar over all bytes.
@@ -181,9 +123,11 @@ fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
         lines.push(format!("{warnings} warnings; gleaner episode ID shows them"));
     }
     // A name or a reason with a line break must not look like a line of ours.
+    let mut rejected = Alike::default();
     for (item, error) in pushed.failures() {
-        lines.push(printable::field(&format!("rejected: {}: {error}", item.path.display())).into_owned());
+        rejected.add(&error.to_string(), &item.path.display().to_string());
     }
+    lines.extend(rejected.lines("rejected").iter().map(|line| printable::field(line).into_owned()));
     if !skipped.is_empty() {
         lines.push(format!("{} skipped: not regular files, or not readable", skipped.len()));
     }
@@ -268,20 +212,5 @@ mod tests {
         assert_eq!(shown["episodes"][1]["existed"], true);
         assert_eq!(shown["failures"], json!([{ "file": "c.mcap", "error": "not an MCAP file" }]));
         assert_eq!((&shown["sent_bytes"], &shown["megabytes_per_second"]), (&json!(3_000_000), &json!(6.0)));
-    }
-
-    #[test]
-    fn a_recording_without_a_line_is_named() {
-        let row = |path: &str| LabelledFile {
-            path: path.into(),
-            task: None,
-            outcome: Outcome::Success,
-            cohort: String::new(),
-        };
-        let rows = vec![row("x/a.mcap"), row("x/b.mcap")];
-        let labels = Path::new("x/labels.csv");
-        assert_eq!(chosen(rows.clone(), vec!["x/b.mcap".into()], labels).unwrap(), [row("x/b.mcap")]);
-        let message = chosen(rows, vec!["x/c.mcap".into()], labels).unwrap_err().to_string();
-        assert!(message.contains("x/c.mcap is not listed in x/labels.csv"), "{message}");
     }
 }

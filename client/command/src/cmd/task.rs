@@ -1,4 +1,7 @@
-//! `task`: create, list, show.
+//! `task`: draft, check, create, list, show.
+
+mod check;
+mod draft;
 
 use std::path::{Path, PathBuf};
 
@@ -18,6 +21,11 @@ use crate::{json, words};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum TaskCommand {
+    /// Write a task file that is guessed from recordings to standard output, with the reason of each guess. Needs no
+    /// server.
+    Draft(draft::DraftArgs),
+    /// Check a task file, and recordings against it as the server would. Needs no server.
+    Check(check::CheckArgs),
     /// Create a task from its specification.
     Create(CreateArgs),
     /// List every task.
@@ -45,6 +53,8 @@ pub(crate) struct CreateArgs {
 impl TaskCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         match self {
+            Self::Draft(args) => args.run(context).await,
+            Self::Check(args) => args.run(context).await,
             Self::Create(args) => args.run(context).await,
             Self::List => list(context).await,
             Self::Show { task } => show(context, task).await,

@@ -83,6 +83,8 @@ impl Long {
             report: folder.join("report.json"),
             frames: folder.join("frames"),
             salvage: None,
+            survey: false,
+            pictures: None,
             memory_bytes,
             seconds: 7200,
             limits: RecordingsConfig::from(Limits::default()),

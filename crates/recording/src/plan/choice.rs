@@ -11,6 +11,12 @@ use crate::write::written_mapping;
 use gleaner_core::{FindingCode, Report, Severity};
 use gleaner_core::{Mapping, TaskSpec};
 
+/// Most topics that an error lists, and most characters of each.
+const TOPICS_SHOWN: usize = 24;
+const NAME_SHOWN: usize = 80;
+/// Likeness of two topics, from 0 to 1, from which one may be a slip for the other.
+const NEAR: f64 = 0.6;
+
 /// The task with one more mapping at the end, unless it has it: that of what [`crate::EpisodeWriter`] writes.
 pub(crate) fn readable(spec: &TaskSpec) -> Cow<'_, TaskSpec> {
     let written = written_mapping(spec);
@@ -48,15 +54,47 @@ pub(crate) fn choose_mapping(
     if missing.is_empty() {
         return Ok(at);
     }
-    for topic in missing {
+    for (number, topic) in missing.into_iter().enumerate() {
+        let nearest = nearest(tracks, &topic).map(|near| format!(" (did you mean {near}?)")).unwrap_or_default();
+        // Once, because the list is long.
+        let there = if number == 0 { there(tracks) } else { String::new() };
         let detail = format!(
-            "mapping `{}` is the nearest but its topic {topic} has no messages in the file; record it, or add a mapping \
-             for the topics that are there",
+            "mapping `{}` is the nearest but its topic {topic} has no messages in the file{nearest}{there}; \
+             correct the mapping, or add one for the topics that are there",
             mapping.name
         );
         report.add(Severity::Error, FindingCode::MissingTopic, &topic, None, detail);
     }
     Err(RecordingError::Rejected(Box::new(std::mem::take(report).sorted())))
+}
+
+/// The topics of the file that have messages, for an error.
+fn there(tracks: &Tracks) -> String {
+    let topics: Vec<&str> = with_messages(tracks).collect();
+    let more = if topics.len() > TOPICS_SHOWN { ", …" } else { "" };
+    let shown: Vec<String> = topics.into_iter().take(TOPICS_SHOWN).map(shortened).collect();
+    if shown.is_empty() {
+        "; no topic has any".to_owned()
+    } else {
+        format!("; those that have: {}{more}", shown.join(", "))
+    }
+}
+
+/// The topic of the file whose name is nearest, if it is near.
+fn nearest<'a>(tracks: &'a Tracks, topic: &str) -> Option<&'a str> {
+    let near = |other: &str| strsim::normalized_damerau_levenshtein(other, topic);
+    let short = with_messages(tracks).filter(|other| other.len() <= NAME_SHOWN);
+    let nearest = short.map(|other| (near(other), other)).max_by(|one, other| one.0.total_cmp(&other.0))?;
+    (nearest.0 >= NEAR).then_some(nearest.1)
+}
+
+fn with_messages(tracks: &Tracks) -> impl Iterator<Item = &str> {
+    tracks.topics.iter().filter(|topic| topic.messages > 0).map(|topic| topic.topic.as_str())
+}
+
+fn shortened(topic: &str) -> String {
+    let short: String = topic.chars().take(NAME_SHOWN).collect();
+    if short.len() < topic.len() { short + "…" } else { short }
 }
 
 fn missing(tracks: &Tracks, spec: &TaskSpec, mapping: &Mapping) -> Vec<String> {

@@ -22,6 +22,13 @@ fn missing_topics_name_the_nearest_mapping() {
     assert!(error.to_string().contains("/tool"), "{error}");
     let finding = check(&scene.report(&numbers_only()), Severity::Error, FindingCode::MissingTopic, "/tool");
     assert!(finding.detail.contains("`json`"));
+    for part in ["/command, /joints", "correct the mapping"] {
+        assert!(finding.detail.contains(part), "{part}: {}", finding.detail);
+    }
+    let mut spec = numbers_only();
+    spec.mappings[0].fields[0].topic = "/joint".into();
+    let finding = check(&Scene::steps(5).report(&spec), Severity::Error, FindingCode::MissingTopic, "/joint");
+    assert!(finding.detail.contains("did you mean /joints?"), "{}", finding.detail);
 }
 
 #[test]

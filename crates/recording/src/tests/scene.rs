@@ -20,13 +20,13 @@ pub(super) fn numbers_only() -> TaskSpec {
 
 /// Messages of a recording: topic, stamp and log time in milliseconds, content.
 #[derive(Clone, Default)]
-pub(super) struct Scene {
+pub(crate) struct Scene {
     pub(super) messages: Vec<(&'static str, Option<i64>, i64, Value)>,
 }
 
 impl Scene {
     /// A number of steps at 10 Hz with equal stamps of all streams and both joints moving.
-    pub(super) fn steps(count: i64) -> Self {
+    pub(crate) fn steps(count: i64) -> Self {
         let mut scene = Self::default();
         for at in 0..count {
             let (ms, value) = (1000 + at * 100, f64::from(i32::try_from(at).unwrap()) * 0.1);
@@ -37,7 +37,7 @@ impl Scene {
         scene
     }
 
-    pub(super) fn add(&mut self, topic: &'static str, ms: i64, content: Value) {
+    pub(crate) fn add(&mut self, topic: &'static str, ms: i64, content: Value) {
         self.messages.push((topic, Some(ms), ms, content));
     }
 
@@ -54,7 +54,7 @@ impl Scene {
         self
     }
 
-    pub(super) fn mcap(&self) -> Vec<u8> {
+    pub(crate) fn mcap(&self) -> Vec<u8> {
         let mut writer = mcap::WriteOptions::new().use_chunks(false).create(Cursor::new(Vec::new())).unwrap();
         for (topic, stamp, log, content) in &self.messages {
             let channel = writer.add_channel(0, topic, "json", &BTreeMap::new()).unwrap();

@@ -9,6 +9,7 @@ use gleaner_proto::v1::InspectionEstimate;
 use gleaner_recording::printable;
 use serde_json::{Value, json};
 
+use crate::alike::Alike;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::table::{Column, table};
@@ -61,9 +62,13 @@ fn shown(rows: &[Row]) -> String {
         Column::Left("result"),
     ];
     let mut text = table(columns, lines);
+    let mut rejected = Alike::default();
     for (path, error) in rows.iter().filter_map(|(path, checked)| Some((path, checked.as_ref().err()?))) {
+        rejected.add(&error.to_string(), &path.display().to_string());
+    }
+    for line in rejected.lines("rejected") {
         text.push('\n');
-        text += &printable::field(&format!("rejected: {}: {error}", path.display()));
+        text += &printable::field(&line);
     }
     text
 }

@@ -1,0 +1,80 @@
+//! Messages about many recordings, equal ones once with their count.
+//!
+//! Pure code.
+
+/// Most recordings that a line names.
+const NAMED: usize = 3;
+
+/// Messages in the order of their first recording, each with the recordings that have it.
+#[derive(Debug, Default)]
+pub(crate) struct Alike {
+    messages: Vec<Message>,
+}
+
+#[derive(Debug)]
+struct Message {
+    /// Equal for messages alike.
+    key: String,
+    text: String,
+    recordings: Vec<String>,
+}
+
+impl Alike {
+    /// Adds a message about a recording.
+    pub(crate) fn add(&mut self, text: &str, recording: &str) {
+        let name = recording.rsplit('/').next().unwrap_or_default();
+        let key = key(&if name.is_empty() { text.to_owned() } else { text.replace(name, "") });
+        match self.messages.iter_mut().find(|known| known.key == key) {
+            Some(known) => known.recordings.push(recording.to_owned()),
+            None => self.messages.push(Message { key, text: text.to_owned(), recordings: vec![recording.to_owned()] }),
+        }
+    }
+
+    /// One line for each different message: `rejected: 105 recordings (a.mcap, b.mcap, c.mcap, …): reason`.
+    pub(crate) fn lines(&self, kind: &str) -> Vec<String> {
+        let line = |Message { text, recordings, .. }: &Message| match recordings.as_slice() {
+            [one] => format!("{kind}: {one}: {text}"),
+            many => {
+                let named: Vec<&str> = many.iter().take(NAMED).map(String::as_str).collect();
+                let more = if many.len() > NAMED { ", …" } else { "" };
+                format!("{kind}: {} recordings ({}{more}): {text}", many.len(), named.join(", "))
+            }
+        };
+        self.messages.iter().map(line).collect()
+    }
+}
+
+/// A message without what differs between recordings with one problem: its numbers, and the id of the call.
+fn key(text: &str) -> String {
+    let text = text.split(" (request ").next().unwrap_or_default();
+    let mut key = String::new();
+    for c in text.chars() {
+        match c {
+            '0'..='9' if key.ends_with('0') => {}
+            '0'..='9' => key.push('0'),
+            other => key.push(other),
+        }
+    }
+    key
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_that_differ_in_numbers_are_alike() {
+        let mut alike = Alike::default();
+        for at in 0..105 {
+            alike.add(&format!("{at}.mcap: {} messages of /x are missing", 10 + at), &format!("x/{at}.mcap"));
+        }
+        alike.add("is empty", "z.mcap");
+        assert_eq!(
+            alike.lines("rejected"),
+            [
+                "rejected: 105 recordings (x/0.mcap, x/1.mcap, x/2.mcap, …): 0.mcap: 10 messages of /x are missing",
+                "rejected: z.mcap: is empty"
+            ]
+        );
+    }
+}

@@ -1,0 +1,164 @@
+//! Which recordings a push sends, each with its task and label: from the options, or from labels files.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use gleaner_client::{Client, LabelledFile, PushItem, Skipped, UploadLabel, find_recordings, read_labels};
+use gleaner_proto::v1::{ListTasksRequest, Outcome};
+
+use super::{PushArgs, join};
+use crate::context::Context;
+use crate::failure::{Failure, Result};
+
+/// The labels file that is looked for in folders.
+const LABELS: &str = "labels.csv";
+
+/// The recordings to send, and what was skipped.
+pub(super) async fn items(
+    args: &PushArgs,
+    context: &Context,
+    client: &Client,
+) -> Result<(Vec<PushItem>, Vec<Skipped>)> {
+    let item = |path: PathBuf, task: String, outcome: Outcome, cohort: String| PushItem {
+        path,
+        parts: Vec::new(),
+        task,
+        label: UploadLabel { outcome, cohort, author: context.connection.author() },
+    };
+    let files = labels_files(args);
+    if files.is_empty() {
+        let task = known_task(client, context.task(client, args.task.as_deref()).await?, None).await?;
+        let outcome = args.outcome.unwrap_or(Outcome::Unknown);
+        let cohort = args.cohort.clone().unwrap_or_default();
+        if args.join {
+            let item = |(path, parts)| PushItem { parts, ..item(path, task.clone(), outcome, cohort.clone()) };
+            return Ok((join::recordings(&args.paths)?.into_iter().map(item).collect(), Vec::new()));
+        }
+        let found = find_recordings(&args.paths)?;
+        let items = found.recordings.into_iter().map(|path| item(path, task.clone(), outcome, cohort.clone()));
+        return Ok((items.collect(), found.skipped));
+    }
+    let mut rows = Vec::new();
+    for file in &files {
+        rows.extend(read_labels(file)?.into_iter().map(|row| (row, file.as_path())));
+    }
+    let mut skipped = Vec::new();
+    if !args.paths.is_empty() {
+        let found = find_recordings(&args.paths)?;
+        rows = chosen(rows, found.recordings, &files, args.labels.is_none())?;
+        skipped = found.skipped;
+    }
+    if rows.is_empty() {
+        return Err(Failure::message(format!("{} lists no recordings", files[0].display())));
+    }
+    if args.labels.is_none() {
+        let named: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
+        context.output.note(format_args!("labels from {}", named.join(", ")));
+    }
+    let mut tasks: HashMap<Option<String>, String> = HashMap::new();
+    let mut items = Vec::with_capacity(rows.len());
+    for (row, file) in rows {
+        let named = args.task.clone().or(row.task);
+        let task = match tasks.get(&named) {
+            Some(task) => task.clone(),
+            None => {
+                let place = args.task.is_none().then_some((file, row.line));
+                let task = context.task(client, named.as_deref()).await?;
+                let task = known_task(client, task, place).await?;
+                tasks.insert(named, task.clone());
+                task
+            }
+        };
+        items.push(item(row.path, task, row.outcome, row.cohort));
+    }
+    Ok((items, skipped))
+}
+
+/// The labels file that was named, or those in the folders to push, unless a label was given.
+fn labels_files(args: &PushArgs) -> Vec<PathBuf> {
+    if let Some(labels) = &args.labels {
+        return vec![labels.clone()];
+    }
+    if args.join || args.outcome.is_some() || args.cohort.is_some() {
+        return Vec::new();
+    }
+    args.paths.iter().map(|path| path.join(LABELS)).filter(|labels| labels.is_file()).collect()
+}
+
+/// The task, if the server has it: once, before the first byte, rather than as the same failure of each file.
+async fn known_task(client: &Client, task: String, place: Option<(&Path, u64)>) -> Result<String> {
+    let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+    let names: Vec<String> = tasks.iter().filter_map(|task| Some(task.spec.as_ref()?.name.clone())).collect();
+    if names.contains(&task) || tasks.iter().any(|known| known.id == task) {
+        return Ok(task);
+    }
+    Err(Failure::message(unknown_task(&task, &names, place)))
+}
+
+fn unknown_task(task: &str, names: &[String], place: Option<(&Path, u64)>) -> String {
+    let place = place.map(|(file, line)| format!("{} line {line}: ", file.display())).unwrap_or_default();
+    let problem = format!("{place}the server has no task {task:?}");
+    match names {
+        [] => format!("{problem}; create it with `gleaner task create task.toml`"),
+        [one] if !place.is_empty() => {
+            format!("{problem}, but {one:?}: push with --task {one}, or correct the column `task`")
+        }
+        names => format!("{problem}; it has {}: add --task with one of them, or create the task", names.join(", ")),
+    }
+}
+
+/// The rows of these recordings; each must have one.
+fn chosen<'a>(
+    rows: Vec<(LabelledFile, &'a Path)>,
+    recordings: Vec<PathBuf>,
+    files: &[PathBuf],
+    found: bool,
+) -> Result<Vec<(LabelledFile, &'a Path)>> {
+    let place = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let mut by_place: HashMap<PathBuf, (LabelledFile, &Path)> =
+        rows.into_iter().map(|row| (place(&row.0.path), row)).collect();
+    let named: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
+    let other = if found { ", or push with --outcome, which ignores the file" } else { "" };
+    let row = |path: PathBuf| {
+        by_place.remove(&place(&path)).ok_or_else(|| {
+            let problem = format!("{} is not listed in {}", path.display(), named.join(", "));
+            Failure::message(format!("{problem}; add a line for it{other}"))
+        })
+    };
+    recordings.into_iter().map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recording_without_a_line_is_named() {
+        let labels = PathBuf::from("x/labels.csv");
+        let row = |path: &str, line| {
+            let (path, cohort) = (path.into(), String::new());
+            (LabelledFile { path, line, task: None, outcome: Outcome::Success, cohort }, labels.as_path())
+        };
+        let rows = vec![row("x/a.mcap", 2), row("x/b.mcap", 3)];
+        let files = [labels.clone()];
+        assert_eq!(chosen(rows.clone(), vec!["x/b.mcap".into()], &files, false).unwrap(), [row("x/b.mcap", 3)]);
+        let message = chosen(rows, vec!["x/c.mcap".into()], &files, true).unwrap_err().to_string();
+        assert!(
+            message.contains("x/c.mcap is not listed in x/labels.csv") && message.contains("--outcome"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn an_unknown_task_names_its_line_and_the_remedy() {
+        let place = Some((Path::new("labels.csv"), 2));
+        let text = unknown_task("PickCube-v0", &["pick_cube".into()], place);
+        assert_eq!(
+            text,
+            "labels.csv line 2: the server has no task \"PickCube-v0\", but \"pick_cube\": push with --task pick_cube, or \
+             correct the column `task`"
+        );
+        assert!(unknown_task("a", &[], None).contains("gleaner task create"));
+        assert!(unknown_task("a", &["b".into(), "c".into()], place).contains("it has b, c"));
+    }
+}

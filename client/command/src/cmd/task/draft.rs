@@ -1,0 +1,81 @@
+//! `task draft`: a task file guessed from recordings.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use gleaner_client::{find_recordings, read_labels};
+use serde_json::json;
+
+use crate::context::Context;
+use crate::draft::{Known, draft};
+use crate::failure::{Failure, Result};
+use crate::inspector::Inspector;
+
+/// The labels file beside recordings.
+const LABELS: &str = "labels.csv";
+
+#[derive(Args, Debug)]
+pub(crate) struct DraftArgs {
+    /// Recordings, or folders that are searched for *.mcap: several of each kind, so that ranges and lengths are known.
+    #[arg(required = true)]
+    paths: Vec<PathBuf>,
+    /// Name of the task. Default: the task in the labels.csv beside the recordings, or the name of their folder.
+    #[arg(long)]
+    name: Option<String>,
+    /// Topic of the action; repeat it for several. Default: topics that are named like commands.
+    #[arg(long, value_name = "TOPIC")]
+    action: Vec<String>,
+}
+
+impl DraftArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let recordings = find_recordings(&self.paths)?.recordings;
+        let surveys = Inspector::find()?.survey(&recordings, None).await?;
+        let mut unread = 0;
+        for (path, error) in surveys.iter().filter_map(|(path, survey)| Some((path, survey.as_ref().err()?))) {
+            context.output.note(format_args!("not used: {}: {error}", path.display()));
+            unread += 1;
+        }
+        if unread == surveys.len() {
+            return Err(Failure::message("none of the recordings can be read"));
+        }
+        let name = self.name.clone().or_else(|| name_beside(&recordings));
+        let known = Known { name: name.unwrap_or_else(|| "my_task".to_owned()), action: self.action };
+        let read = surveys.iter().filter_map(|(_, survey)| survey.as_ref().ok());
+        let draft = draft(read, &known).map_err(Failure::message)?;
+        gleaner_recording::validate(&draft.spec)?;
+        let text = draft.to_string();
+        context.output.result(|| Ok(json!({ "spec": draft.spec, "toml": text })), || text.clone())?;
+        context.output.next("gleaner task check task.toml RECORDINGS, after a look at its comments");
+        Ok(())
+    }
+}
+
+/// The name that labels beside the recordings have for their task, or else that of their folder.
+fn name_beside(recordings: &[PathBuf]) -> Option<String> {
+    let parents = recordings.iter().filter_map(|path| path.parent()).collect::<BTreeSet<&Path>>();
+    let tasks = parents.iter().filter_map(|folder| read_labels(&folder.join(LABELS)).ok()).flatten();
+    let tasks: BTreeSet<String> = tasks.filter_map(|row| row.task).collect();
+    let folder = parents.first().and_then(|folder| folder.canonicalize().ok());
+    let folder = folder.and_then(|folder| Some(folder.file_name()?.to_string_lossy().into_owned()));
+    let name = if tasks.len() == 1 { tasks.into_iter().next() } else { folder };
+    let plain = |c: char| if c.is_ascii_alphanumeric() || "_-.".contains(c) { c } else { '_' };
+    name.map(|name| name.chars().take(100).map(plain).collect::<String>()).filter(|name| !name.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_task_is_named_by_its_labels_or_its_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let runs = folder.path().join("pick up");
+        std::fs::create_dir(&runs).unwrap();
+        let recordings = [runs.join("a.mcap")];
+        assert_eq!(name_beside(&recordings).unwrap(), "pick_up");
+        std::fs::write(runs.join(LABELS), "file,task,outcome\na.mcap,PickCube-v0,success\n").unwrap();
+        assert_eq!(name_beside(&recordings).unwrap(), "PickCube-v0");
+    }
+}

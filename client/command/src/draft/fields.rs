@@ -1,0 +1,247 @@
+//! Fields: which candidates of several ways are the same numbers, in which order, with which range.
+//!
+//! Works on candidates alone.
+
+use gleaner_recording::{FieldSource, FieldSpec, ValueRange};
+
+use super::candidate::{Candidate, LeftOut, Order};
+use super::tokens::{self, Command};
+use super::way::Way;
+
+/// Likeness of names and ranges together, from 0 to 2, from which two candidates are the same numbers.
+const SAME: f64 = 0.75;
+/// The greatest value of a command that is normalised to one, as far as it is reached.
+const ONE: f64 = 1.0001;
+const REACHED: f64 = 0.9;
+
+/// A field of the draft.
+#[derive(Debug)]
+pub(super) struct Field {
+    pub(super) spec: FieldSpec,
+    pub(super) action: bool,
+    pub(super) stamped: Vec<bool>,
+    /// Its place in each way.
+    pub(super) sources: Vec<FieldSource>,
+    /// How it was found.
+    pub(super) reasons: Vec<String>,
+}
+
+/// The like of a candidate in another way.
+struct Like {
+    candidate: Candidate,
+    /// The orders in which both agree best: its own, and that of the other.
+    own: usize,
+    its: usize,
+    /// Whether names or ranges fit; else both are the only ones of their size.
+    fits: bool,
+}
+
+/// Whether a candidate is a command.
+pub(super) type IsAction<'a> = &'a dyn Fn(&Candidate) -> bool;
+
+/// What is an action: what the caller named, else topics and paths with a word of commands.
+pub(super) fn certain(candidates: &[Vec<Candidate>]) -> Command {
+    // A way without a certain command has its commands by weaker words.
+    let strongest = |of_way: &Vec<Candidate>| of_way.iter().map(|candidate| candidate.command).max();
+    candidates.iter().filter_map(strongest).min().unwrap_or(Command::No)
+}
+
+/// The fields that all ways have: those of the first way, each with its like in the others.
+pub(super) fn fields(
+    ways: &[Way],
+    mut candidates: Vec<Vec<Candidate>>,
+    is_action: IsAction<'_>,
+    left_out: &mut Vec<LeftOut>,
+) -> Vec<Field> {
+    let Some(first) = candidates.first_mut().map(std::mem::take) else { return Vec::new() };
+    // The likest pair of all comes first, so that a field does not lose its like to one before it.
+    let mut matched: Vec<Vec<Option<Like>>> = Vec::new();
+    for others in candidates.iter_mut().skip(1) {
+        matched.push(pairs(&first, others, is_action));
+    }
+    let mut fields: Vec<Field> = Vec::new();
+    for (at, candidate) in first.iter().enumerate() {
+        let alike: Vec<_> = matched.iter_mut().filter_map(|of_way| of_way.get_mut(at)?.take()).collect();
+        if alike.len() < matched.len() {
+            let what = format!("{} {} ({})", candidate.topic, candidate.orders[0].paths.join(" "), ways[0].name);
+            left_out.push(LeftOut { what, reason: "the other ways of recording have no such numbers".to_owned() });
+            continue;
+        }
+        let name = unique(candidate, &fields);
+        fields.push(field(name, candidate, &alike, is_action(candidate), ways));
+    }
+    for (way, rest) in ways.iter().zip(&candidates).skip(1) {
+        left_out.extend(rest.iter().map(|candidate| LeftOut {
+            what: format!("{} {} ({})", candidate.topic, candidate.orders[0].paths.join(" "), way.name),
+            reason: "the other ways of recording have no such numbers".to_owned(),
+        }));
+    }
+    fields
+}
+
+/// For each candidate the like of another way, taken from there, with the orders in which both agree best.
+fn pairs(first: &[Candidate], others: &mut Vec<Candidate>, is_action: IsAction<'_>) -> Vec<Option<Like>> {
+    let mut scored = Vec::new();
+    for (at, one) in first.iter().enumerate() {
+        for (number, other) in others.iter().enumerate().filter(|(_, other)| is_action(one) == is_action(other)) {
+            if let Some((fit, own, its)) = best_orders(one, other) {
+                let names = tokens::likeness(&one.name, &other.name).max(tokens::likeness(&one.topic, &other.topic));
+                scored.push((names + fit, at, number, own, its));
+            }
+        }
+    }
+    scored.sort_by(|one, other| other.0.total_cmp(&one.0));
+    let mut chosen: Vec<Option<(usize, usize, usize, bool)>> = vec![None; first.len()];
+    let mut used = vec![false; others.len()];
+    for &(score, at, number, own, its) in &scored {
+        if score >= SAME && chosen[at].is_none() && !used[number] {
+            used[number] = true;
+            chosen[at] = Some((number, own, its, true));
+        }
+    }
+    // What is left on both sides is the same if nothing else has its size.
+    let left: Vec<_> = scored.iter().filter(|(_, at, number, ..)| chosen[*at].is_none() && !used[*number]).collect();
+    for &&(_, at, number, own, its) in &left {
+        if left.iter().filter(|(_, one, other, ..)| *one == at || *other == number).count() == 1 {
+            chosen[at] = Some((number, own, its, false));
+        }
+    }
+    let mut left: Vec<Option<Candidate>> = others.drain(..).map(Some).collect();
+    let mut take = |(number, own, its, fits): (usize, usize, usize, bool)| {
+        Some(Like { candidate: left[number].take()?, own, its, fits })
+    };
+    let pairs = chosen.into_iter().map(|chosen| chosen.and_then(&mut take)).collect();
+    others.extend(left.into_iter().flatten());
+    pairs
+}
+
+/// The orders of two candidates whose ranges fit best, and how well, from 0 to 1; `None` if their sizes differ.
+fn best_orders(one: &Candidate, other: &Candidate) -> Option<(f64, usize, usize)> {
+    let mut best: Option<(f64, usize, usize)> = None;
+    for (own, order) in one.orders.iter().enumerate() {
+        for (its, theirs) in other.orders.iter().enumerate() {
+            if order.ranges.len() != theirs.ranges.len() {
+                continue;
+            }
+            // Names that both have are the same joints.
+            let named = !order.names.is_empty() && !theirs.names.is_empty();
+            let fit = if named { f64::from(u8::from(order.names == theirs.names)) } else { fit(order, theirs) };
+            // Of equal fits the likelier orders.
+            if best.is_none_or(|(known, ..)| fit > known + 1e-6) {
+                best = Some((fit, own, its));
+            }
+        }
+    }
+    best
+}
+
+/// How much the ranges of two orders overlap, from 0 to 1.
+#[expect(clippy::cast_precision_loss, reason = "a field has few values")]
+fn fit(one: &Order, other: &Order) -> f64 {
+    let overlap = |(one, other): (&ValueRange, &ValueRange)| {
+        let apart = (one.minimum - other.minimum).abs() + (one.maximum - other.maximum).abs();
+        let span = (one.maximum - one.minimum) + (other.maximum - other.minimum);
+        (1.0 - apart / (span + 1e-2)).max(0.0)
+    };
+    let sum: f64 = one.ranges.iter().zip(&other.ranges).map(overlap).sum();
+    sum / one.ranges.len().max(1) as f64
+}
+
+/// A name that no other field has.
+fn unique(candidate: &Candidate, fields: &[Field]) -> String {
+    let taken = |name: &str| fields.iter().any(|field| field.spec.name == name);
+    let own = candidate.name.clone();
+    let with_topic = tokens::identifier(&format!("{}_{own}", candidate.topic));
+    let numbered = (2..).map(|number| format!("{own}_{number}"));
+    [own.clone(), with_topic].into_iter().chain(numbered).find(|name| !taken(name)).unwrap_or(own)
+}
+
+fn field(name: String, first: &Candidate, alike: &[Like], action: bool, ways: &[Way]) -> Field {
+    let own = alike.first().map_or(0, |like| like.own);
+    let order = &first.orders[own];
+    let mut reasons = Vec::new();
+    let mut ranges = order.ranges.clone();
+    let mut values = first.values.clone();
+    let source = |candidate: &Candidate, order: &Order| FieldSource {
+        field: name.clone(),
+        topic: candidate.topic.clone(),
+        paths: order.paths.clone(),
+        names: order.names.clone(),
+    };
+    let mut sources = vec![source(first, order)];
+    reasons.push(format!("{} {}{}.", first.topic, shown_paths(order), shown_order(first, own)));
+    for (Like { candidate, its, fits, .. }, way) in alike.iter().zip(ways.iter().skip(1)) {
+        let reason =
+            if *fits { "name and ranges fit" } else { "the only other numbers of this size, so compare their meaning" };
+        let theirs = &candidate.orders[*its];
+        reasons.push(format!(
+            "In {} it is {} {}{}: {reason}.",
+            way.name,
+            candidate.topic,
+            shown_paths(theirs),
+            shown_order(candidate, *its)
+        ));
+        sources.push(source(candidate, theirs));
+        for (range, other) in ranges.iter_mut().zip(&theirs.ranges) {
+            *range = range.with(*other);
+        }
+        let new: Vec<f64> = candidate.values.iter().copied().filter(|value| !values.contains(value)).collect();
+        values.extend(new);
+    }
+    let known = !first.values.is_empty() && alike.iter().all(|like| !like.candidate.values.is_empty());
+    let values = if known && values.len() <= 2 { values } else { Vec::new() };
+    let size = u32::try_from(ranges.len()).unwrap_or(u32::MAX);
+    let mut spec = FieldSpec::new(name.clone(), size);
+    let all = ranges.iter().copied().reduce(ValueRange::with).unwrap_or(ValueRange::of(0.0));
+    if action {
+        bound(&mut spec, all, &values, &mut reasons);
+    } else if let [value] = values.as_slice() {
+        reasons.push(format!("It is always {value} in these recordings; remove it if it never changes."));
+    }
+    let stamped = std::iter::once(first.stamped).chain(alike.iter().map(|like| like.candidate.stamped));
+    Field { spec, action, stamped: stamped.collect(), sources, reasons }
+}
+
+/// Guesses the range of an action.
+fn bound(spec: &mut FieldSpec, all: ValueRange, values: &[f64], reasons: &mut Vec<String>) {
+    let ValueRange { minimum, maximum } = all;
+    let observed = format!("Its values are {} to {}", short(minimum), short(maximum));
+    let within = |low: f64, high: f64| minimum >= low && maximum <= high;
+    if let ([_, _], true) = (values, minimum < maximum) {
+        spec.binary = true;
+        set_range(spec, minimum, maximum);
+        reasons.push(format!("It has the two values {} and {} and none between.", short(minimum), short(maximum)));
+    } else if within(-ONE, ONE) && minimum < 0.0 && (minimum < -REACHED || maximum > REACHED) {
+        set_range(spec, -1.0, 1.0);
+        reasons.push(format!("{observed}, as of a command between -1 and 1."));
+    } else if within(0.0, ONE) && maximum > REACHED && minimum < 1.0 - REACHED {
+        set_range(spec, 0.0, 1.0);
+        reasons.push(format!("{observed}, as of a command between 0 and 1."));
+    } else {
+        reasons.push(format!(
+            "{observed}; add `minimum` and `maximum` if the robot has limits, so that policies stay within them."
+        ));
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "steps hold 32-bit floats")]
+fn set_range(spec: &mut FieldSpec, minimum: f64, maximum: f64) {
+    (spec.minimum, spec.maximum) = (Some(minimum as f32), Some(maximum as f32));
+}
+
+fn short(value: f64) -> String {
+    format!("{value:.3}").trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+fn shown_paths(order: &Order) -> String {
+    match order.paths.as_slice() {
+        [one] => one.clone(),
+        [first, .., last] => format!("{first} to {last}"),
+        [] => String::new(),
+    }
+}
+
+/// The order of the values, where there was a choice.
+fn shown_order(candidate: &Candidate, at: usize) -> String {
+    if candidate.orders.len() < 2 { String::new() } else { format!(" ({})", candidate.orders[at].reason) }
+}

@@ -1,0 +1,151 @@
+//! The draft of a task: cameras, fields, rate and mappings, guessed from surveys of its recordings, each with its reason.
+//!
+//! Pure code: it reads no recording and knows no server.
+
+mod cameras;
+mod candidate;
+mod fields;
+#[cfg(test)]
+mod tests;
+mod tokens;
+mod way;
+mod write;
+
+use gleaner_recording::{Mapping, Survey, TaskSpec};
+
+use cameras::Camera;
+use candidate::{Candidate, LeftOut};
+use fields::Field;
+use tokens::Command;
+use way::{Way, WayTopic};
+
+/// Commands faster than the slowest camera by more than this are sampled at its rate.
+const FASTER: f64 = 1.2;
+/// A rate this near to a whole number is that number.
+const NEAR: f64 = 0.03;
+
+/// What the caller knows better than a guess.
+#[derive(Debug, Default)]
+pub(crate) struct Known {
+    /// The task's name.
+    pub(crate) name: String,
+    /// Topics of the action; empty: those that look like commands.
+    pub(crate) action: Vec<String>,
+}
+
+/// A drafted task with its reasons.
+#[derive(Debug)]
+pub(crate) struct Draft {
+    pub(crate) spec: TaskSpec,
+    rate: String,
+    cameras: Vec<Camera>,
+    fields: Vec<Field>,
+    ways: Vec<(String, usize)>,
+    left_out: Vec<LeftOut>,
+}
+
+/// Drafts a task from what its recordings hold.
+///
+/// # Errors
+/// A sentence with the fix if no topic can be the action, or the named one is not there.
+pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &Known) -> Result<Draft, String> {
+    let ways = way::ways(surveys);
+    let mut left_out = Vec::new();
+    let candidates: Vec<Vec<Candidate>> = ways.iter().map(|way| candidate::candidates(way, &mut left_out)).collect();
+    for topic in &known.action {
+        if !candidates.iter().flatten().any(|candidate| candidate.topic == *topic) {
+            return Err(format!("--action {topic}: no recording has numbers on this topic; {}", topics(&candidates)));
+        }
+    }
+    let least = fields::certain(&candidates);
+    let is_action = |candidate: &Candidate| match known.action.as_slice() {
+        [] => least > Command::No && candidate.command >= least,
+        named => named.contains(&candidate.topic),
+    };
+    if !candidates.iter().all(|of_way| of_way.iter().any(&is_action)) {
+        let problem = "no topic of every recording looks like the commands of the robot";
+        return Err(format!("{problem}; name them with --action TOPIC: {}", topics(&candidates)));
+    }
+    let cameras = cameras::cameras(&ways, &mut left_out);
+    let fields = fields::fields(&ways, candidates, &is_action, &mut left_out);
+    if !fields.iter().any(|field| field.action) {
+        let problem = "the recordings have no commands in common: draft a task from recordings of one kind, and add the \
+                       mapping of the other by hand";
+        return Err(problem.to_owned());
+    }
+    let (rate_hz, rate) = rate(&ways, &cameras, &fields);
+    let of = |action: bool| fields.iter().filter(move |field| field.action == action).map(|field| field.spec.clone());
+    let mappings = ways.iter().enumerate().map(|(at, way)| Mapping {
+        name: way.name.clone(),
+        cameras: cameras.iter().filter_map(|camera| camera.sources.get(at).cloned()).collect(),
+        fields: fields.iter().filter_map(|field| field.sources.get(at).cloned()).collect(),
+        clock: clock(&fields, at),
+    });
+    let spec = TaskSpec {
+        name: known.name.clone(),
+        rate_hz,
+        cameras: cameras.iter().map(|camera| camera.spec.clone()).collect(),
+        proprioception: of(false).collect(),
+        action: of(true).collect(),
+        alignment: gleaner_recording::Alignment::default(),
+        tolerance: 0.25,
+        mappings: mappings.collect(),
+    };
+    let ways = ways.into_iter().map(|way| (way.name, way.recordings)).collect();
+    Ok(Draft { spec, rate, cameras, fields, ways, left_out })
+}
+
+/// The topics with numbers, for an error.
+fn topics(candidates: &[Vec<Candidate>]) -> String {
+    let mut topics: Vec<&str> = candidates.iter().flatten().map(|candidate| candidate.topic.as_str()).collect();
+    topics.sort_unstable();
+    topics.dedup();
+    if topics.is_empty() {
+        "no topic has numbers".to_owned()
+    } else {
+        format!("topics with numbers: {}", topics.join(", "))
+    }
+}
+
+/// The topic whose stamps are the steps: that of an action with stamps, of those the one with the most values.
+fn clock(fields: &[Field], way: usize) -> Option<String> {
+    let stamped = |field: &&Field| field.stamped.get(way).copied().unwrap_or_default();
+    let actions = fields.iter().filter(|field| field.action);
+    let best = actions.rev().max_by_key(|field| (stamped(field), field.spec.size))?;
+    best.sources.get(way).map(|source| source.topic.clone())
+}
+
+fn rate_of(way: &Way, topic: &str) -> Option<f64> {
+    let found = way.topics.iter().find(|known| known.found.topic == topic)?;
+    let WayTopic { found, .. } = found;
+    (found.rate_hz > 0.0).then_some(found.rate_hz)
+}
+
+/// The rate of the steps: that of the commands, or of the slowest camera if that is lower.
+fn rate(ways: &[Way], cameras: &[Camera], fields: &[Field]) -> (f64, String) {
+    let of_clock = |(at, way): (usize, &Way)| rate_of(way, &clock(fields, at)?);
+    let commands = ways.iter().enumerate().filter_map(of_clock).reduce(f64::min);
+    let of_cameras = |(at, way): (usize, &Way)| {
+        let rates = cameras.iter().filter_map(move |camera| rate_of(way, &camera.sources.get(at)?.color));
+        rates.reduce(f64::min)
+    };
+    let pictures = ways.iter().enumerate().filter_map(of_cameras).reduce(f64::min);
+    match (commands, pictures) {
+        (Some(commands), Some(pictures)) if commands > pictures * FASTER => (
+            rounded(pictures),
+            format!(
+                "Commands come at {commands:.1} Hz and the slowest camera at {pictures:.1} Hz: a step for each picture."
+            ),
+        ),
+        (Some(commands), _) => {
+            (rounded(commands), format!("Commands come at {commands:.1} Hz (median of the intervals)."))
+        }
+        (None, Some(pictures)) => (rounded(pictures), format!("The slowest camera has {pictures:.1} Hz.")),
+        (None, None) => (10.0, "No rate could be measured: correct it.".to_owned()),
+    }
+}
+
+fn rounded(rate: f64) -> f64 {
+    let whole = rate.round();
+    if whole >= 1.0 && (rate / whole - 1.0).abs() <= NEAR { whole } else { (rate * 100.0).round().max(1.0) / 100.0 }
+}

@@ -1,0 +1,120 @@
+//! The draft as a TOML file: the task with a comment for each guess.
+
+use std::fmt::{self, Display, Formatter};
+
+use gleaner_recording::printable;
+use gleaner_recording::{CameraSource, CameraSpec, FieldSource, FieldSpec};
+
+use super::Draft;
+use super::candidate::LeftOut;
+
+/// Width of a line of comments.
+const WIDTH: usize = 118;
+
+impl Display for Draft {
+    fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
+        let ways = self.ways.iter().map(|(name, count)| format!("{count} recordings as `{name}`"));
+        comment(out, &format!("Drafted by `gleaner task draft` from {}.", ways.collect::<Vec<_>>().join(" and ")))?;
+        comment(out, "Each guess has its reason; `gleaner help task` explains every key.")?;
+        writeln!(out, "name = {}\n", text(&self.spec.name))?;
+        comment(out, &self.rate)?;
+        writeln!(out, "rate_hz = {:?}", self.spec.rate_hz)?;
+        for camera in &self.cameras {
+            writeln!(out)?;
+            camera.reasons.iter().try_for_each(|reason| comment(out, reason))?;
+            camera_spec(out, &camera.spec)?;
+        }
+        for action in [false, true] {
+            for field in self.fields.iter().filter(|field| field.action == action) {
+                writeln!(out)?;
+                field.reasons.iter().try_for_each(|reason| comment(out, reason))?;
+                field_spec(out, if action { "action" } else { "proprioception" }, &field.spec)?;
+            }
+        }
+        for mapping in &self.spec.mappings {
+            writeln!(out, "\n# {}", "-".repeat(40))?;
+            writeln!(out, "[[mappings]]\nname = {}", text(&mapping.name))?;
+            if let Some(clock) = &mapping.clock {
+                comment(out, "A step begins with each message of this topic.")?;
+                writeln!(out, "clock = {}", text(clock))?;
+            }
+            mapping.cameras.iter().try_for_each(|source| camera_source(out, source))?;
+            mapping.fields.iter().try_for_each(|source| field_source(out, source))?;
+        }
+        if !self.left_out.is_empty() {
+            writeln!(out)?;
+            comment(out, "Left out:")?;
+            for LeftOut { what, reason } in &self.left_out {
+                comment(out, &format!("- {what}: {reason}"))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A comment, wrapped; what comes from recordings is escaped.
+fn comment(out: &mut Formatter<'_>, sentence: &str) -> fmt::Result {
+    let sentence = printable::field(sentence);
+    let mut line = String::from("#");
+    for word in sentence.split(' ') {
+        if line.chars().count() + 1 + word.chars().count() > WIDTH && line.len() > 1 {
+            writeln!(out, "{line}")?;
+            line = String::from("#");
+        }
+        line.push(' ');
+        line += word;
+    }
+    writeln!(out, "{line}")
+}
+
+fn text(value: &str) -> String {
+    toml::Value::from(value).to_string()
+}
+
+fn list(values: &[String]) -> String {
+    let values: Vec<String> = values.iter().map(|value| text(value)).collect();
+    let line = format!("[{}]", values.join(", "));
+    if line.len() < WIDTH {
+        return line;
+    }
+    format!("[\n  {},\n]", values.join(",\n  "))
+}
+
+fn camera_spec(out: &mut Formatter<'_>, camera: &CameraSpec) -> fmt::Result {
+    let CameraSpec { name, height, width, depth, recorded } = camera;
+    writeln!(out, "[[cameras]]\nname = {}\nheight = {height}\nwidth = {width}", text(name))?;
+    if *depth {
+        writeln!(out, "depth = true")?;
+    }
+    match recorded {
+        Some(size) => writeln!(out, "recorded = {{ height = {}, width = {} }}", size.height, size.width),
+        None => Ok(()),
+    }
+}
+
+fn field_spec(out: &mut Formatter<'_>, table: &str, field: &FieldSpec) -> fmt::Result {
+    let FieldSpec { name, size, minimum, maximum, binary } = field;
+    writeln!(out, "[[{table}]]\nname = {}\nsize = {size}", text(name))?;
+    for (key, bound) in [("minimum", minimum), ("maximum", maximum)] {
+        if let Some(bound) = bound {
+            writeln!(out, "{key} = {bound:?}")?;
+        }
+    }
+    if *binary { writeln!(out, "binary = true") } else { Ok(()) }
+}
+
+fn camera_source(out: &mut Formatter<'_>, source: &CameraSource) -> fmt::Result {
+    let CameraSource { camera, color, depth } = source;
+    writeln!(out, "\n[[mappings.cameras]]\ncamera = {}\ncolor = {}", text(camera), text(color))?;
+    match depth {
+        Some(depth) => writeln!(out, "depth = {}", text(depth)),
+        None => Ok(()),
+    }
+}
+
+fn field_source(out: &mut Formatter<'_>, source: &FieldSource) -> fmt::Result {
+    let FieldSource { field, topic, paths, names } = source;
+    writeln!(out, "\n[[mappings.fields]]\nfield = {}\ntopic = {}", text(field), text(topic))?;
+    writeln!(out, "paths = {}", list(paths))?;
+    if names.is_empty() { Ok(()) } else { writeln!(out, "names = {}", list(names)) }
+}

@@ -1,0 +1,165 @@
+//! The first minutes with one's own recordings: inspected, a task drafted and checked without a server, then pushed.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::support::{
+    command::{Output, gleaner, json},
+    files::root,
+    server::TestServer,
+    skipped::skipped,
+};
+
+/// No server is there: commands that ask one fail.
+const NOWHERE: &str = "http://127.0.0.1:9";
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Copies fixtures of the reader into a folder.
+fn copied(folder: &Path, names: &[&str]) {
+    for name in names {
+        std::fs::copy(root().join("crates/recording/fixtures").join(name), folder.join(name)).unwrap();
+    }
+}
+
+/// Drafts a task from recordings into a file.
+async fn drafted(recordings: &[&Path], file: &Path) -> Output {
+    let words: Vec<&str> =
+        ["task", "draft", "--name", "drafted"].into_iter().chain(recordings.iter().map(|path| text(path))).collect();
+    let output = gleaner(NOWHERE, &words).await;
+    assert!(output.success, "{}", output.errors);
+    std::fs::write(file, &output.out).unwrap();
+    output
+}
+
+/// Drafts a task from recordings, checks them, creates the task and pushes them; returns the mappings of the episodes.
+async fn drafted_and_pushed(folders: &[&Path]) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("task.toml");
+    drafted(folders, &file).await;
+    let words: Vec<&str> =
+        ["task", "check", text(&file)].into_iter().chain(folders.iter().map(|path| text(path))).collect();
+    let checked = gleaner(NOWHERE, &words).await;
+    assert!(checked.success, "{}", checked.text());
+
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    json(server.url(), &["task", "create", text(&file)]).await;
+    let mut mappings = Vec::new();
+    for path in folders {
+        let pushed = json(server.url(), &["push", text(path), "--outcome", "unknown"]).await;
+        let episodes = pushed["episodes"].as_array().unwrap();
+        assert!(!episodes.is_empty() && pushed["failures"] == serde_json::json!([]), "{pushed}");
+        mappings.extend(episodes.iter().map(|episode| episode["episode"]["mapping"].as_str().unwrap().to_owned()));
+    }
+    mappings.sort();
+    mappings.dedup();
+    mappings
+}
+
+#[tokio::test]
+async fn drafts_of_each_dialect_are_accepted_with_their_recordings() {
+    let folder = tempfile::tempdir().unwrap();
+    copied(folder.path(), &["pick_cube_foxglove.mcap", "pick_cube_ros2.mcap"]);
+    assert_eq!(drafted_and_pushed(&[folder.path()]).await, ["foxglove", "ros2"]);
+    let folder = tempfile::tempdir().unwrap();
+    copied(folder.path(), &["json_images.mcap"]);
+    assert_eq!(drafted_and_pushed(&[folder.path()]).await, ["json"]);
+}
+
+#[tokio::test]
+async fn a_draft_of_real_recordings_is_the_task_that_a_person_wrote() {
+    let beside = root().join("../shared/episodes");
+    let episodes = std::env::var_os("GLEANER_EPISODES").map_or(beside, PathBuf::from);
+    if !episodes.is_dir() {
+        return skipped("no folder of real recordings (GLEANER_EPISODES)");
+    }
+    // Some of each cohort.
+    let mut folders = Vec::new();
+    for dialect in ["foxglove", "ros2"] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut names: Vec<_> = episodes.join(dialect).read_dir().unwrap().map(|entry| entry.unwrap().path()).collect();
+        names.retain(|path| path.extension().is_some_and(|ending| ending == "mcap"));
+        names.sort();
+        for path in names.iter().step_by(6) {
+            std::fs::copy(path, folder.path().join(path.file_name().unwrap())).unwrap();
+        }
+        folders.push(folder);
+    }
+    let paths: Vec<&Path> = folders.iter().map(tempfile::TempDir::path).collect();
+    assert_eq!(drafted_and_pushed(&paths).await, ["foxglove", "ros2"]);
+
+    let file = folders[0].path().join("task.toml");
+    drafted(&paths, &file).await;
+    let read = |path: &Path| -> Value {
+        let spec: gleaner_recording::TaskSpec = toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+        serde_json::to_value(spec).unwrap()
+    };
+    let (drafted, written) = (read(&file), read(&root().join("examples/pick_cube_maniskill.toml")));
+    for part in ["rate_hz", "cameras", "proprioception", "action"] {
+        assert_eq!(drafted[part], written[part], "{part}");
+    }
+    let sources = |spec: &Value, mapping: usize| -> Vec<Value> {
+        let mut fields = spec["mappings"][mapping]["fields"].as_array().unwrap().clone();
+        fields.sort_by_key(|source| source["field"].as_str().unwrap().to_owned());
+        fields
+    };
+    for mapping in [0, 1] {
+        assert_eq!(sources(&drafted, mapping), sources(&written, mapping));
+    }
+}
+
+#[tokio::test]
+async fn recordings_are_inspected_without_a_server_and_damage_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    copied(folder.path(), &["pick_cube_ros2.mcap"]);
+    let (good, bad) = (folder.path().join("pick_cube_ros2.mcap"), folder.path().join("bad.mcap"));
+    let pictures = folder.path().join("pictures");
+    let found = json(NOWHERE, &["inspect", text(&good), "--pictures", text(&pictures)]).await;
+    let topics = found["recordings"][0]["survey"]["topics"].as_array().unwrap();
+    let joints = topics.iter().find(|topic| topic["topic"] == "/joint_states").unwrap();
+    assert_eq!((joints["messages"].as_u64(), joints["encoding"].as_str()), (Some(6), Some("cdr")));
+    assert_eq!(pictures.read_dir().unwrap().count(), 4);
+
+    std::fs::write(&bad, b"not a recording").unwrap();
+    let output = gleaner(NOWHERE, &["inspect", text(folder.path())]).await;
+    assert!(!output.success && output.errors.contains("1 of 2 recordings cannot be read"), "{}", output.errors);
+    assert!(output.out.contains("bad.mcap: the recording is not an MCAP file"), "{}", output.out);
+    assert!(output.out.contains("panda_joint1") && output.out.contains("color 128×128 jpeg"), "{}", output.out);
+}
+
+#[tokio::test]
+async fn a_wrong_topic_is_refused_once_with_the_nearest_one() {
+    let folder = tempfile::tempdir().unwrap();
+    copied(folder.path(), &["pick_cube_ros2.mcap"]);
+    let (recording, file) = (folder.path().join("pick_cube_ros2.mcap"), folder.path().join("task.toml"));
+    drafted(&[&recording], &file).await;
+    let task = std::fs::read_to_string(&file).unwrap().replace("\"/joint_states\"", "\"/joint_state\"");
+    std::fs::write(&file, task).unwrap();
+    // Another recording with the same problem.
+    let mut bytes = std::fs::read(&recording).unwrap();
+    bytes.push(0);
+    std::fs::write(folder.path().join("other.mcap"), bytes).unwrap();
+    std::fs::write(
+        folder.path().join("labels.csv"),
+        "file,task,outcome\npick_cube_ros2.mcap,PickCube,success\nother.mcap,PickCube,failure\n",
+    )
+    .unwrap();
+
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    json(server.url(), &["task", "create", text(&file)]).await;
+    // The labels are found, and their task is another.
+    let output = gleaner(server.url(), &["push", text(folder.path())]).await;
+    for part in ["labels.csv line", "no task \"PickCube\"", "--task drafted"] {
+        assert!(!output.success && output.errors.contains(part), "{part}: {}", output.errors);
+    }
+    let output = gleaner(server.url(), &["push", text(folder.path()), "--task", "drafted"]).await;
+    let rejected: Vec<&str> = output.out.lines().filter(|line| line.starts_with("rejected:")).collect();
+    assert!(!output.success && rejected.len() == 1, "{}", output.text());
+    for part in ["2 recordings (", "did you mean /joint_states?", "/tool_pose", "correct the mapping"] {
+        assert!(rejected[0].contains(part), "{part}: {}", rejected[0]);
+    }
+    assert!(output.errors.contains("labels from"), "{}", output.errors);
+}
