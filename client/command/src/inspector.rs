@@ -108,7 +108,9 @@ impl Inspector {
             let shown = |text: String| text.replace(&recording.display().to_string(), "the recording");
             let found = verdict.and_then(|verdict| match verdict {
                 Verdict::Refused(why) | Verdict::Full(why) | Verdict::Fault(why) => Err(why),
-                other => wanted(other).ok_or_else(|| "the verdict has an unexpected kind".to_owned()),
+                other @ (Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Surveyed(_)) => {
+                    wanted(other).ok_or_else(|| "the verdict has an unexpected kind".to_owned())
+                }
             });
             Ok((path.clone(), found.map_err(shown)))
         });

@@ -89,7 +89,7 @@ fn of_way<'a>(way: &'a Way, left_out: &mut Vec<LeftOut>) -> Vec<Found<'a>> {
             continue;
         }
         let fits = |depth: &&WayTopic| size(depth) == size(color) && camera_name(&depth.found.topic) == name;
-        let depth = depths.iter().position(|depth| fits(depth)).map(|at| depths.remove(at));
+        let depth = depths.iter().position(fits).map(|at| depths.remove(at));
         found.push(Found { name, color, depth });
     }
     if let ([camera], [depth]) = (found.as_mut_slice(), depths.as_slice())
