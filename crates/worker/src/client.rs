@@ -1,6 +1,6 @@
 //! The worker's calls to its server, each with the attempt's token.
 
-use std::time::Duration;
+use std::{error::Error as _, time::Duration};
 
 use futures::stream;
 use gleaner_proto::v1::{self, worker_service_client::WorkerServiceClient};
@@ -9,7 +9,7 @@ use tonic::{
     Code, Request, Status,
     metadata::{Ascii, MetadataValue},
     service::{Interceptor, interceptor::InterceptedService},
-    transport::{Channel, Endpoint},
+    transport::{Certificate, Channel, ClientTlsConfig, Endpoint},
 };
 
 use crate::config::WorkerConfig;
@@ -19,22 +19,33 @@ use gleaner_core::{
     order::JobOrder,
     proto,
     score::EpisodeScores,
-    work::{Inputs, Made, Progress},
+    work::{InputPart, Inputs, Made, Progress},
 };
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Interval of pings while a call is open: a call to a machine that is gone would otherwise wait for minutes.
+const PING_EVERY: Duration = Duration::from_secs(30);
 /// Time for which a worker retries a call that the server rejects for the moment.
 pub(crate) const RETRY_FOR: Duration = Duration::from_secs(600);
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 pub(crate) const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 
-/// Adds the token to every call.
+/// The metadata that identifies this process; the server accepts one process for each attempt.
+const PROCESS: &str = "worker-process";
+/// The metadata of every error that the server itself returns.
+const REQUEST_ID: &str = "request-id";
+
+/// Adds the token and the process to every call.
 #[derive(Clone)]
-struct Bearer(MetadataValue<Ascii>);
+struct Bearer {
+    token: MetadataValue<Ascii>,
+    process: MetadataValue<Ascii>,
+}
 
 impl Interceptor for Bearer {
     fn call(&mut self, mut request: Request<()>) -> std::result::Result<Request<()>, Status> {
-        request.metadata_mut().insert("authorization", self.0.clone());
+        request.metadata_mut().insert("authorization", self.token.clone());
+        request.metadata_mut().insert(PROCESS, self.process.clone());
         Ok(request)
     }
 }
@@ -43,23 +54,31 @@ impl Interceptor for Bearer {
 pub(crate) struct Client(WorkerServiceClient<InterceptedService<Channel, Bearer>>);
 
 impl Client {
-    /// Connects.
+    /// Prepares the connection, which the first call opens.
     ///
     /// # Errors
-    /// Unavailable when the server does not respond.
-    pub(crate) async fn connect(config: &WorkerConfig) -> Result<Self> {
-        let channel = Endpoint::from_shared(config.server.clone())
+    /// Invalid names the argument that cannot be used.
+    pub(crate) fn new(config: &WorkerConfig) -> Result<Self> {
+        let mut endpoint = Endpoint::from_shared(config.server.clone())
             .map_err(|error| Error::invalid("--server", error))?
             .connect_timeout(CONNECT_TIMEOUT)
-            .tcp_nodelay(true)
-            .connect()
-            .await
-            .map_err(|error| Error::unavailable(format!("the server {} does not answer: {error}", config.server)))?;
-        let mut bearer: MetadataValue<Ascii> = format!("Bearer {}", config.token.reveal())
+            .http2_keep_alive_interval(PING_EVERY)
+            .keep_alive_timeout(CONNECT_TIMEOUT)
+            .tcp_nodelay(true);
+        if config.server.starts_with("https://") {
+            let tls = match &config.ca {
+                Some(pem) => ClientTlsConfig::new().ca_certificate(Certificate::from_pem(pem)),
+                None => ClientTlsConfig::new().with_native_roots(),
+            };
+            endpoint = endpoint.tls_config(tls).map_err(|error| Error::invalid("--ca", error))?;
+        }
+        let channel = endpoint.connect_lazy();
+        let mut token: MetadataValue<Ascii> = format!("Bearer {}", config.token.reveal())
             .parse()
             .map_err(|_| Error::invalid("GLEANER_JOB_TOKEN", "is not a token"))?;
-        bearer.set_sensitive(true);
-        let client = WorkerServiceClient::with_interceptor(channel, Bearer(bearer))
+        token.set_sensitive(true);
+        let process = process_name().parse().map_err(|error| Error::internal("naming this process", error))?;
+        let client = WorkerServiceClient::with_interceptor(channel, Bearer { token, process })
             .max_decoding_message_size(config.max_message_bytes)
             .max_encoding_message_size(config.max_message_bytes);
         Ok(Self(client))
@@ -67,15 +86,16 @@ impl Client {
 
     /// The assignment: the job, its order and its inputs with their episodes.
     pub(crate) async fn assignment(&mut self) -> Result<(JobId, JobOrder, Inputs)> {
-        let received = match with_retries(async || self.0.get_assignment(v1::GetAssignmentRequest {}).await).await {
-            Ok(response) => {
-                let (job, order, mut inputs) = proto::worker::assigned(response.into_inner())?;
-                self.episodes(&mut inputs).await.map(|()| (job, order, inputs))
+        let received = with_retries(async || {
+            let assignment = self.0.get_assignment(v1::GetAssignmentRequest {}).await?.into_inner();
+            self.episodes().await.map(|episodes| (assignment, episodes))
+        });
+        match received.await {
+            Ok((assignment, episodes)) => {
+                let (job, order, mut inputs) = proto::worker::assigned(assignment)?;
+                episodes.into_iter().for_each(|part| inputs.add(part));
+                Ok((job, order, inputs))
             }
-            Err(status) => Err(status),
-        };
-        match received {
-            Ok(assignment) => Ok(assignment),
             Err(status) => {
                 if status.code() == Code::FailedPrecondition {
                     // Every attempt would get the same error.
@@ -86,26 +106,27 @@ impl Client {
         }
     }
 
-    /// Adds the episodes of the inputs. A stream that breaks ends the attempt, and the next one begins it again.
-    async fn episodes(&mut self, inputs: &mut Inputs) -> tonic::Result<()> {
-        let stream = with_retries(async || self.0.stream_episodes(v1::StreamEpisodesRequest {}).await).await?;
-        let mut stream = stream.into_inner();
+    /// The episodes of the inputs.
+    async fn episodes(&mut self) -> tonic::Result<Vec<InputPart>> {
+        let mut stream = self.0.stream_episodes(v1::StreamEpisodesRequest {}).await?.into_inner();
+        let mut episodes = Vec::new();
         while let Some(response) = stream.message().await? {
-            let parts = proto::worker::episodes_from(response).map_err(|error| Status::internal(error.to_string()))?;
-            parts.into_iter().for_each(|part| inputs.add(part));
+            episodes.extend(proto::worker::episodes_from(response).map_err(malformed)?);
         }
-        Ok(())
+        Ok(episodes)
     }
 
     /// The scores of the run that the job extends.
     pub(crate) async fn base_scores(&mut self) -> Result<Vec<EpisodeScores>> {
-        let request = v1::StreamBaseScoresRequest {};
-        let mut stream = self.0.stream_base_scores(request).await.map_err(refused)?.into_inner();
-        let mut scores = Vec::new();
-        while let Some(response) = stream.message().await.map_err(refused)? {
-            scores.push(proto::worker::base_scores_from(response)?);
-        }
-        Ok(scores)
+        let received = with_retries(async || {
+            let mut stream = self.0.stream_base_scores(v1::StreamBaseScoresRequest {}).await?.into_inner();
+            let mut scores = Vec::new();
+            while let Some(response) = stream.message().await? {
+                scores.push(proto::worker::base_scores_from(response).map_err(malformed)?);
+            }
+            Ok(scores)
+        });
+        received.await.map_err(refused)
     }
 
     /// Reports progress; returns whether to stop.
@@ -148,26 +169,61 @@ impl Client {
     }
 }
 
-/// Retries a call until the server accepts it, for up to [`PATIENCE`]: a full or slow disk must not end a job. Each
-/// call also shows the server that the worker is alive.
+/// Retries a call until the server accepts it, for up to [`RETRY_FOR`]: a full or slow disk, a restart of the server or a
+/// failure of the network must not end a job. Each call also shows the server that the worker is alive.
 async fn with_retries<T>(mut call: impl AsyncFnMut() -> tonic::Result<T>) -> tonic::Result<T> {
     let (begun, mut pause) = (Instant::now(), FIRST_PAUSE);
     loop {
         let status = match call().await {
-            Err(status) if matches!(status.code(), Code::ResourceExhausted | Code::Unavailable) => status,
+            Err(status) if is_transient(&status) => status,
             answer => return answer,
         };
         if begun.elapsed() >= RETRY_FOR {
             return Err(status);
         }
-        tracing::warn!(code = ?status.code(), reason = status.message(), "the server did not accept a message; retrying");
+        let reason = with_sources(&status);
+        tracing::warn!(code = ?status.code(), reason, "the server did not accept a message; retrying");
         sleep(pause).await;
         pause = LONGEST_PAUSE.min(pause * 2);
     }
 }
 
+/// Whether a repetition may succeed: the server has no room or time, or a failure of the connection is the reason, whose
+/// errors lack the server's id of the call.
+fn is_transient(status: &Status) -> bool {
+    let of_connection = || {
+        matches!(status.code(), Code::Unknown | Code::Internal | Code::Cancelled | Code::DeadlineExceeded)
+            && status.metadata().get(REQUEST_ID).is_none()
+            && status.source().is_some()
+    };
+    matches!(status.code(), Code::ResourceExhausted | Code::Unavailable) || of_connection()
+}
+
+fn malformed(error: Error) -> Status {
+    Status::data_loss(error.to_string())
+}
+
 fn refused(status: Status) -> Error {
-    Error::unavailable(format!("the server answered {:?}: {}", status.code(), status.message()))
+    Error::unavailable(format!("the server answered {:?}: {}", status.code(), with_sources(&status)))
+}
+
+/// The message of a status with the errors behind it: a failed connection has its reason there.
+fn with_sources(status: &Status) -> String {
+    let mut message = status.message().to_owned();
+    let mut source = status.source();
+    while let Some(error) = source {
+        let reason = error.to_string();
+        if !message.contains(&reason) {
+            message = format!("{message}: {reason}");
+        }
+        source = error.source();
+    }
+    message
+}
+
+/// Random characters that identify this process.
+fn process_name() -> String {
+    rand::random::<[u8; 16]>().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

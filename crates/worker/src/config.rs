@@ -6,7 +6,7 @@ use clap::Parser;
 use gleaner_core::Secret;
 use gleaner_logs::LogOptions;
 
-/// Works on one job of a gleaner server, which starts this program. The token is passed by the environment, so that it
+/// Works on one job of a gleaner server, which starts this program on its own machine or by a cluster. The token is passed by the environment, so that it
 /// is not in the process list.
 #[derive(Debug, Parser)]
 #[command(name = "gleaner-worker", version)]
@@ -26,7 +26,7 @@ pub struct WorkerConfig {
     /// Run compute threads at idle priority.
     #[arg(long)]
     pub idle: bool,
-    /// Id of the server's process; the worker ends with it.
+    /// Id of the server's process; the worker ends with it. Without it, the worker outlives a restart of the server.
     #[arg(long)]
     pub parent: Option<u32>,
     /// Maximum size of a gRPC message in bytes.
@@ -41,6 +41,9 @@ pub struct WorkerConfig {
     /// The token of this attempt of its job.
     #[arg(long, env = "GLEANER_JOB_TOKEN", hide_env_values = true)]
     pub token: Secret,
+    /// Authorities (PEM text) of which one signed the server's certificate. Default: those of the system.
+    #[arg(long, env = "GLEANER_WORKER_CA", hide_env_values = true)]
+    pub ca: Option<String>,
     /// What to log.
     #[command(flatten)]
     pub log: LogOptions,

@@ -47,7 +47,7 @@ async fn serve(config: WorkerConfig) -> Result<()> {
     }
     let blobs = Blobs::open(&config.data_dir)?;
     let blobs = blobs.sparing(config.min_free_bytes).limiting_caches(config.max_cache_bytes)?;
-    let mut client = Client::connect(&config).await?;
+    let mut client = Client::new(&config)?;
     let (job_id, order, inputs) = client.assignment().await?;
     tracing::info!(job.id = %job_id, "working");
     let (monitor, events) = monitor::channel(blobs.clone());
