@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test test-room crash-test test-python check-lerobot-policy lint-python differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds
+.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy lint-python differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -20,6 +20,16 @@ demo: .libtorch
 build: .libtorch
 	$(CARGO) build --release --locked -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-cli $(PROGRAMS)
 
+# The worker alone, and a tarball of it for the nodes of a cluster: it needs glibc, and libtorch's libraries in the folder
+# `lib` beside `bin` or in LD_LIBRARY_PATH. WORKER_PROFILE=dev builds it faster.
+WORKER_PROFILE ?= release
+WORKER_BUILT = target/$(if $(filter dev,$(WORKER_PROFILE)),debug,$(WORKER_PROFILE))/gleaner-worker
+worker: .libtorch
+	$(CARGO) build --profile $(WORKER_PROFILE) --locked -p gleaner-worker --bin gleaner-worker
+	mkdir -p target/worker/gleaner-worker/bin
+	strip -o target/worker/gleaner-worker/bin/gleaner-worker $(WORKER_BUILT)
+	tar -C target/worker -czf target/worker/gleaner-worker-$$(uname -m).tar.gz gleaner-worker
+
 # Every test, from a bare clone.
 test: .libtorch
 	$(CARGO) test --workspace --locked
@@ -37,6 +47,13 @@ SEED ?= 1
 crash-test: .libtorch
 	GLEANER_CRASH_KILLS=200 GLEANER_CRASH_UPLOADS=1000 GLEANER_CRASH_TRAINING_KILLS=50 GLEANER_CRASH_SEED=$(SEED) \
 		$(CARGO) test --locked -p gleaner-tests --test end_to_end crash:: -- --nocapture --test-threads=1
+
+# Kills nodes, workers, the controller and the server of a private Slurm 200 times under a queue of jobs. Needs root, and
+# Slurm (Debian: slurm-wlm and munge). SLURM_KILLS=20 is the short form.
+SLURM_KILLS ?= 200
+crash-test-slurm: .libtorch
+	GLEANER_CRASH_SLURM_KILLS=$(SLURM_KILLS) GLEANER_CRASH_SEED=$(SEED) \
+		$(CARGO) test --locked -p gleaner-tests --test end_to_end slurm::crash -- --nocapture --test-threads=1
 
 # The Python client, as it is installed, against the real server; GLEANER_SERVER_BIN and GLEANER_BIN name programs that
 # are built already.
