@@ -3,6 +3,7 @@
 mod access;
 mod children;
 mod connections;
+mod engine;
 mod maintenance;
 mod policies;
 mod telemetry;
@@ -19,8 +20,9 @@ pub use gleaner_core::Secret;
 
 pub use self::{
     access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
-    children::worker_environment,
+    children::{cluster_environment, worker_environment},
     connections::ConnectionsConfig,
+    engine::{EngineConfig, EngineKind},
     maintenance::{BackupConfig, CheckConfig, MaintenanceCommand, MaintenanceConfig, RebuildConfig, RestoreConfig},
     policies::PoliciesConfig,
     telemetry::TelemetryConfig,
@@ -163,6 +165,9 @@ pub struct JobsConfig {
     /// sooner but end attempts on a machine that is overloaded.
     #[arg(long, env = "GLEANER_WORKER_SILENCE_SECONDS", default_value_t = 120, value_name = "SECONDS")]
     pub worker_silence_seconds: u64,
+    /// Where jobs run.
+    #[command(flatten)]
+    pub engine: EngineConfig,
 }
 
 impl Cli {
@@ -197,6 +202,7 @@ impl ServeConfig {
         self.limits.recordings.validate()?;
         self.maintenance.validate()?;
         self.jobs.validate()?;
+        self.jobs.engine.validate(self.access.tls_cert.is_some(), self.insecure)?;
         self.policies.validate()
     }
 }

@@ -53,8 +53,10 @@ pub struct Listeners {
     calls: TcpListener,
     /// The TLS settings; `None`: calls are not encrypted.
     tls: Option<Arc<Tls>>,
-    /// The listener for the server's own workers alone: on the loopback address, and without a certificate to check.
+    /// The listener for workers alone: on the loopback address and without TLS, unless they run on other machines.
     workers: TcpListener,
+    /// The TLS settings of that listener, which checks no certificates of workers.
+    worker_tls: Option<Arc<Tls>>,
     pages: Option<TcpListener>,
 }
 
@@ -65,12 +67,15 @@ impl Listeners {
     /// Precondition when an address is taken or not available, or the certificate cannot be used.
     pub async fn bind(config: &ServeConfig) -> Result<Self> {
         let tls = tls::open(&config.access)?;
-        let workers = bind((Ipv4Addr::LOCALHOST, 0).into())?;
+        let (workers, worker_tls) = match config.jobs.engine.worker_listen {
+            Some(address) => (bind(address)?, tls::open_for_workers(&config.access)?),
+            None => (bind((Ipv4Addr::LOCALHOST, 0).into())?, None),
+        };
         let pages = match config.telemetry.web_listen {
             Some(address) => Some(bind(address)?),
             None => None,
         };
-        Ok(Self { calls: bind(config.listen)?, tls, workers, pages })
+        Ok(Self { calls: bind(config.listen)?, tls, workers, worker_tls, pages })
     }
 
     /// The address for calls.

@@ -16,6 +16,8 @@ pub struct Attempt {
 pub enum AttemptEnd {
     /// The server stopped it, or crashed: no fault of the job, so the attempt does not count.
     Stopped,
+    /// The machine or the cluster ended it: no fault of the job, so the attempt does not count. Holds the reason.
+    Interrupted(String),
     /// Another attempt could help, such as after a crash of the worker. Holds the reason.
     Broken(String),
     /// No attempt can help, such as with input that cannot be learned from. Holds the reason.
@@ -70,6 +72,7 @@ impl AttemptEnd {
         }
         match self {
             Self::Stopped => again(attempt.saturating_sub(1), "the server had to stop it"),
+            Self::Interrupted(what) => again(attempt.saturating_sub(1), what),
             Self::Broken(what) if attempt < max_attempts => again(attempt, what),
             Self::Broken(what) => over(
                 JobState::Failed,
@@ -111,9 +114,12 @@ mod tests {
     }
 
     #[test]
-    fn a_stopped_server_costs_no_attempt() {
+    fn a_stopped_server_or_a_lost_machine_costs_no_attempt() {
         let next = AttemptEnd::Stopped.next(Standing { attempt: 3, ..SECOND_OF_THREE });
         assert_eq!((next.state, next.attempt), (JobState::Queued, 2));
+        let lost = AttemptEnd::Interrupted("node1 failed".to_owned()).next(Standing { attempt: 3, ..SECOND_OF_THREE });
+        assert_eq!((lost.state, lost.attempt), (JobState::Queued, 2));
+        assert_eq!(lost.message, "node1 failed; attempt 3 of 3 resumes from step 400");
     }
 
     #[test]
@@ -132,7 +138,7 @@ mod tests {
         #[test]
         fn a_job_has_at_most_its_maximum_of_attempts(
             max_attempts in 1..6_u32,
-            ends in proptest::collection::vec((0..3_u8, prop::bool::weighted(0.1)), 1..40),
+            ends in proptest::collection::vec((0..4_u8, prop::bool::weighted(0.1)), 1..40),
         ) {
             let (mut state, mut used) = (JobState::Queued, 0);
             for (end, cancel_requested) in ends {
@@ -145,6 +151,7 @@ mod tests {
                 let end = match end {
                     0 => AttemptEnd::Stopped,
                     1 => killed(),
+                    2 => AttemptEnd::Interrupted("the node failed".to_owned()),
                     _ => AttemptEnd::Permanent("wrong".to_owned()),
                 };
                 let next = end.next(Standing { attempt, max_attempts, checkpoint_step: None, cancel_requested });

@@ -4,6 +4,7 @@ use crate::{EvaluateSpec, ImageWeights, PretrainSpec, Problem, ScoreSpec, TrainS
 
 use super::{
     id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
+    placement::Placement,
     time::Millis,
 };
 
@@ -230,6 +231,8 @@ pub struct Job {
     pub checkpoint_step: Option<u64>,
     /// Most memory its worker has held, in bytes.
     pub peak_memory_bytes: u64,
+    /// Where its newest attempt runs or ran.
+    pub placement: Placement,
     /// The jobs whose results it waits for.
     pub needs: Vec<JobId>,
     /// The caller's own name for it, or empty.

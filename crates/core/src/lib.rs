@@ -50,6 +50,7 @@ pub mod looks;
 pub mod observation;
 pub mod order;
 mod picture_sizes;
+pub mod placement;
 pub mod policy;
 pub mod printable;
 mod recording_summary;

@@ -6,7 +6,7 @@ mod folder;
 mod issue;
 mod parsed;
 
-use std::sync::Arc;
+use std::{path::PathBuf, sync::Arc};
 
 use gleaner_edge::{Tls, TlsFiles};
 
@@ -18,8 +18,20 @@ use crate::{config::AccessConfig, connections::refused, error::Result};
 /// # Errors
 /// Precondition, naming the flag whose file cannot be used.
 pub(crate) fn open(config: &AccessConfig) -> Result<Option<Arc<Tls>>> {
+    read(config, config.client_ca.clone())
+}
+
+/// As [`open`], for workers: they have the token of their attempt and no certificate.
+///
+/// # Errors
+/// As for [`open`].
+pub(crate) fn open_for_workers(config: &AccessConfig) -> Result<Option<Arc<Tls>>> {
+    read(config, None)
+}
+
+fn read(config: &AccessConfig, client_authority: Option<PathBuf>) -> Result<Option<Arc<Tls>>> {
     let (Some(certificate), Some(key)) = (config.tls_cert.clone(), config.tls_key.clone()) else { return Ok(None) };
-    let files = TlsFiles { certificate, key, client_authority: config.client_ca.clone() };
+    let files = TlsFiles { certificate, key, client_authority };
     Ok(Some(Arc::new(Tls::open(files, problems).map_err(refused)?)))
 }
 

@@ -9,6 +9,10 @@ use crate::{
     jobs::Jobs,
 };
 
+/// The metadata with which a worker identifies its process: random characters, the same in each of its calls.
+const PROCESS: &str = "worker-process";
+const LONGEST_PROCESS: usize = 64;
+
 /// A worker, as the guard has authenticated it.
 #[derive(Debug, Clone)]
 pub(crate) struct Worker {
@@ -31,9 +35,17 @@ impl Worker {
     /// # Errors
     /// Unauthenticated.
     pub(super) async fn authenticate(jobs: &Jobs, headers: &HeaderMap) -> Result<Self> {
-        let not_this_job = || Error::unauthenticated("this call needs the token of a running attempt of a job");
+        let not_this_job = || {
+            Error::unauthenticated(
+                "this call needs the token of a running attempt of a job; this attempt is over, or another process runs it",
+            )
+        };
         let token = secret::bearer(headers)?.ok_or_else(not_this_job)?;
-        let (attempt, job) = jobs.authenticate(token).await?.ok_or_else(not_this_job)?;
+        let process = headers.get(PROCESS).and_then(|process| process.to_str().ok()).unwrap_or_default();
+        if process.len() > LONGEST_PROCESS {
+            return Err(Error::invalid(PROCESS, format!("must be at most {LONGEST_PROCESS} characters")));
+        }
+        let (attempt, job) = jobs.authenticate(token, process).await?.ok_or_else(not_this_job)?;
         Ok(Self { attempt, job })
     }
 }

@@ -16,7 +16,26 @@ pub fn worker_environment() -> Vec<(&'static str, std::ffi::OsString)> {
         "GLEANER_LOG",
         "GLEANER_LOG_JSON",
     ];
-    let passed = PASSED.into_iter().filter_map(|name| std::env::var_os(name).map(|value| (name, value)));
+    environment(&PASSED)
+}
+
+/// What of this process's environment the commands of a cluster get, and by them the workers on its nodes: as
+/// [`worker_environment`], without what is true of this machine only, and with the path of Slurm's configuration.
+pub fn cluster_environment() -> Vec<(&'static str, std::ffi::OsString)> {
+    environment(&[
+        "PATH",
+        "HOME",
+        "LANG",
+        "LD_LIBRARY_PATH",
+        "RUST_BACKTRACE",
+        "GLEANER_LOG",
+        "GLEANER_LOG_JSON",
+        "SLURM_CONF",
+    ])
+}
+
+fn environment(passed: &[&'static str]) -> Vec<(&'static str, std::ffi::OsString)> {
+    let passed = passed.iter().filter_map(|&name| std::env::var_os(name).map(|value| (name, value)));
     #[cfg(feature = "fail-points")]
     use gleaner_data_folder::fail_point::VARIABLE;
     #[cfg(feature = "fail-points")]

@@ -1,16 +1,23 @@
 //! One attempt of a job: its worker process from start to end, and the meaning of that end.
 
-use std::{io::Write as _, pin::pin, time::Duration};
+use std::{io::Write as _, pin::pin, sync::Arc, time::Duration};
 
 use bytes::Bytes;
 use gleaner_recording::printable::Escape;
-use tokio::{io::AsyncRead, process::Child};
+use tokio::{io::AsyncRead, sync::watch};
 use tracing::Instrument as _;
 
-use super::{Inner, lease::Lease, log::Log, process, token::Issuer};
-use crate::{
-    domain::{attempt::AttemptEnd, job::Job},
-    telemetry::memory,
+use super::{
+    Inner,
+    engine::{End, Execution, Launch},
+    lease::{Lease, Tie},
+    log::Log,
+    token::Issuer,
+};
+use crate::domain::{
+    attempt::{Attempt, AttemptEnd},
+    job::Job,
+    placement::Placement,
 };
 
 /// Longest time from a request to stop until the worker is killed.
@@ -20,48 +27,85 @@ const LAST_OUTPUT: Duration = Duration::from_secs(2);
 
 /// Runs the attempt that has claimed `job`.
 pub(super) async fn run(inner: &Inner, job: Job, issuer: Issuer) {
-    let span = tracing::info_span!("attempt", job.id = %job.id, job.kind = job.spec.kind().as_str(), job.attempt = job.attempt);
     async {
         let attempt = issuer.attempt(&job.id);
-        let lease = inner.leases.grant(&attempt);
+        let lease = inner.leases.grant(&attempt, if inner.engine.outlives_server() { Tie::Remote } else { Tie::Child });
         tracing::info!("attempt started");
+        // The first report of a worker of the server's own returns a cancellation between the claim and the lease.
+        if inner.engine.outlives_server() && inner.store.job(&job.id).await.is_ok_and(|job| job.cancel_requested) {
+            lease.stop.cancel();
+        }
         let mut log = Log::of(&inner.config.data_dir, &job.id).await;
         log.note(&format!("attempt {} of {} begins", job.attempt, job.max_attempts)).await;
-        let end = match process::start(&inner.config, inner.server, &issuer.token(&job.id)) {
-            Ok(mut child) => {
-                crate::fail_point::pass("worker.started");
-                let memory = memory::of_worker(child.id().unwrap_or(0), job.spec.kind().as_str());
-                let output = child.stderr.take();
-                tokio::select! {
-                    end = with_output(watch_over(inner, child, &lease), &mut log, output) => end,
-                    never = memory => match never {},
-                }
-            }
-            Err(error) => AttemptEnd::Broken(format!("the worker could not be started: {error}")),
+        let launch = Launch { job: &job, attempt: &attempt, token: issuer.token(&job.id), lease: &lease };
+        let end = match inner.engine.start(launch) {
+            Ok(execution) => until_over(inner, &attempt, execution, &lease, &mut log).await,
+            Err(reason) => Some(End::Broken(format!("the worker could not be started: {reason}"))),
         };
-        // A requested stop is the reason however the process ended, and on a full disk no attempt can continue.
-        let stopped = lease.stop.is_cancelled() || inner.blobs.is_full();
-        let end = if stopped { AttemptEnd::Stopped } else { end };
-        inner.end_with_retries(&attempt, &end).await;
-        inner.leases.end(&attempt);
-        log.note(&standing(inner, &job).await).await;
+        conclude(inner, &job, &attempt, &lease, end, &mut log).await;
     }
-    .instrument(span)
+    .instrument(span(&job))
     .await;
 }
 
-/// The output of `end`, once all of the worker's output before it is logged.
-async fn with_output(
-    end: impl Future<Output = AttemptEnd>,
+/// Runs the rest of an attempt that an earlier server started.
+pub(super) async fn resume(
+    inner: &Inner,
+    job: Job,
+    attempt: Attempt,
+    lease: &Arc<Lease>,
+    execution: Box<dyn Execution>,
+) {
+    async {
+        tracing::info!("attempt resumed");
+        let mut log = Log::of(&inner.config.data_dir, &job.id).await;
+        let end = until_over(inner, &attempt, execution, lease, &mut log).await;
+        conclude(inner, &job, &attempt, lease, end, &mut log).await;
+    }
+    .instrument(span(&job))
+    .await;
+}
+
+/// Follows a worker to its end. `None` when the server stops first and the worker continues without it.
+async fn until_over(
+    inner: &Inner,
+    attempt: &Attempt,
+    mut execution: Box<dyn Execution>,
+    lease: &Arc<Lease>,
     log: &mut Log,
-    output: Option<impl AsyncRead + Unpin>,
-) -> AttemptEnd {
+) -> Option<End> {
+    let end = watch_over(inner, attempt, execution.as_mut(), lease, log);
+    if inner.engine.outlives_server() { inner.stopping.run_until_cancelled(end).await } else { Some(end.await) }
+}
+
+fn span(job: &Job) -> tracing::Span {
+    tracing::info_span!("attempt", job.id = %job.id, job.kind = job.spec.kind().as_str(), job.attempt = job.attempt)
+}
+
+/// Stores the end of an attempt, if it has ended.
+async fn conclude(inner: &Inner, job: &Job, attempt: &Attempt, lease: &Lease, end: Option<End>, log: &mut Log) {
+    let Some(end) = end else { return };
+    // A requested stop is the reason however the process ended, and on a full disk no attempt can continue.
+    let stopped = lease.stop.is_cancelled() || inner.blobs.is_full();
+    let end = if stopped { AttemptEnd::Stopped } else { end.of_attempt(saved_checkpoint(inner, job).await) };
+    inner.end_with_retries(attempt, &end).await;
+    inner.leases.end(attempt);
+    log.note(&standing(inner, job).await).await;
+}
+
+/// Whether the job has a newer checkpoint than when the attempt began.
+async fn saved_checkpoint(inner: &Inner, job: &Job) -> bool {
+    inner.store.job(&job.id).await.is_ok_and(|now| now.checkpoint_step > job.checkpoint_step)
+}
+
+/// The output of `end`, once all of the worker's output before it is logged.
+async fn with_output(end: impl Future<Output = End>, log: &mut Log, output: Option<impl AsyncRead + Unpin>) -> End {
     let Some(output) = output else { return end.await };
     let (mut end, mut following) = (pin!(end), pin!(log.follow(output, pass_on)));
     tokio::select! {
         end = &mut end => {
             // The pipe closes with the worker; if another process still holds it open, the wait ends after
-            // `LAST_WORDS`.
+            // `LAST_OUTPUT`.
             let _ = tokio::time::timeout(LAST_OUTPUT, following).await;
             end
         }
@@ -90,27 +134,75 @@ async fn standing(inner: &Inner, job: &Job) -> String {
     }
 }
 
-/// Waits for the process to end, and kills it when it is silent or ignores a request to stop.
-async fn watch_over(inner: &Inner, mut child: Child, lease: &Lease) -> AttemptEnd {
+/// Follows a worker to its end: its output, its place, its silence and its answer to a request to stop.
+async fn watch_over(
+    inner: &Inner,
+    attempt: &Attempt,
+    execution: &mut dyn Execution,
+    lease: &Arc<Lease>,
+    log: &mut Log,
+) -> End {
+    let (output, placement) = (execution.output(), execution.placement());
+    tokio::select! {
+        end = with_output(until_end(inner, execution, lease), log, output) => end,
+        never = record(inner, attempt, placement) => match never {},
+    }
+}
+
+/// Stores each new place of the worker, for as long as it is polled.
+async fn record(
+    inner: &Inner,
+    attempt: &Attempt,
+    mut placement: watch::Receiver<Placement>,
+) -> std::convert::Infallible {
+    placement.mark_changed();
+    loop {
+        if placement.changed().await.is_err() {
+            return std::future::pending().await;
+        }
+        let new = placement.borrow_and_update().clone();
+        match inner.store.place_attempt(attempt, &new).await {
+            Ok(()) => inner.changed.send_replace(()),
+            // The place is for people only; the next change is stored again.
+            Err(error) => tracing::warn!(%error, "the place of a worker cannot be stored"),
+        }
+    }
+}
+
+/// Waits for the worker to end, and kills it when it is silent or ignores a request to stop.
+async fn until_end(inner: &Inner, execution: &mut dyn Execution, lease: &Lease) -> End {
     let silence = Duration::from_secs(inner.config.jobs.worker_silence_seconds);
     let why = tokio::select! {
-        status = child.wait() => return match status {
-            Ok(status) => AttemptEnd::Broken(process::describe(status)),
-            Err(error) => AttemptEnd::Broken(format!("the worker was lost: {error}")),
-        },
-        () = lease.silent_for(silence) => format!("the worker did not report for {} s and was killed", silence.as_secs()),
-        () = stubborn(lease) => format!("the worker did not stop within {} s and was killed", GRACE.as_secs()),
+        end = execution.ended() => return end,
+        () = silent(inner, lease, silence) => {
+            format!("the worker did not report for {} s and was killed", silence.as_secs())
+        }
+        () = stubborn(lease) => {
+            if lease.begun() {
+                format!("the worker did not stop within {} s and was killed", GRACE.as_secs())
+            } else {
+                "the attempt was stopped before its worker called".to_owned()
+            }
+        }
     };
     tracing::warn!(reason = why, "killing the worker");
-    if let Err(error) = child.kill().await {
-        tracing::error!(%error, "the worker could not be killed");
+    execution.kill(why).await
+}
+
+async fn silent(inner: &Inner, lease: &Lease, limit: Duration) {
+    lease.silent_for(limit).await;
+    // A worker on a cluster that has delivered its result has no more to report; its engine waits for its end.
+    if inner.engine.outlives_server() && lease.delivered.is_cancelled() {
+        std::future::pending().await
     }
-    AttemptEnd::Broken(why)
 }
 
 async fn stubborn(lease: &Lease) {
     lease.stop.cancelled().await;
-    tokio::time::sleep(GRACE).await;
+    // A worker that has not started cannot stop on its own.
+    if lease.begun() {
+        tokio::time::sleep(GRACE).await;
+    }
 }
 
 #[cfg(test)]
@@ -132,9 +224,9 @@ mod tests {
             } else {
                 std::mem::forget(worker);
             }
-            AttemptEnd::Broken("it ended".to_owned())
+            End::Broken("it ended".to_owned())
         };
-        assert_eq!(with_output(end, &mut log, Some(output)).await, AttemptEnd::Broken("it ended".to_owned()));
+        assert_eq!(with_output(end, &mut log, Some(output)).await, End::Broken("it ended".to_owned()));
         log::read(dir.path(), &job, u64::MAX).await.unwrap()
     }
 

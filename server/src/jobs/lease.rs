@@ -3,37 +3,72 @@
 
 use std::{
     collections::HashMap,
-    sync::{Arc, Mutex, PoisonError},
+    future::pending,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Duration,
 };
 
-use tokio::time::{Instant, sleep_until};
+use tokio::{
+    sync::watch,
+    time::{Instant, sleep_until},
+};
 use tokio_util::sync::CancellationToken;
 
 use crate::domain::{attempt::Attempt, id::JobId};
 
 /// One running attempt.
 pub(super) struct Lease {
-    renewed_at: Mutex<Instant>,
-    /// Cancelled when the job is cancelled or the server stops.
+    /// The time of the last call; `None` before the first one of a worker that may start late.
+    renewed_at: watch::Sender<Option<Instant>>,
+    /// Cancelled when the job is cancelled, and with a worker of the server's own when the server stops.
     pub(super) stop: CancellationToken,
+    /// Cancelled once the worker has delivered a result or the reason of a failure.
+    pub(super) delivered: CancellationToken,
+    /// Whether a second process has called for this attempt.
+    contested: AtomicBool,
 }
 
 impl Lease {
-    /// Waits until the worker has made no call for `limit`.
+    /// Waits until the worker has made no call for `limit`. The time before a late worker's first call does not count.
     pub(super) async fn silent_for(&self, limit: Duration) {
+        let mut renewed = self.renewed_at.subscribe();
         loop {
-            let over = *self.renewed_at.lock().unwrap_or_else(PoisonError::into_inner) + limit;
-            if over <= Instant::now() {
+            // The sender is a field of this lease, so the wait ends with a call only.
+            let Ok(Some(at)) = renewed.wait_for(Option::is_some).await.map(|at| *at) else { return pending().await };
+            if at + limit <= Instant::now() {
                 return;
             }
-            sleep_until(over).await;
+            sleep_until(at + limit).await;
         }
     }
 
-    fn touch(&self) {
-        *self.renewed_at.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+    /// Whether the worker has called, or is known to run.
+    pub(super) fn begun(&self) -> bool {
+        self.renewed_at.borrow().is_some()
     }
+
+    /// Whether a second process has called for this attempt: the engine's view of it is then of the wrong one.
+    pub(super) fn contested(&self) -> bool {
+        self.contested.load(Ordering::Relaxed)
+    }
+
+    fn touch(&self) {
+        self.renewed_at.send_replace(Some(Instant::now()));
+    }
+}
+
+/// How the worker of a lease is tied to this server.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Tie {
+    /// The worker ends with the server, and starts at once.
+    Child,
+    /// The worker outlives the server, and starts at some time.
+    Remote,
+    /// As `Remote`, and the worker is known to run.
+    Resumed,
 }
 
 /// Every running attempt of this server.
@@ -43,14 +78,24 @@ pub(super) struct Leases {
 }
 
 impl Leases {
-    /// No lease yet; all are asked to stop with `stopping`.
+    /// No lease yet; those of child processes are asked to stop with `stopping`.
     pub(super) fn new(stopping: CancellationToken) -> Self {
         Self { held: Mutex::default(), stopping }
     }
 
     /// Begins the lease of an attempt.
-    pub(super) fn grant(&self, attempt: &Attempt) -> Arc<Lease> {
-        let lease = Arc::new(Lease { renewed_at: Mutex::new(Instant::now()), stop: self.stopping.child_token() });
+    pub(super) fn grant(&self, attempt: &Attempt, tie: Tie) -> Arc<Lease> {
+        let (renewed_at, stop) = match tie {
+            Tie::Child => (Some(Instant::now()), self.stopping.child_token()),
+            Tie::Remote => (None, CancellationToken::new()),
+            Tie::Resumed => (Some(Instant::now()), CancellationToken::new()),
+        };
+        let lease = Arc::new(Lease {
+            renewed_at: watch::Sender::new(renewed_at),
+            stop,
+            delivered: CancellationToken::new(),
+            contested: AtomicBool::new(false),
+        });
         self.all(|held| held.insert(attempt.clone(), Arc::clone(&lease)));
         lease
     }
@@ -62,9 +107,27 @@ impl Leases {
 
     /// Records a call of the attempt's worker.
     pub(super) fn renew(&self, attempt: &Attempt) {
-        if let Some(lease) = self.all(|held| held.get(attempt).cloned()) {
+        if let Some(lease) = self.of(attempt) {
             lease.touch();
         }
+    }
+
+    /// Records a call of a second process for the attempt.
+    pub(super) fn contest(&self, attempt: &Attempt) {
+        if let Some(lease) = self.of(attempt) {
+            lease.contested.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Records that the attempt's worker has delivered its result or the reason of its failure.
+    pub(super) fn deliver(&self, attempt: &Attempt) {
+        if let Some(lease) = self.of(attempt) {
+            lease.delivered.cancel();
+        }
+    }
+
+    fn of(&self, attempt: &Attempt) -> Option<Arc<Lease>> {
+        self.all(|held| held.get(attempt).cloned())
     }
 
     /// Requests the workers of a job to stop.
@@ -96,7 +159,7 @@ mod tests {
     async fn a_report_resets_the_silence() {
         let leases = Leases::new(CancellationToken::new());
         let (attempt, begun) = (attempt(), Instant::now());
-        let lease = leases.grant(&attempt);
+        let lease = leases.grant(&attempt, Tie::Child);
         let limit = Duration::from_secs(120);
         let words = async {
             tokio::time::sleep(Duration::from_secs(100)).await;
@@ -115,12 +178,45 @@ mod tests {
         let stopping = CancellationToken::new();
         let leases = Leases::new(stopping.clone());
         let (one, other) = (attempt(), attempt());
-        let (_a, _b) = (leases.grant(&one), leases.grant(&other));
+        let (_a, _b) = (leases.grant(&one, Tie::Child), leases.grant(&other, Tie::Child));
         leases.stop(&one.job_id);
         assert!(leases.stopped(&one) && !leases.stopped(&other));
         stopping.cancel();
         assert!(leases.stopped(&other));
         leases.end(&other);
         assert!(!leases.stopped(&other));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_late_worker_is_silent_only_after_its_first_call() {
+        let leases = Leases::new(CancellationToken::new());
+        let (attempt, begun) = (attempt(), Instant::now());
+        let lease = leases.grant(&attempt, Tie::Remote);
+        let first_call = async {
+            tokio::time::sleep(Duration::from_secs(1000)).await;
+            assert!(!lease.begun());
+            leases.renew(&attempt);
+            std::future::pending::<()>().await;
+        };
+        tokio::select! {
+            () = lease.silent_for(Duration::from_secs(120)) => {}
+            () = first_call => {}
+        }
+        assert_eq!(begun.elapsed().as_secs(), 1120);
+    }
+
+    #[test]
+    fn a_remote_worker_is_not_stopped_with_the_server() {
+        let stopping = CancellationToken::new();
+        let leases = Leases::new(stopping.clone());
+        let attempt = attempt();
+        let lease = leases.grant(&attempt, Tie::Remote);
+        stopping.cancel();
+        assert!(!leases.stopped(&attempt));
+        leases.stop(&attempt.job_id);
+        assert!(leases.stopped(&attempt) && !lease.contested() && !lease.delivered.is_cancelled());
+        leases.contest(&attempt);
+        leases.deliver(&attempt);
+        assert!(lease.contested() && lease.delivered.is_cancelled());
     }
 }

@@ -5,14 +5,15 @@
 mod assignment;
 mod attempt;
 mod chain;
+mod engine;
 mod image_weights;
 mod input_episodes;
 mod kinds;
 mod lease;
 mod log;
 mod lookup;
-mod process;
 mod report;
+mod resume;
 mod retry;
 mod scheduler;
 mod submit;
@@ -26,13 +27,16 @@ mod watch;
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};
 
-use tokio::sync::{Notify, watch as state};
+use tokio::sync::{Notify, Semaphore, watch as state};
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
 
-use self::lease::Leases;
+use self::{
+    engine::{Engine, Local, Slurm},
+    lease::Leases,
+};
 use crate::{
     blobs::Blobs,
-    config::ServeConfig,
+    config::{EngineKind, ServeConfig},
     domain::{
         attempt::{Attempt, AttemptEnd},
         id::{BlobId, JobId, ScheduleId},
@@ -60,8 +64,10 @@ struct Inner {
     config: Arc<ServeConfig>,
     store: Store,
     blobs: Blobs,
-    /// The address that workers call.
-    server: SocketAddr,
+    /// Where workers run.
+    engine: Box<dyn Engine>,
+    /// One permit for each attempt that may run at once.
+    slots: Arc<Semaphore>,
     /// Notified when a job may have become ready to run.
     ready: Notify,
     /// Notified when a schedule may have become due.
@@ -76,17 +82,22 @@ struct Inner {
 }
 
 impl Jobs {
-    /// Ends the attempts of a server that crashed, then starts the supervisor and the scheduler.
+    /// Resumes or ends the attempts of an earlier server, then starts the supervisor and the scheduler.
     ///
     /// # Errors
-    /// When the database cannot be read.
+    /// When the database cannot be read, or a file that a flag of the engine names.
     pub async fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, server: SocketAddr) -> Result<Self> {
         let stopping = CancellationToken::new();
+        let engine: Box<dyn Engine> = match config.jobs.engine.engine {
+            EngineKind::Local => Box::new(Local::new(Arc::clone(config), server)),
+            EngineKind::Slurm => Box::new(Slurm::new(Arc::clone(config))?),
+        };
         let inner = Arc::new(Inner {
             config: Arc::clone(config),
             store,
             blobs,
-            server,
+            engine,
+            slots: Arc::new(Semaphore::new(config.jobs.workers)),
             ready: Notify::new(),
             due: Notify::new(),
             changed: state::Sender::new(()),
@@ -94,21 +105,14 @@ impl Jobs {
             stopping,
             tasks: TaskTracker::new(),
         });
-        let left = inner.store.running_attempts().await?;
-        let recovering = Arc::clone(&inner);
-        // In the background: a full or slow disk must not delay the start.
-        inner.tasks.spawn(async move {
-            for attempt in left {
-                recovering.end_with_retries(&attempt, &AttemptEnd::Stopped).await;
-            }
-        });
+        resume::resume(&inner).await?;
         inner.tasks.spawn(supervisor::supervise(Arc::clone(&inner)));
         inner.tasks.spawn(scheduler::schedule(Arc::clone(&inner)));
         Ok(Self(inner))
     }
 
     /// Requests the workers to stop, kills those that do not, and waits. Their jobs return to the queue, and the
-    /// attempts are not counted. Must be called while workers can still reach the server.
+    /// attempts are not counted. Workers that outlive the server continue. Must be called while workers can still reach the server.
     pub async fn stop(&self) {
         self.0.stopping.cancel();
         self.0.tasks.close();

@@ -9,18 +9,29 @@ use crate::{
         work::{Made, Progress},
     },
     error::{Error, Result},
+    store::attempt::Claimant,
 };
 
 impl Jobs {
-    /// The running attempt that a token proves, with its job; `None` for any other token. Counts as a sign of life.
+    /// The running attempt that a token proves, with its job; `None` for any other token, and for every process but the
+    /// first that presents it. Counts as a sign of life.
     ///
     /// # Errors
-    /// When the database cannot be read.
-    pub(crate) async fn authenticate(&self, token: &str) -> Result<Option<(Attempt, Job)>> {
+    /// When the database fails.
+    pub(crate) async fn authenticate(&self, token: &str, process: &str) -> Result<Option<(Attempt, Job)>> {
         let Some(attempt) = token::attempt(token) else { return Ok(None) };
-        let Some(job) = self.0.store.attempted(&attempt).await? else { return Ok(None) };
-        self.0.leases.renew(&attempt);
-        Ok(Some((attempt, job)))
+        match self.0.store.claimant(&attempt, process).await? {
+            Claimant::Worker(job) => {
+                self.0.leases.renew(&attempt);
+                Ok(Some((attempt, *job)))
+            }
+            Claimant::Other => {
+                tracing::warn!(job.id = %attempt.job_id, "a second process called for an attempt and was rejected");
+                self.0.leases.contest(&attempt);
+                Ok(None)
+            }
+            Claimant::Over => Ok(None),
+        }
     }
 
     /// Stores progress; returns whether to stop.
@@ -66,6 +77,7 @@ impl Jobs {
         let result = kinds::accept(&self.0.store, job, made).await?;
         let moved = self.0.store.finish_job(attempt, &result).await?;
         drop(naming);
+        self.0.leases.deliver(attempt);
         let job = self.0.settle(moved).await?;
         tracing::info!(job.id = %job.id, result.id = job.result_id, "job succeeded");
         Ok(())
@@ -84,7 +96,9 @@ impl Jobs {
         } else {
             AttemptEnd::Permanent(error)
         };
-        self.0.end_attempt(attempt, &end).await
+        self.0.end_attempt(attempt, &end).await?;
+        self.0.leases.deliver(attempt);
+        Ok(())
     }
 
     fn expect_blob(&self, blob: &BlobId) -> Result<()> {

@@ -3,8 +3,6 @@
 
 use std::{sync::Arc, time::Duration};
 
-use tokio::sync::Semaphore;
-
 use super::{Inner, attempt, token::Issuer};
 use crate::domain::job::Job;
 
@@ -13,10 +11,9 @@ const FALLBACK: Duration = Duration::from_secs(30);
 
 /// Runs attempts until the server stops.
 pub(super) async fn supervise(inner: Arc<Inner>) {
-    let slots = Arc::new(Semaphore::new(inner.config.jobs.workers));
     let running = async {
         // The semaphore is never closed, so this ends only with the server.
-        while let Ok(slot) = Arc::clone(&slots).acquire_owned().await {
+        while let Ok(slot) = Arc::clone(&inner.slots).acquire_owned().await {
             let (job, issuer) = next_job(&inner).await;
             let task = Arc::clone(&inner);
             inner.tasks.spawn(async move {
@@ -36,7 +33,11 @@ async fn next_job(inner: &Inner) -> (Job, Issuer) {
         // A notification between the check and the wait is kept as a permit.
         let issuer = Issuer::new();
         // Jobs write results, so they start only while the disk has room.
-        let claimed = if inner.blobs.is_full() { Ok(None) } else { inner.store.claim_job(&issuer.hash).await };
+        let claimed = if inner.blobs.is_full() {
+            Ok(None)
+        } else {
+            inner.store.claim_job(&issuer.hash, inner.engine.name()).await
+        };
         match claimed {
             Ok(Some(job)) => {
                 inner.changed.send_replace(());

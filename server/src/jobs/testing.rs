@@ -65,7 +65,7 @@ impl Bench {
     /// Claims the next job; returns it with the attempt that a worker would prove.
     pub(super) async fn claim(&self) -> (Attempt, Job) {
         let issuer = super::token::Issuer::new();
-        let job = self.store.claim_job(&issuer.hash).await.unwrap().expect("a job is ready");
+        let job = self.store.claim_job(&issuer.hash, "local").await.unwrap().expect("a job is ready");
         (issuer.attempt(&job.id), job)
     }
 

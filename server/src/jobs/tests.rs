@@ -203,15 +203,16 @@ async fn only_the_token_of_a_running_attempt_is_accepted() {
     let bench = Bench::new().await;
     submit(&bench, pretrain()).await.unwrap();
     let issuer = super::token::Issuer::new();
-    let job = bench.store.claim_job(&issuer.hash).await.unwrap().unwrap();
+    let job = bench.store.claim_job(&issuer.hash, "local").await.unwrap().unwrap();
     let token = issuer.token(&job.id);
-    let (attempt, known) = bench.jobs.authenticate(token.reveal()).await.unwrap().unwrap();
+    let (attempt, known) = bench.jobs.authenticate(token.reveal(), "one").await.unwrap().unwrap();
     assert_eq!(known.id, job.id);
+    assert!(bench.jobs.authenticate(token.reveal(), "two").await.unwrap().is_none(), "one process has the attempt");
     let forged = super::token::Issuer::new().token(&job.id);
-    assert!(bench.jobs.authenticate(forged.reveal()).await.unwrap().is_none());
-    assert!(bench.jobs.authenticate("").await.unwrap().is_none());
+    assert!(bench.jobs.authenticate(forged.reveal(), "one").await.unwrap().is_none());
+    assert!(bench.jobs.authenticate("", "one").await.unwrap().is_none());
     bench.jobs.fail(&attempt, "no".into(), false).await.unwrap();
-    assert!(bench.jobs.authenticate(token.reveal()).await.unwrap().is_none());
+    assert!(bench.jobs.authenticate(token.reveal(), "one").await.unwrap().is_none());
 }
 
 #[tokio::test]
@@ -262,7 +263,7 @@ async fn the_end_of_an_attempt_is_stored_once_the_disk_accepts_it() {
     bench.claim().await;
     crate::store::testing::run(&bench.store, "pragma query_only = on").await;
     let next = testing::start(&bench.dir, &bench.store).await;
-    let (attempt, end) = (bench.store.running_attempts().await.unwrap().remove(0), AttemptEnd::Stopped);
+    let (attempt, end) = (bench.store.running_attempts().await.unwrap().remove(0).attempt, AttemptEnd::Stopped);
     assert_eq!(bench.store.end_attempt(&attempt, &end).await.unwrap_err().kind(), Kind::Exhausted);
     crate::store::testing::run(&bench.store, "pragma query_only = off").await;
     assert_eq!(until_queued(&next, &id).await.attempt, 0);

@@ -10,6 +10,9 @@ use super::{
 };
 use crate::{domain::order::JobFilter, wire};
 
+/// Longest part of a job's log in a response, in bytes.
+const LOG: u64 = 16 << 10;
+
 /// Serves jobs.
 pub(crate) struct JobApi(pub(crate) Services);
 
@@ -43,7 +46,9 @@ impl JobService for JobApi {
     async fn get_job(&self, request: Request<v1::GetJobRequest>) -> Reply<v1::GetJobResponse> {
         answer(async {
             let job = self.0.store.job(&wire::job::job_id(&request.get_ref().job_id)?).await?;
-            Ok(v1::GetJobResponse { job: Some(wire::job::job(job)) })
+            // The job is worth more than its log, which a failing disk may refuse.
+            let log = self.0.jobs.log(&job.id, LOG).await.unwrap_or_else(|error| error.to_string());
+            Ok(v1::GetJobResponse { job: Some(wire::job::job(job)), log })
         })
         .await
     }

@@ -2,7 +2,7 @@
 
 use std::{sync::Arc, time::Duration};
 
-use gleaner_edge::Protocol;
+use gleaner_edge::{Protocol, Tls};
 use gleaner_proto::{
     inference::grpc_inference_service_server::GrpcInferenceServiceServer,
     v1::{
@@ -58,10 +58,14 @@ pub(crate) async fn serve(
     stop: impl Future<Output = ()> + Send,
 ) -> Result<()> {
     let connections = connections(&services.config.connections);
-    let Listeners { calls, tls, workers, pages: _ } = listeners;
+    let Listeners { calls, tls, workers, worker_tls, pages: _ } = listeners;
     let guard = guard(services, tokens, tls.is_some(), &connections);
-    let _workers = for_workers(services, workers);
-    let _following = tls.clone().map(|tls| AbortOnDropHandle::new(tokio::spawn(async move { tls.follow().await })));
+    let follow = |tls: &Arc<Tls>| {
+        let tls = Arc::clone(tls);
+        AbortOnDropHandle::new(tokio::spawn(async move { tls.follow().await }))
+    };
+    let _following = [&tls, &worker_tls].map(|tls| tls.as_ref().map(follow));
+    let _workers = for_workers(services, workers, worker_tls);
     let (routes, health) = routes(services).await?;
     let health = Arc::new(health);
     let (lost, health_on_loss) = (services.store.lost(), Arc::clone(&health));
@@ -129,9 +133,8 @@ fn guard(services: &Services, tokens: TokenCache, encrypted: bool, connections: 
     Guard::new(tokens, services.store.clone(), required, connections.clone())
 }
 
-/// Serves our own workers: `WorkerService` only, on this machine only, with limits of their own. Each call has the token of
-/// its job.
-fn for_workers(services: &Services, listener: TcpListener) -> AbortOnDropHandle<()> {
+/// Serves workers: `WorkerService` only, with limits of their own. Each call has the token of its job.
+fn for_workers(services: &Services, listener: TcpListener, tls: Option<Arc<Tls>>) -> AbortOnDropHandle<()> {
     let connections = connections(&services.config.connections);
     let limit = services.config.limits.max_message_bytes;
     let service = WorkerServiceServer::new(WorkerApi(services.clone()))
@@ -143,7 +146,7 @@ fn for_workers(services: &Services, listener: TcpListener) -> AbortOnDropHandle<
         .layer(Guard::of_workers(services.jobs.clone()))
         .layer(connections.layer())
         .add_service(service);
-    let incoming = connections.accept(listener, None, Protocol::Http2);
+    let incoming = connections.accept(listener, tls, Protocol::Http2);
     AbortOnDropHandle::new(tokio::spawn(async move {
         if let Err(error) = server.serve_with_incoming(incoming).await {
             tracing::error!(%error, "serving workers failed");

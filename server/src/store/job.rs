@@ -12,6 +12,7 @@ use crate::{
         id::{JobId, TaskId},
         job::{Job, JobState},
         order::{JobFilter, JobOrder, NewJob, Plan},
+        placement::Placement,
         time::Millis,
     },
     error::{Error, Result},
@@ -29,8 +30,10 @@ macro_rules! select_jobs {
 
 record! { Job:
     id, task_id, spec, state, priority, result_id, done, total, message, error, attempt, max_attempts, cancel_requested,
-    checkpoint, checkpoint_step, peak_memory_bytes, needs, created_at, started_at, ended_at, key
+    checkpoint, checkpoint_step, peak_memory_bytes, needs, created_at, started_at, ended_at, key; placement
 }
+
+record! { Placement: engine, engine_id, node, waiting }
 
 /// Reads a job inside a write.
 pub(super) async fn by_id(tx: &mut Transaction<'_, Sqlite>, id: &JobId) -> Result<Option<Job>> {

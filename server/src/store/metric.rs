@@ -122,7 +122,7 @@ mod tests {
             keyed: None,
         };
         store.insert_plan(&Plan { jobs: vec![job], ..Plan::default() }).await.unwrap();
-        store.claim_job("hash").await.unwrap().unwrap();
+        store.claim_job("hash", "local").await.unwrap().unwrap();
         let attempt = Attempt { job_id: id.clone(), token_hash: "hash".into() };
         let losses = (1..=95).map(|step| (step, "loss".to_owned(), 0.5));
         let rates = (1..=3).map(|step| (step * 10, "rate".to_owned(), 0.25));

@@ -3,7 +3,7 @@
 //! One connection writes, several read. Every write commits with `synchronous=FULL`: it is on disk when the call
 //! returns. Arguments and results are domain values.
 
-mod attempt;
+pub(crate) mod attempt;
 mod audit;
 pub(crate) mod backlog;
 mod blob;

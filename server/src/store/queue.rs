@@ -28,19 +28,20 @@ pub(crate) struct Moved {
 }
 
 impl Store {
-    /// Assigns a job to the attempt with this token: of the queued jobs whose needs have all succeeded, the one of
+    /// Assigns a job to the attempt with this token, which runs by this engine: of the queued jobs whose needs have all succeeded, the one of
     /// highest priority, then the oldest.
-    pub(crate) async fn claim_job(&self, token_hash: &str) -> Result<Option<Job>> {
+    pub(crate) async fn claim_job(&self, token_hash: &str, engine: &str) -> Result<Option<Job>> {
         let mut tx = self.write().await?;
         let claimed: Option<JobId> = sqlx::query(
-            "update jobs set state = 'running', attempt = attempt + 1, token_hash = ?1, started_at = ?2 \
-             where id = (select id from jobs as ready where state = 'queued' and not exists ( \
+            "update jobs set state = 'running', attempt = attempt + 1, token_hash = ?1, started_at = ?2, engine = ?3, \
+             engine_id = '', node = '', waiting = '', process = null where id = (select id from jobs as ready where state = 'queued' and not exists ( \
                select 1 from job_dependencies join jobs as needed on needed.id = job_dependencies.needs \
                where job_dependencies.job_id = ready.id and needed.state <> 'succeeded') \
              order by priority desc, id limit 1) returning id",
         )
         .bind(token_hash)
         .bind(Millis::now().param())
+        .bind(engine)
         .try_map(row::read)
         .fetch_optional(&mut *tx)
         .await
@@ -51,19 +52,6 @@ impl Store {
         self.commit(tx).await?;
         crate::fail_point::pass("claim.committed");
         Ok(job)
-    }
-
-    /// The job of a running attempt; `None` for an attempt that has ended or is unknown.
-    pub(crate) async fn attempted(&self, attempt: &Attempt) -> Result<Option<Job>> {
-        let running: bool = sqlx::query_scalar(
-            "select exists (select 1 from jobs where id = ? and token_hash = ? and state = 'running')",
-        )
-        .bind(attempt.job_id.param())
-        .bind(&attempt.token_hash)
-        .fetch_one(self.read())
-        .await
-        .map_err(fault("looking for an attempt"))?;
-        if running { self.job(&attempt.job_id).await.map(Some) } else { Ok(None) }
     }
 
     /// Ends an attempt without a result. `None` when it had already ended.
@@ -90,15 +78,6 @@ impl Store {
         self.commit(tx).await?;
         crate::fail_point::pass("attempt.committed");
         Ok(Some(moved))
-    }
-
-    /// Every running attempt according to the rows: at the start, those of an earlier server.
-    pub(crate) async fn running_attempts(&self) -> Result<Vec<Attempt>> {
-        sqlx::query("select id, coalesce(token_hash, '') from jobs where state = 'running'")
-            .try_map(|row| Ok(Attempt { job_id: row::column(&row, 0)?, token_hash: row::column(&row, 1)? }))
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("listing running attempts"))
     }
 
     /// Cancels a job, and the jobs that wait for it: at once if it is queued, else by asking its worker.
@@ -174,7 +153,7 @@ pub(super) async fn advance(
     }
     let ended = next.ended();
     sqlx::query(
-        "update jobs set state = ?1, message = ?2, error = ?3, token_hash = null, ended_at = ?4, \
+        "update jobs set state = ?1, message = ?2, error = ?3, token_hash = null, ended_at = ?4, waiting = '', \
          checkpoint = iif(?5, null, checkpoint), checkpoint_step = iif(?5, null, checkpoint_step) where id = ?6",
     )
     .bind(next.param())

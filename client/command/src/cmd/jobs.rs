@@ -104,7 +104,7 @@ impl JobArgs {
         let request = GetJobRequest { job_id: self.id };
         let reply = context.client().await?.jobs().get_job(request).await?.into_inner();
         let job = present(reply.job.as_ref(), "a job")?;
-        context.output.result(|| json::value(&reply), || describe(job))?;
+        context.output.result(|| json::value(&reply), || described(job, &reply.log))?;
         context.output.next(next(job));
         Ok(())
     }
@@ -115,6 +115,21 @@ fn next(job: &Job) -> String {
         JobState::Succeeded => after(job),
         JobState::Queued | JobState::Running | JobState::Unspecified => format!("gleaner watch {}", job.id),
         JobState::Failed | JobState::Cancelled => format!("gleaner jobs (job {} can be submitted again)", job.id),
+    }
+}
+
+/// The job and its log.
+fn described(job: &Job, log: &str) -> String {
+    let facts = describe(job);
+    if log.is_empty() { facts } else { format!("{facts}\nlog\n{log}") }
+}
+
+/// Where its newest attempt runs or ran.
+fn place(job: &Job) -> String {
+    match (job.engine.as_str(), job.node.as_str()) {
+        ("slurm", "") => format!("slurm job {}", job.engine_id),
+        ("slurm", node) => format!("slurm job {} on {node}", job.engine_id),
+        (engine, _) => engine.to_owned(),
     }
 }
 
@@ -130,6 +145,8 @@ fn describe(job: &Job) -> String {
         ("makes", job.result_id.clone()),
         ("waits for", job.needs.join(" ")),
         ("attempt", format!("{} of {}", job.attempt, job.max_attempts)),
+        ("engine", place(job)),
+        ("engine waits for", job.waiting.clone()),
         ("priority", job.priority.to_string()),
         ("created", words::moment(job.create_time.as_ref())),
         ("took", words::between(job.start_time.as_ref(), job.end_time.as_ref())),

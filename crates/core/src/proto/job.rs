@@ -8,6 +8,7 @@ use crate::{
     id::JobId,
     job::{Job, JobKind, JobState, Metric},
     order::{JobOrder, Queueing},
+    placement::Placement,
     schedule::PipelineSpec,
 };
 
@@ -122,6 +123,7 @@ pub fn job(job: Job) -> v1::Job {
         started_at,
         ended_at,
         key,
+        placement: Placement { engine, engine_id, node, waiting },
     } = job;
     v1::Job {
         id: id.into(),
@@ -143,6 +145,10 @@ pub fn job(job: Job) -> v1::Job {
         end_time: ended_at.map(field::timestamp),
         peak_memory_bytes,
         key,
+        engine,
+        engine_id,
+        node,
+        waiting,
     }
 }
 

@@ -5,6 +5,7 @@ use gleaner_core::{
     Result,
     id::JobId,
     job::{Job, JobState, Metric},
+    placement::Placement,
     time::Millis,
 };
 use maud::{Markup, html};
@@ -12,6 +13,8 @@ use maud::{Markup, html};
 use super::{curves, log};
 use crate::{Backend, link, page_request::PageRequest, refusal::Answer, text};
 
+/// The engine of the server's own machine.
+const LOCAL: &str = "local";
 /// Points of a curve: more than its plot has pixels.
 const POINTS: u32 = 2000;
 
@@ -60,9 +63,22 @@ fn standing(job: &Job, now: Millis) -> Markup {
                     div { dt { @if job.state.ended() { "Took" } @else { "Running for" } } dd { (text::seconds(took)) } }
                 }
                 div { dt { "Attempts" } dd { (job.attempt) " of " (job.max_attempts) } }
+                (place(&job.placement))
                 @if job.peak_memory_bytes > 0 { div { dt { "Peak memory" } dd { (text::bytes(job.peak_memory_bytes)) } } }
                 @if let Some(step) = job.checkpoint_step { div { dt { "Checkpoint" } dd { "after step " (text::count(step)) } } }
             }
+        }
+    }
+}
+
+/// Where it runs, if not on the server's machine.
+fn place(placement: &Placement) -> Markup {
+    let Placement { engine, engine_id, node, waiting } = placement;
+    html! {
+        @if !engine.is_empty() && engine != LOCAL {
+            div { dt { "Engine" } dd { (engine) @if !engine_id.is_empty() { " job " span.id { (engine_id) } } } }
+            @if !node.is_empty() { div { dt { "Node" } dd { (node) } } }
+            @if !waiting.is_empty() { div { dt { "Waiting for" } dd { (waiting) } } }
         }
     }
 }
@@ -127,6 +143,7 @@ mod tests {
             error: String::new(),
             attempt: 1,
             max_attempts: 3,
+            placement: Placement::default(),
             cancel_requested: false,
             checkpoint: None,
             checkpoint_step: None,
@@ -150,6 +167,27 @@ mod tests {
         assert_eq!((took(&ended, now), left(&ended, now)), (Some(5.0), None));
         let queued = Job { state: JobState::Queued, started_at: None, done: 0, total: 0, ..running() };
         assert_eq!((took(&queued, now), left(&queued, now)), (None, None));
+    }
+
+    #[test]
+    fn the_place_of_a_job_on_a_cluster_is_shown() {
+        let text = |text: &str| text.to_owned();
+        let waits = Placement {
+            engine: text("slurm"),
+            engine_id: text("17"),
+            waiting: text("Resources <x>"),
+            ..Placement::default()
+        };
+        let shown = standing(&Job { placement: waits.clone(), ..running() }, Millis(2000)).into_string();
+        for part in ["slurm", "17", "Resources &lt;x&gt;"] {
+            assert!(shown.contains(part), "{shown}");
+        }
+        let runs = Placement { node: text("node1"), waiting: String::new(), ..waits };
+        let shown = standing(&Job { placement: runs, ..running() }, Millis(2000)).into_string();
+        assert!(shown.contains("node1") && !shown.contains("Waiting for"), "{shown}");
+        let local = Placement { engine: text(LOCAL), engine_id: text("4711"), ..Placement::default() };
+        let shown = standing(&Job { placement: local, ..running() }, Millis(2000)).into_string();
+        assert!(!shown.contains("Engine") && !shown.contains("4711"), "{shown}");
     }
 
     #[test]

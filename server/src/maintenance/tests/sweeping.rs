@@ -86,7 +86,7 @@ async fn blobs_without_a_row_are_removed_once_old_enough() {
     let snapshot_id = lab.store.create_snapshot(&lab.task.id, &Default::default()).await.unwrap().id;
     let spec = JobSpec::Pretrain { snapshot_id, spec: Default::default() };
     let job = results::job(&lab.store, &lab.task, spec, encoder.as_str()).await;
-    let claimed = lab.store.claim_job("token").await.unwrap().unwrap();
+    let claimed = lab.store.claim_job("token", "local").await.unwrap().unwrap();
     assert_eq!(claimed.id, job);
     let its_own = lab.blobs.put(b"of the running job").unwrap();
     let log = lab.dir.path().join("logs").join("of the running job");

@@ -70,7 +70,7 @@ async fn a_running_job_shows_its_progress() {
     let task = task(&pages).await;
     let job = pretrain(&pages, &task).await;
     let store = &pages.services.store;
-    store.claim_job("hash").await.unwrap().unwrap();
+    store.claim_job("hash", "local").await.unwrap().unwrap();
     let attempt = crate::domain::attempt::Attempt { job_id: job.id.clone(), token_hash: "hash".into() };
     let metrics = (1..=5).map(|step| (step, "loss_mtp".to_owned(), 0.5)).collect();
     let progress = Progress { done: 5, total: 20, message: "pretraining".into(), metrics, peak_memory_bytes: 1 << 20 };

@@ -10,7 +10,7 @@ use crate::{
         work::Progress,
     },
     error::Kind,
-    store::testing,
+    store::{attempt::Claimant, testing},
 };
 
 fn export(task: &Task, priority: i32, needs: &[&JobId]) -> NewJob {
@@ -34,7 +34,7 @@ async fn queue(store: &Store, job: NewJob) -> Result<JobId> {
 /// Claims the next job under a new token.
 async fn claim(store: &Store) -> Option<(Attempt, Job)> {
     let token_hash = JobId::new().to_string();
-    let job = store.claim_job(&token_hash).await.unwrap()?;
+    let job = store.claim_job(&token_hash, "local").await.unwrap()?;
     Some((Attempt { job_id: job.id.clone(), token_hash }, job))
 }
 
@@ -200,15 +200,16 @@ async fn reports_of_an_old_attempt_are_refused() {
     let task = testing::task(&store).await;
     let id = queue(&store, export(&task, 0, &[])).await.unwrap();
     let (old, _) = claim(&store).await.unwrap();
-    assert_eq!(store.attempted(&old).await.unwrap().unwrap().id, id);
+    assert!(matches!(store.claimant(&old, "one").await.unwrap(), Claimant::Worker(job) if job.id == id));
     store.end_attempt(&old, &AttemptEnd::Stopped).await.unwrap();
     let (new, _) = claim(&store).await.unwrap();
     let blob = BlobId::from(blake3::hash(b"checkpoint"));
-    assert!(store.attempted(&old).await.unwrap().is_none());
+    assert_eq!(store.claimant(&old, "one").await.unwrap(), Claimant::Over);
     assert_eq!(store.report_progress(&old, &Progress::default()).await.unwrap_err().kind(), Kind::Precondition);
     assert_eq!(store.save_checkpoint(&old, 1, &blob).await.unwrap_err().kind(), Kind::Precondition);
     assert!(store.end_attempt(&old, &AttemptEnd::Stopped).await.unwrap().is_none());
-    assert_eq!(store.running_attempts().await.unwrap(), [new]);
+    let running = store.running_attempts().await.unwrap();
+    assert_eq!(running.into_iter().map(|running| running.attempt).collect::<Vec<_>>(), [new]);
 }
 
 #[tokio::test]

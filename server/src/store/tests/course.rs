@@ -14,7 +14,7 @@ use crate::{
         task::Task,
     },
     error::Kind,
-    store::{Store, queue, testing},
+    store::{Store, attempt::Claimant, queue, testing},
 };
 
 /// The events of the queue. The numbers choose a job or a running attempt, modulo their count.
@@ -109,7 +109,7 @@ impl Course {
                 if !self.over.is_empty() {
                     let ended_attempt = &self.over[at % self.over.len()];
                     assert!(self.store.end_attempt(ended_attempt, &AttemptEnd::Stopped).await.unwrap().is_none());
-                    assert!(self.store.attempted(ended_attempt).await.unwrap().is_none());
+                    assert_eq!(self.store.claimant(ended_attempt, "ghost").await.unwrap(), Claimant::Over);
                 }
             }
         }
@@ -118,7 +118,7 @@ impl Course {
 
     async fn claim(&mut self) -> bool {
         let token_hash = JobId::new().to_string();
-        let Some(job) = self.store.claim_job(&token_hash).await.unwrap() else { return false };
+        let Some(job) = self.store.claim_job(&token_hash, "local").await.unwrap() else { return false };
         assert_eq!(self.before[&job.id].state, JobState::Queued);
         assert!(job.needs.iter().all(|need| self.before[need].state == JobState::Succeeded), "{:?}", job.needs);
         self.running.push(Attempt { job_id: job.id, token_hash });

@@ -11,7 +11,7 @@ use crate::{
 /// A version, a dump, and the number of rows that each table must still have.
 type Sample = (i64, &'static str, &'static [(&'static str, i64)]);
 
-const SAMPLES: [Sample; 8] = [
+const SAMPLES: [Sample; 9] = [
     (
         8,
         include_str!("../../../../tests/samples/schema_0008.sql"),
@@ -51,6 +51,11 @@ const SAMPLES: [Sample; 8] = [
         27,
         include_str!("../../../../tests/samples/schema_0027.sql"),
         &[("episodes", 8), ("jobs", 11), ("score_runs", 3), ("datasets", 3), ("policies", 4), ("snapshots", 1)],
+    ),
+    (
+        28,
+        include_str!("../../../../tests/samples/schema_0028.sql"),
+        &[("episodes", 10), ("jobs", 4), ("score_runs", 1), ("datasets", 1), ("policies", 2), ("job_metrics", 6)],
     ),
 ];
 

@@ -34,6 +34,7 @@ fn export() -> Job {
         error: String::new(),
         attempt: 1,
         max_attempts: 3,
+        placement: crate::placement::Placement::default(),
         cancel_requested: false,
         checkpoint: None,
         checkpoint_step: None,

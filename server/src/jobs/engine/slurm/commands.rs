@@ -1,0 +1,162 @@
+//! Slurm's commands: sbatch, squeue and scancel, each with a limit on its time, and the meaning of their output. Must not
+//! depend on attempts.
+
+use std::{ffi::OsString, io::ErrorKind, path::PathBuf, process::Stdio, time::Duration};
+
+use tokio::{io::AsyncWriteExt as _, process::Command};
+
+/// Longest time of one command. Slurm's own commands retry for about 10 s while the controller does not answer.
+const LIMIT: Duration = Duration::from_secs(60);
+/// Longest part of a command's errors in a message, in characters.
+const LONGEST: usize = 400;
+
+/// A Slurm job, as squeue lists it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Entry {
+    pub(super) name: String,
+    pub(super) id: String,
+    /// Slurm's word, such as RUNNING.
+    pub(super) state: String,
+    pub(super) node: String,
+    /// Slurm's reason for the state, or empty.
+    pub(super) reason: String,
+}
+
+/// The commands of one cluster.
+#[derive(Debug, Clone)]
+pub(super) struct Commands {
+    /// Their folder; `None`: those in PATH.
+    folder: Option<PathBuf>,
+    environment: Vec<(&'static str, OsString)>,
+    limit: Duration,
+}
+
+impl Commands {
+    pub(super) fn new(folder: Option<PathBuf>, environment: Vec<(&'static str, OsString)>) -> Self {
+        Self { folder, environment, limit: LIMIT }
+    }
+
+    /// The same commands with another limit on their time.
+    #[cfg(test)]
+    pub(super) fn within(self, limit: Duration) -> Self {
+        Self { limit, ..self }
+    }
+
+    /// Submits a script, with these arguments and variables; returns the id of the job.
+    ///
+    /// # Errors
+    /// In words. The job may exist nevertheless, unless Slurm refused it.
+    pub(super) async fn submit(
+        &self,
+        arguments: &[OsString],
+        variables: &[(&'static str, String)],
+        script: &str,
+    ) -> Result<String, String> {
+        let mut command = self.command("sbatch");
+        command.arg("--parsable").args(arguments).envs(variables.iter().cloned());
+        let answer = self.run("sbatch", command, Some(script)).await?;
+        // With several clusters the name of one follows.
+        let id = answer.trim().split(';').next().unwrap_or_default();
+        if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {
+            return Err(format!("sbatch printed {:?} instead of the id of a job", shortened(&answer)));
+        }
+        Ok(id.to_owned())
+    }
+
+    /// Every job of this user, running, waiting or ended a short time ago.
+    ///
+    /// # Errors
+    /// In words. A failure is no statement about any job.
+    pub(super) async fn list(&self) -> Result<Vec<Entry>, String> {
+        let mut command = self.command("squeue");
+        let user = rustix::process::getuid().as_raw();
+        command.args(["--noheader", "--states=all", "--format=%j|%i|%T|%N|%r"]).arg(format!("--user={user}"));
+        let answer = self.run("squeue", command, None).await?;
+        answer.lines().filter(|line| !line.trim().is_empty()).map(entry).collect()
+    }
+
+    /// Cancels a job.
+    ///
+    /// # Errors
+    /// In words.
+    pub(super) async fn cancel(&self, id: &str) -> Result<(), String> {
+        let mut command = self.command("scancel");
+        command.args(["--quiet", id]);
+        self.run("scancel", command, None).await.map(drop)
+    }
+
+    fn command(&self, name: &str) -> Command {
+        let mut command = match &self.folder {
+            Some(folder) => Command::new(folder.join(name)),
+            None => Command::new(name),
+        };
+        command.env_clear().envs(self.environment.iter().cloned());
+        command
+    }
+
+    async fn run(&self, name: &str, mut command: Command, input: Option<&str>) -> Result<String, String> {
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
+        command.stdin(if input.is_some() { Stdio::piped() } else { Stdio::null() });
+        let work = async {
+            let mut child = command.spawn().map_err(|error| {
+                if error.kind() == ErrorKind::NotFound {
+                    format!(
+                        "{name} is not installed here: install the commands of Slurm, or set --slurm-bin to their folder"
+                    )
+                } else {
+                    format!("{name} cannot be started: {error}")
+                }
+            })?;
+            if let (Some(input), Some(mut pipe)) = (input, child.stdin.take()) {
+                // A command that ends early has its own reason, which follows.
+                let _ = pipe.write_all(input.as_bytes()).await;
+            }
+            child.wait_with_output().await.map_err(|error| format!("{name} was lost: {error}"))
+        };
+        let output = match tokio::time::timeout(self.limit, work).await {
+            Ok(output) => output?,
+            Err(_) => return Err(format!("{name} did not end within {} s and was stopped", self.limit.as_secs())),
+        };
+        if output.status.success() {
+            return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
+        }
+        let errors = String::from_utf8_lossy(&output.stderr);
+        let errors: Vec<&str> = errors.lines().map(|line| strip(name, line)).filter(|line| !line.is_empty()).collect();
+        let reason = if errors.is_empty() { output.status.to_string() } else { shortened(&errors.join("; ")) };
+        Err(format!("{name}: {reason}"))
+    }
+}
+
+/// A line of errors without the name of its command.
+fn strip<'a>(name: &str, line: &'a str) -> &'a str {
+    let line = line.trim();
+    let line = line.strip_prefix(name).and_then(|line| line.strip_prefix(':')).unwrap_or(line).trim();
+    line.strip_prefix("error:").unwrap_or(line).trim()
+}
+
+fn shortened(text: &str) -> String {
+    let text = text.trim();
+    match text.char_indices().nth(LONGEST) {
+        Some((at, _)) => format!("{}…", &text[..at]),
+        None => text.to_owned(),
+    }
+}
+
+fn entry(line: &str) -> Result<Entry, String> {
+    let fields: Vec<&str> = line.splitn(5, '|').map(str::trim).collect();
+    let [name, id, state, node, reason] = fields[..] else {
+        return Err(format!("squeue printed {:?} instead of a job", shortened(line)));
+    };
+    let word = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_');
+    if !word(state) {
+        return Err(format!("squeue printed {:?} instead of a state of a job", shortened(line)));
+    }
+    let reason = if reason == "None" { "" } else { reason };
+    Ok(Entry {
+        name: name.to_owned(),
+        id: id.to_owned(),
+        state: state.to_owned(),
+        node: node.to_owned(),
+        reason: reason.to_owned(),
+    })
+}

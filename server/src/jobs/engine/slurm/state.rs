@@ -1,0 +1,94 @@
+//! The meaning of the states of Slurm jobs.
+
+use super::{super::End, commands::Entry};
+
+/// A state, as far as an attempt depends on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum State {
+    /// Not started.
+    Waiting,
+    /// Started; also every word that this version does not list.
+    Running,
+    /// The processes have ended or are about to.
+    Completing,
+    Completed,
+    Failed,
+    OutOfMemory,
+    Cancelled,
+    TimedOut,
+    /// Ended by the cluster: the node failed, or a job of higher priority needed it.
+    Lost,
+}
+
+impl State {
+    pub(super) fn of(entry: &Entry) -> Self {
+        match entry.state.as_str() {
+            "PENDING" | "CONFIGURING" | "REQUEUED" | "REQUEUE_HOLD" | "REQUEUE_FED" | "SPECIAL_EXIT" => Self::Waiting,
+            "COMPLETING" | "STAGE_OUT" => Self::Completing,
+            "COMPLETED" => Self::Completed,
+            "FAILED" => Self::Failed,
+            "OUT_OF_MEMORY" => Self::OutOfMemory,
+            "CANCELLED" => Self::Cancelled,
+            "TIMEOUT" => Self::TimedOut,
+            "NODE_FAIL" | "BOOT_FAIL" | "PREEMPTED" | "DEADLINE" | "REVOKED" => Self::Lost,
+            _ => Self::Running,
+        }
+    }
+
+    /// Whether the job has ended.
+    pub(super) fn over(self) -> bool {
+        match self {
+            Self::Waiting | Self::Running | Self::Completing => false,
+            Self::Completed | Self::Failed | Self::OutOfMemory | Self::Cancelled | Self::TimedOut | Self::Lost => true,
+        }
+    }
+}
+
+/// The end of an attempt whose Slurm job has ended in this state; `None` for a job that has not ended.
+pub(super) fn end(entry: &Entry) -> Option<End> {
+    let Entry { id, state, node, reason, .. } = entry;
+    let at = if node.is_empty() { String::new() } else { format!(" on {node}") };
+    let why = if reason.is_empty() { String::new() } else { format!(", {reason}") };
+    match State::of(entry) {
+        State::Waiting | State::Running | State::Completing => None,
+        State::Completed => Some(End::Broken(format!("Slurm job {id}{at} ended without a result"))),
+        State::Failed => {
+            Some(End::Broken(format!("the worker of Slurm job {id}{at} failed ({state}{why}); see the log")))
+        }
+        State::OutOfMemory => Some(End::Broken(format!(
+            "the worker of Slurm job {id}{at} needed more memory than its limit ({state}); raise --mem in its options"
+        ))),
+        State::Cancelled => Some(End::Broken(format!("Slurm job {id}{at} was cancelled in Slurm"))),
+        State::TimedOut => Some(End::OutOfTime(format!("Slurm job {id}{at} reached its time limit"))),
+        State::Lost => Some(End::Interrupted(format!("Slurm job {id}{at} was ended by the cluster ({state}{why})"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(state: &str) -> Entry {
+        let text = |text: &str| text.to_owned();
+        Entry { name: text("gleaner-1"), id: text("7"), state: text(state), node: text("node1"), reason: String::new() }
+    }
+
+    #[test]
+    fn failures_of_the_cluster_are_no_failures_of_the_job() {
+        for state in ["NODE_FAIL", "PREEMPTED", "BOOT_FAIL", "DEADLINE"] {
+            let end = end(&entry(state));
+            assert!(
+                matches!(&end, Some(End::Interrupted(why)) if why.contains(state) && why.contains("node1")),
+                "{end:?}"
+            );
+        }
+        for state in ["FAILED", "OUT_OF_MEMORY", "COMPLETED", "CANCELLED"] {
+            assert!(matches!(end(&entry(state)), Some(End::Broken(_))), "{state}");
+        }
+        assert!(matches!(end(&entry("TIMEOUT")), Some(End::OutOfTime(_))));
+        for state in ["PENDING", "RUNNING", "COMPLETING", "SUSPENDED", "SOMETHING_NEW"] {
+            assert_eq!(end(&entry(state)), None, "{state}");
+            assert!(!State::of(&entry(state)).over());
+        }
+    }
+}

@@ -1,0 +1,226 @@
+//! The engine with commands that are missing, refuse, hang or print nonsense: scripts in a folder of the test.
+
+mod fake;
+
+use std::time::Duration;
+
+use self::fake::{Fake, LIMIT, PARTITION};
+use super::*;
+
+/// Waits for a place that fits.
+async fn place(places: &mut watch::Receiver<Placement>, fits: impl FnMut(&Placement) -> bool) -> Placement {
+    places.wait_for(fits).await.unwrap().clone()
+}
+
+#[tokio::test]
+async fn the_token_is_in_the_environment_and_the_options_of_the_operator_are_in_the_script() {
+    let fake = Fake::new().await;
+    fake.install(
+        "sbatch",
+        "for word; do echo \"$word\"; done > arguments; cat > script; env > environment; echo '17;main'",
+    );
+    fake.list("17|FAILED|node1|NonZeroExitCode");
+    let mut execution = fake.start();
+    let end = execution.ended().await;
+    assert!(matches!(&end, End::Broken(why) if why.contains("Slurm job 17 on node1 failed")), "{end:?}");
+    let read = |name: &str| std::fs::read_to_string(fake.path(name)).unwrap();
+    let (arguments, script, environment) = (read("arguments"), read("script"), read("environment"));
+    let token = fake.issuer.token(&fake.job.id);
+    assert!(environment.contains(&format!("GLEANER_JOB_TOKEN={}", token.reveal())));
+    assert!(!arguments.contains(token.reveal()) && !script.contains(token.reveal()));
+    let name = format!("--job-name=gleaner-{}-", fake.job.id);
+    for argument in ["--parsable", "--no-requeue", "--export=ALL", "--open-mode=append", &name] {
+        assert!(arguments.lines().any(|line| line.starts_with(argument)), "{argument} in {arguments}");
+    }
+    let lines: Vec<&str> = script.lines().collect();
+    assert_eq!(lines[..3], ["#!/bin/sh", &format!("#SBATCH {PARTITION}"), "module load cuda"]);
+    assert!(lines[3].starts_with("exec '/") && lines[3].contains("'--server' 'http://127.0.0.1:7402'"), "{script}");
+    assert!(!environment.lines().any(|line| line.starts_with("TMPDIR=")), "{environment}");
+}
+
+/// The job waits with the reason and runs once the command works; no attempt is counted meanwhile.
+#[tokio::test]
+async fn each_failure_of_sbatch_is_a_reason_for_waiting() {
+    let refusal = "echo 'sbatch: error: invalid partition specified: nope' >&2; exit 1";
+    for (script, expected) in [
+        ("", "sbatch is not installed here: install the commands of Slurm, or set --slurm-bin"),
+        (refusal, "sbatch: invalid partition specified: nope; check --slurm-options and --slurm-pretrain-options"),
+        ("exec sleep 60", "sbatch did not end within"),
+        ("echo hello", "sbatch printed \"hello\" instead of the id of a job"),
+        ("exit 3", "exit status: 3"),
+    ] {
+        let fake = Fake::new().await;
+        fake.install("squeue", "true");
+        if !script.is_empty() {
+            fake.install("sbatch", script);
+        }
+        let mut execution = fake.start();
+        let mut places = execution.placement();
+        let submitted = async {
+            let waits = place(&mut places, |place| !place.waiting.is_empty()).await;
+            assert!(waits.waiting.contains(expected) && waits.engine_id.is_empty(), "{waits:?}");
+            fake.install("sbatch", "echo 18");
+            let submitted = place(&mut places, |place| !place.engine_id.is_empty()).await;
+            assert_eq!(submitted.engine_id, "18");
+        };
+        tokio::select! {
+            end = execution.ended() => panic!("{script}: {end:?}"),
+            () = submitted => {}
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_lost_answer_of_sbatch_is_found_and_not_submitted_again() {
+    let fake = Fake::new().await;
+    fake.install("sbatch", "echo 1 >> submissions; echo 'sbatch: error: Socket timed out' >&2; exit 1");
+    fake.list("19|RUNNING|node1|None");
+    let mut execution = fake.start();
+    let mut places = execution.placement();
+    tokio::select! {
+        end = execution.ended() => panic!("{end:?}"),
+        found = place(&mut places, |place| !place.node.is_empty()) => assert_eq!(found.engine_id, "19"),
+    }
+    assert_eq!(std::fs::read_to_string(fake.path("submissions")).unwrap().lines().count(), 1);
+}
+
+#[tokio::test]
+async fn a_failing_squeue_is_no_statement_about_a_job() {
+    for failure in ["echo 1 >> calls; exit 1", "echo 1 >> calls; exec sleep 60", "echo 1 >> calls; echo nonsense"] {
+        let fake = Fake::new().await;
+        fake.install("sbatch", "echo 17");
+        fake.list("17|RUNNING|node1|None");
+        let mut execution = fake.start();
+        let mut places = execution.placement();
+        let watched = async {
+            place(&mut places, |place| place.node == "node1").await;
+            fake.install("squeue", failure);
+            fake.calls_more(4).await;
+            fake.list("17|NODE_FAIL|node1|NodeDown");
+            std::future::pending::<()>().await;
+        };
+        tokio::select! {
+            end = execution.ended() => assert!(matches!(&end, End::Interrupted(why) if why.contains("NODE_FAIL")), "{end:?}"),
+            () = watched => {}
+        }
+        assert!(fake.calls() >= 4, "{failure}: the failure was met");
+    }
+}
+
+#[tokio::test]
+async fn squeue_runs_only_while_an_attempt_is_open() {
+    let fake = Fake::new().await;
+    fake.install("sbatch", "echo 17");
+    fake.list("17|PENDING||Resources");
+    let mut execution = fake.start();
+    let mut places = execution.placement();
+    tokio::select! {
+        end = execution.ended() => panic!("{end:?}"),
+        waits = place(&mut places, |place| place.waiting == "Resources") => assert_eq!(waits.node, ""),
+    }
+    drop(execution);
+    // A call may be under way.
+    tokio::time::sleep(LIMIT).await;
+    let calls = fake.calls();
+    tokio::time::sleep(LIMIT).await;
+    assert_eq!(fake.calls(), calls);
+}
+
+#[tokio::test]
+async fn an_attempt_of_an_earlier_server_is_watched_again_or_was_interrupted() {
+    let fake = Fake::new().await;
+    fake.list("17|RUNNING|node1|None");
+    let mut execution = fake.resume("17");
+    let mut places = execution.placement();
+    let watched = async {
+        place(&mut places, |place| place.node == "node1").await;
+        fake.list("17|FAILED|node1|NonZeroExitCode");
+        std::future::pending::<()>().await;
+    };
+    tokio::select! {
+        end = execution.ended() => assert!(matches!(&end, End::Broken(_)), "it failed under this server: {end:?}"),
+        () = watched => {}
+    }
+    let end = fake.resume("17").ended().await;
+    assert!(matches!(&end, End::Interrupted(why) if why.contains("while the server was down")), "{end:?}");
+    fake.install("squeue", "true");
+    for id in ["17", ""] {
+        let end = fake.resume(id).ended().await;
+        assert!(matches!(&end, End::Interrupted(_)), "{end:?}");
+    }
+    let other = Placement { engine: "local".into(), ..Placement::default() };
+    assert!(fake.slurm.resume(&fake.attempt, &other, &fake.lease).is_none());
+}
+
+/// Slurm started the job twice, and the second process has ended.
+#[tokio::test]
+async fn a_contested_attempt_ends_by_its_own_worker() {
+    let fake = Fake::new().await;
+    fake.install("sbatch", "echo 17");
+    fake.list("17|FAILED|node2|NonZeroExitCode");
+    fake.leases.contest(&fake.attempt);
+    let mut execution = fake.start();
+    let delivered = async {
+        fake.calls_more(4).await;
+        fake.leases.deliver(&fake.attempt);
+        std::future::pending::<()>().await;
+    };
+    tokio::select! {
+        end = execution.ended() => assert!(fake.lease.delivered.is_cancelled(), "{end:?}"),
+        () = delivered => {}
+    }
+}
+
+#[tokio::test]
+async fn a_killed_attempt_is_cancelled_until_slurm_lists_it_no_more() {
+    let fake = Fake::new().await;
+    fake.install("sbatch", "echo 17");
+    fake.list("17|RUNNING|node1|None");
+    fake.install("scancel", "echo \"$@\" >> cancelled; [ $(wc -l < cancelled) -gt 1 ] || exit 1");
+    let mut execution = fake.start();
+    let mut places = execution.placement();
+    tokio::select! {
+        end = execution.ended() => panic!("{end:?}"),
+        _ = place(&mut places, |place| place.node == "node1") => {}
+    }
+    assert_eq!(execution.kill("silent".to_owned()).await, End::Interrupted("silent".to_owned()));
+    drop(execution);
+    let cancelled = || std::fs::read_to_string(fake.path("cancelled")).unwrap_or_default().lines().count();
+    while cancelled() < 3 {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    fake.list("17|CANCELLED|node1|None");
+    // The calls end with the last open view.
+    let mut calls = (0, 0);
+    while calls != (cancelled(), fake.calls()) {
+        calls = (cancelled(), fake.calls());
+        tokio::time::sleep(LIMIT).await;
+    }
+    assert!(std::fs::read_to_string(fake.path("cancelled")).unwrap().lines().all(|line| line == "--quiet 17"));
+}
+
+#[tokio::test]
+async fn the_output_of_a_worker_is_read_once_across_servers() {
+    let fake = Fake::new().await;
+    let name = script::name(&fake.attempt);
+    let path = fake.slurm.template.output(&name);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(&path, "one\n").unwrap();
+    let (following, mut source) = Following::start(path.clone());
+    let mut line = [0; 4];
+    tokio::io::AsyncReadExt::read_exact(&mut source, &mut line).await.unwrap();
+    assert_eq!(&line, b"one\n");
+    while std::fs::read_to_string(path.with_extension("read")).unwrap_or_default() != "4" {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    drop((following, source));
+    std::fs::write(&path, "one\ntwo\n").unwrap();
+    let (following, mut source) = Following::start(path.clone());
+    following.end();
+    let mut rest = String::new();
+    tokio::io::AsyncReadExt::read_to_string(&mut source, &mut rest).await.unwrap();
+    assert_eq!(rest, "two\n");
+    while path.exists() {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+}
