@@ -49,6 +49,7 @@ mod schedules;
 mod scoring;
 mod selection;
 mod serving;
+mod slurm;
 mod split_recordings;
 mod stages;
 mod telemetry;

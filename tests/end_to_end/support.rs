@@ -20,4 +20,5 @@ pub mod secure;
 pub mod server;
 pub mod shared;
 pub mod skipped;
+pub mod slurm;
 pub mod wait;

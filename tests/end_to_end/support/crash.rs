@@ -10,12 +10,14 @@ pub mod sessions;
 
 use rand::{SeedableRng as _, rngs::StdRng};
 
-/// The size of the load; `GLEANER_CRASH_KILLS`, `_UPLOADS`, `_TRAINING_KILLS` and `_SEED` set it.
+/// The size of the load; `GLEANER_CRASH_KILLS`, `_UPLOADS`, `_TRAINING_KILLS`, `_SLURM_KILLS` and `_SEED` set
+/// it.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     pub kills: usize,
     pub uploads: u64,
     pub training_kills: usize,
+    pub slurm_kills: usize,
     pub seed: u64,
 }
 
@@ -25,6 +27,7 @@ impl Settings {
             kills: setting("KILLS", 5),
             uploads: setting("UPLOADS", 30),
             training_kills: setting("TRAINING_KILLS", 3),
+            slurm_kills: setting("SLURM_KILLS", 2),
             seed: setting("SEED", 1),
         };
         eprintln!("crash test: {settings:?}");

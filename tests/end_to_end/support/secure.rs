@@ -27,7 +27,11 @@ impl SecureServer {
     /// Starts a server with a certificate for loopback, required tokens, and the log level `trace` unless the
     /// environment changes it.
     pub async fn start(flags: &[&str], environment: &[(&str, &str)]) -> Self {
-        let folder = tempfile::tempdir().unwrap();
+        Self::start_in(tempfile::tempdir().unwrap(), flags, environment).await
+    }
+
+    /// As [`Self::start`], in this folder, where the file `ca` has the certificate of its authority.
+    pub async fn start_in(folder: TempDir, flags: &[&str], environment: &[(&str, &str)]) -> Self {
         let ca = certify(folder.path());
         let file = |name: &str| folder.path().join(name);
         let mut command = serve(&file("data"), flags, "127.0.0.1:0");
@@ -115,6 +119,7 @@ fn certify(folder: &Path) -> Vec<u8> {
     let cert = CertificateParams::new(names).unwrap().signed_by(&key, &authority).unwrap();
     fs::write(folder.join("cert"), cert.pem()).unwrap();
     fs::write(folder.join("key"), key.serialize_pem()).unwrap();
+    fs::write(folder.join("ca"), authority.pem()).unwrap();
     authority.pem().into_bytes()
 }
 

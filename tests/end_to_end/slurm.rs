@@ -1,0 +1,155 @@
+//! Jobs on a real Slurm of several nodes: the same results as on the server's machine, and failures of nodes, of the
+//! controller, of the server and of submissions.
+
+mod crash;
+mod place;
+
+use gleaner_proto::v1::*;
+
+use crate::support::{api::Api, lab, server::TestServer, slurm::Cluster, wait::until};
+
+/// A server with episodes whose jobs run on the cluster.
+async fn with_episodes(cluster: &Cluster) -> (TestServer, Api, Vec<Episode>) {
+    let flags = cluster.flags();
+    lab::with_episodes(&flags.iter().map(String::as_str).collect::<Vec<_>>()).await
+}
+
+/// The last value of each step: steps after the last checkpoint run and are reported again.
+async fn losses(api: &mut Api, job: &str) -> Vec<(u64, f64)> {
+    let by_step: std::collections::BTreeMap<u64, f64> = api.metric(job, "loss").await.into_iter().collect();
+    by_step.into_iter().collect()
+}
+
+async fn job(api: &mut Api, id: &str) -> GetJobResponse {
+    api.jobs.get_job(GetJobRequest { job_id: id.to_owned() }).await.unwrap().into_inner()
+}
+
+#[tokio::test]
+async fn job_on_slurm_equals_a_local_one() {
+    let Some(cluster) = Cluster::start(2).await else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let mut server = TestServer::start_over(&data, &[]).await;
+    let mut api = Api::connect(&server).await;
+    let episodes = lab::set_up(&mut api).await;
+    let local = api.succeed(lab::TASK, lab::pretrain(8)).await;
+    let local_run = api.succeed(lab::TASK, lab::score(&local.result_id)).await.result_id;
+    assert_eq!((local.engine.as_str(), local.node.as_str()), ("local", ""));
+    assert!(server.stop().await);
+
+    let flags = cluster.flags();
+    let server = TestServer::start_over(&data, &flags.iter().map(String::as_str).collect::<Vec<_>>()).await;
+    let mut api = Api::connect(&server).await;
+    let remote = api.succeed(lab::TASK, lab::pretrain(8)).await;
+    let remote_run = api.succeed(lab::TASK, lab::score(&remote.result_id)).await.result_id;
+    assert_eq!(api.metric(&remote.id, "loss").await, api.metric(&local.id, "loss").await);
+    for episode in &episodes {
+        let expected = api.episode_scores(&local_run, &episode.id).await;
+        assert_eq!(api.episode_scores(&remote_run, &episode.id).await, expected);
+    }
+    assert!(remote.engine == "slurm" && remote.node.starts_with("node") && remote.waiting.is_empty(), "{remote:?}");
+    assert!(cluster.jobs().await.iter().any(|job| job.id == remote.engine_id), "{remote:?}");
+    let log = until("the log has the worker's output", async || {
+        let log = job(&mut api, &remote.id).await.log;
+        log.contains("working").then_some(log)
+    });
+    assert!(log.await.contains("gleaner-server: attempt 1 of 3 begins"));
+    cluster.until_empty().await;
+}
+
+#[tokio::test]
+async fn job_resumes_on_another_node_after_its_node_is_killed() {
+    const STEPS: u32 = 40;
+    let Some(mut cluster) = Cluster::start(2).await else { return };
+    let (_server, mut api, _) = with_episodes(&cluster).await;
+    let expected = api.succeed(lab::TASK, lab::pretrain(STEPS)).await;
+    let killed = api.submit(lab::TASK, lab::pretrain(STEPS)).await.unwrap();
+    let running = api.watch_until(&killed.id, |job| job.done >= 7 && !job.node.is_empty()).await;
+    cluster.kill_node(&running.node).await;
+    let ended = api.watch(&killed.id).await;
+    assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "a lost node is no attempt: {}", ended.error);
+    assert!(ended.node != running.node && ended.engine_id != running.engine_id, "{ended:?}");
+    assert_eq!(losses(&mut api, &killed.id).await, losses(&mut api, &expected.id).await);
+}
+
+/// The running job ends and the next one waits with the reason; it runs once the controller is back.
+#[tokio::test]
+async fn jobs_survive_the_absence_of_the_controller() {
+    let Some(mut cluster) = Cluster::start(1).await else { return };
+    let (_server, mut api, _) = with_episodes(&cluster).await;
+    let running = api.submit(lab::TASK, lab::pretrain(30)).await.unwrap();
+    api.watch_until(&running.id, |job| job.done >= 2).await;
+    cluster.kill_controller().await;
+    let waiting = api.submit(lab::TASK, lab::pretrain(2)).await.unwrap();
+    let ended = api.watch(&running.id).await;
+    assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "{}", ended.error);
+    let waits = api.watch_until(&waiting.id, |job| job.waiting.contains("controller")).await;
+    assert_eq!((waits.state(), waits.attempt), (JobState::Running, 1), "{}", waits.waiting);
+    cluster.start_controller().await;
+    let ended = api.watch(&waiting.id).await;
+    assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "{}", ended.error);
+    cluster.until_empty().await;
+}
+
+#[tokio::test]
+async fn workers_continue_while_the_server_is_down() {
+    const STEPS: u32 = 60;
+    let Some(cluster) = Cluster::start(1).await else { return };
+    let (mut server, mut api, _) = with_episodes(&cluster).await;
+    let expected = api.succeed(lab::TASK, lab::pretrain(STEPS)).await;
+    let job = api.submit(lab::TASK, lab::pretrain(STEPS)).await.unwrap();
+    let first = api.watch_until(&job.id, |job| job.done >= 5 && !job.node.is_empty()).await;
+    server.kill().await;
+    server.start_again().await;
+    let mut api = Api::connect(&server).await;
+    let after_kill = api.watch_until(&job.id, |job| job.done > first.done + 5).await;
+    assert_eq!((after_kill.attempt, &after_kill.engine_id), (1, &first.engine_id));
+    assert!(server.stop().await, "a stop on request is a success");
+    server.start_again().await;
+
+    let mut api = Api::connect(&server).await;
+    let ended = api.watch(&job.id).await;
+    assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "{}", ended.error);
+    assert_eq!(ended.engine_id, first.engine_id, "the same worker has ended it");
+    assert_eq!(losses(&mut api, &job.id).await, losses(&mut api, &expected.id).await);
+}
+
+#[tokio::test]
+async fn cancelled_jobs_leave_slurm_whether_they_wait_or_run() {
+    let Some(cluster) = Cluster::start(1).await else { return };
+    let (_server, mut api, _) = with_episodes(&cluster).await;
+    let running = api.submit(lab::TASK, lab::pretrain(100_000)).await.unwrap();
+    api.watch_until(&running.id, |job| job.done >= 1).await;
+    let waiting = api.submit(lab::TASK, lab::pretrain(100_000)).await.unwrap();
+    let waits =
+        api.watch_until(&waiting.id, |job| !job.engine_id.is_empty() && job.waiting.contains("Resources")).await;
+    api.jobs.cancel_job(CancelJobRequest { job_id: waiting.id.clone() }).await.unwrap();
+    assert_eq!(api.watch(&waiting.id).await.state(), JobState::Cancelled);
+    until("Slurm has cancelled the waiting job", async || {
+        let jobs = cluster.jobs().await;
+        jobs.iter().any(|job| job.id == waits.engine_id && job.state == "CANCELLED").then_some(())
+    })
+    .await;
+    api.jobs.cancel_job(CancelJobRequest { job_id: running.id.clone() }).await.unwrap();
+    assert_eq!(api.watch(&running.id).await.state(), JobState::Cancelled);
+    cluster.until_empty().await;
+}
+
+/// Both processes have the token of the attempt; the first one that calls is its worker.
+#[tokio::test]
+async fn job_that_slurm_starts_twice_is_done_once() {
+    let Some(cluster) = Cluster::start(2).await else { return };
+    let (_server, mut api, _) = with_episodes(&cluster).await;
+    cluster.replace(
+        "sbatch",
+        "script=$(cat)\nprintf '%s\\n' \"$script\" | REAL \"$@\"\nprintf '%s\\n' \"$script\" | REAL \"$@\" >&2",
+    );
+    let twice = api.succeed(lab::TASK, lab::pretrain(20)).await;
+    assert_eq!(twice.attempt, 1);
+    let steps: Vec<u64> = api.metric(&twice.id, "loss").await.into_iter().map(|(step, _)| step).collect();
+    assert_eq!(steps, (1..=20).collect::<Vec<_>>(), "one process reported");
+    cluster.until_empty().await;
+    let jobs = cluster.jobs().await;
+    assert_eq!(jobs.len(), 2, "{jobs:?}");
+    assert!(jobs.iter().any(|job| job.state == "FAILED"), "the other process was rejected: {jobs:?}");
+}

@@ -1,0 +1,61 @@
+//! The address and the options of workers on a cluster: TLS, refused options.
+
+use gleaner_client::UploadLabel;
+use gleaner_proto::v1::*;
+
+use crate::support::{
+    lab::{self, RECORDINGS},
+    secure::SecureServer,
+    slurm::Cluster,
+    wait::within,
+};
+
+#[tokio::test]
+async fn workers_on_a_cluster_call_by_tls_with_the_authority_of_the_server() {
+    let Some(cluster) = Cluster::start(1).await else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let authority = folder.path().join("ca").display().to_string();
+    let flags = [cluster.flags(), vec!["--worker-ca".to_owned(), authority]].concat();
+    let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
+    let server = SecureServer::start_in(folder, &flags, &[]).await;
+    let client = server.client(Some(&server.token("trainer", &[]).await)).await;
+    client.tasks().create_task(CreateTaskRequest { spec: Some(lab::spec_message()) }).await.unwrap();
+    for recording in [&RECORDINGS[0], &RECORDINGS[6]] {
+        let file = tempfile::Builder::new().suffix(".mcap").tempfile().unwrap();
+        std::fs::write(file.path(), &recording.bytes).unwrap();
+        let label = UploadLabel { outcome: recording.outcome, cohort: String::new(), author: String::new() };
+        client.upload(lab::TASK, file.path(), &label, |_| ()).await.unwrap();
+    }
+    let request = SubmitJobRequest {
+        task: lab::TASK.into(),
+        spec: Some(JobSpec { spec: Some(lab::pretrain(2)) }),
+        ..Default::default()
+    };
+    let job = client.jobs().submit_job(request).await.unwrap().into_inner().job.unwrap();
+    let mut events = client.jobs().watch_job(WatchJobRequest { job_id: job.id }).await.unwrap().into_inner();
+    let mut ended = Job::default();
+    let watching = async {
+        while let Some(event) = events.message().await.unwrap() {
+            ended = event.job.unwrap();
+        }
+    };
+    within("the job ends", watching).await;
+    assert_eq!((ended.state(), ended.engine.as_str()), (JobState::Succeeded, "slurm"), "{}", ended.error);
+}
+
+/// The job stays in the queue with the reason, and the server serves.
+#[tokio::test]
+async fn unknown_partition_is_a_reason_for_waiting() {
+    let Some(cluster) = Cluster::start(1).await else { return };
+    let flags = [cluster.flags(), vec!["--slurm-pretrain-options".to_owned(), "--partition=nope".to_owned()]].concat();
+    let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
+    let (_server, mut api, _) = lab::with_episodes(&flags).await;
+    let job = api.submit(lab::TASK, lab::pretrain(2)).await.unwrap();
+    let waits = api.watch_until(&job.id, |job| !job.waiting.is_empty()).await;
+    for part in ["invalid partition specified: nope", "--slurm-pretrain-options"] {
+        assert!(waits.waiting.contains(part), "{}", waits.waiting);
+    }
+    api.jobs.cancel_job(CancelJobRequest { job_id: job.id.clone() }).await.unwrap();
+    assert_eq!(api.watch(&job.id).await.state(), JobState::Cancelled);
+    assert!(cluster.jobs().await.is_empty());
+}
