@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy lint-python differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds
+.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy lint-python differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -173,6 +173,10 @@ peers-serving: .libtorch
 # Every fuzz target for half a minute; `fuzz/run.sh 1200` is the long form. Needs the nightly toolchain and cargo-fuzz.
 fuzz: .libtorch
 	fuzz/run.sh $(FUZZ_SECONDS)
+
+# Writes docs/task-file.md again after a change of the keys of a task file.
+task-file: .libtorch
+	GLEANER_WRITE_TASK_REFERENCE=1 $(CARGO) test --locked -q -p gleaner-server -p gleaner-learn -p gleaner-tests --test end_to_end -- task_reference::
 
 # Repeats every policy, weighting, objective and scorer as data for the crate of values, after one was added or changed.
 kinds: .libtorch

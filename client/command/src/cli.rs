@@ -32,7 +32,7 @@ pub(crate) enum Command {
     /// Show what recordings hold: topics, rates, fields with their ranges, cameras. Needs no server.
     Inspect(inspect::InspectArgs),
     /// Draft, check, create, list and show tasks.
-    #[command(subcommand)]
+    #[command(subcommand, after_long_help = task::KEYS)]
     Task(task::TaskCommand),
     /// Upload recordings with their labels.
     Push(push::PushArgs),
@@ -198,6 +198,9 @@ mod tests {
             "gleaner schedule create --name n --after-labels 50 --top 0.1 --until dataset",
             "gleaner score --encoder enc_1 --feature-scale plain --local-scale false",
             "gleaner rollback pick_cube@prod",
+            "gleaner score",
+            "gleaner train --policy bc",
+            "gleaner dataset create --top 0.1",
             "gleaner deploy a@b --policy pol_1 --score-run run_1",
             "gleaner score-recording run_1 a.mcap --matches --beta 0.5",
             "gleaner import-scores snap_1 scores.csv --source oracle --encoder enc_1",
@@ -219,7 +222,6 @@ mod tests {
         for line in [
             "gleaner",
             "gleaner push",
-            "gleaner train",
             "gleaner train --dataset ds_1 --experts-of enc_1",
             "gleaner schedule create --task t --name n",
             "gleaner schedule create --task t --name n --after-labels 5 --cron x",
@@ -229,7 +231,6 @@ mod tests {
             "gleaner pipeline --until never",
             "gleaner train --dataset ds_1 --experts-in snap_1",
             "gleaner train --dataset ds_1 --policy gpt",
-            "gleaner score",
             "gleaner score --extends run_1 --similarity last_l2",
             "gleaner evaluate --task t",
             "gleaner evaluate --policy pol_1 --deployment a@b",

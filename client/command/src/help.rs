@@ -1,11 +1,13 @@
 //! The overview that `gleaner help` prints: the commands, grouped by subject.
 
+use std::ffi::OsString;
 use std::fmt::Write as _;
 
 use clap::{Command, CommandFactory as _, FromArgMatches as _};
 
 use crate::cli::Cli;
 use crate::connection::GLOBAL;
+use crate::ids::{self, Incomplete};
 
 /// Headings with their commands, in the order of the overview.
 const GROUPS: [(&str, &[&str]); 8] = [
@@ -32,13 +34,14 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Simulator", &["record", "demo", "experiment"]),
 ];
 
-/// Parses the arguments of this process.
+/// Parses the arguments of a process; returns also what they leave open.
 ///
 /// # Errors
 /// Wrong arguments, and requests for help or the version, which clap handles as errors.
-pub(crate) fn parse() -> Result<Cli, clap::Error> {
-    let matches = command().try_get_matches()?;
-    Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command()))
+pub(crate) fn parse(words: impl IntoIterator<Item = OsString>) -> Result<(Cli, Incomplete), clap::Error> {
+    let matches = command().try_get_matches_from(words)?;
+    let cli = Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command()))?;
+    Ok((cli, ids::incomplete(&matches)))
 }
 
 /// The definition of the command line with its commands in groups.
@@ -47,7 +50,8 @@ fn command() -> Command {
     let commands = grouped(&command);
     command.help_template(format!(
         "{{about}}\n\n{{usage-heading}} {{usage}}\n{commands}\n{GLOBAL}:\n{{options}}\n\n\
-         `gleaner help COMMAND` shows the options of a command."
+         `gleaner help COMMAND` shows the options of a command. An id may be given as a unique beginning or as \
+         `latest`, and a task by its name."
     ))
 }
 

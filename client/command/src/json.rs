@@ -32,7 +32,7 @@ macro_rules! described {
 }
 
 described! {
-    CreateTaskResponse, GetTaskResponse, ListTasksResponse,
+    CreateTaskResponse, GetTaskResponse, ListTasksResponse, UpdateTaskResponse, DeleteTaskResponse,
     Episode, InspectionEstimate, GetEpisodeResponse, ListEpisodesResponse, LabelEpisodesResponse, ListLabelsResponse,
     DeleteEpisodesResponse, UndeleteEpisodesResponse,
     CreateSnapshotResponse, GetSnapshotResponse, ListSnapshotsResponse,

@@ -11,6 +11,7 @@ mod experiment;
 mod failure;
 mod figure;
 mod help;
+mod ids;
 mod inspector;
 mod json;
 mod output;
@@ -22,16 +23,18 @@ mod words;
 
 use std::process::ExitCode;
 
+use crate::cli::Command;
 use crate::context::Context;
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
+use crate::ids::Incomplete;
 use crate::output::Output;
 
 /// Exit code for wrong arguments, the same as clap's.
 const USAGE: u8 = 2;
 
 fn main() -> ExitCode {
-    let cli = match help::parse() {
-        Ok(cli) => cli,
+    let (cli, incomplete) = match help::parse(std::env::args_os()) {
+        Ok(parsed) => parsed,
         Err(problem) if problem.use_stderr() => {
             Output::usage(&problem);
             return ExitCode::from(USAGE);
@@ -44,7 +47,7 @@ fn main() -> ExitCode {
         tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(Failure::from).and_then(|runtime| {
             runtime.block_on(async {
                 let context = Context::new(cli.connection, output);
-                match cli.command.run(&context).await {
+                match run(cli.command, incomplete, &context).await {
                     Ok(()) => Ok(()),
                     Err(failure) => Err(context.connection.explained(failure).await),
                 }
@@ -59,4 +62,14 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Runs the command, with the ids of its arguments completed.
+async fn run(command: Command, incomplete: Incomplete, context: &Context) -> Result<()> {
+    if incomplete.is_empty() {
+        return command.run(context).await;
+    }
+    let words = ids::complete(context, std::env::args_os().collect(), incomplete).await?;
+    let (cli, _) = help::parse(words).map_err(|problem| Failure::message(problem.to_string()))?;
+    cli.command.run(context).await
 }

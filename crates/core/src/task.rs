@@ -25,3 +25,52 @@ pub struct OutcomeCounts {
     /// Labelled unknown.
     pub unknown: u64,
 }
+
+/// The first part of a specification that a task with episodes cannot change to, by its field, and why. `read` has the
+/// mappings by which its episodes were read.
+///
+/// # Errors
+/// The field and the reason.
+pub fn check_change(before: &TaskSpec, after: &TaskSpec, read: &[String]) -> Result<(), (String, &'static str)> {
+    let differs = [
+        ("name", before.name != after.name),
+        ("rate_hz", before.rate_hz.to_bits() != after.rate_hz.to_bits()),
+        ("cameras", before.cameras != after.cameras),
+        ("proprioception", before.proprioception != after.proprioception),
+        ("action", before.action != after.action),
+        ("alignment", before.alignment != after.alignment),
+        ("tolerance", before.tolerance.to_bits() != after.tolerance.to_bits()),
+    ];
+    if let Some((field, _)) = differs.into_iter().find(|(_, differs)| *differs) {
+        return Err((field.to_owned(), "its episodes and results rest on the present value"));
+    }
+    for mapping in before.mappings.iter().filter(|mapping| read.contains(&mapping.name)) {
+        if !after.mappings.contains(mapping) {
+            return Err((format!("mappings {}", mapping.name), "episodes were read by it"));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_used_task_can_get_mappings_and_nothing_else() {
+        let spec = |text: &str| -> TaskSpec { serde_json::from_str(text).unwrap() };
+        let before = spec(
+            r#"{"name":"t","rate_hz":5,"action":[{"name":"a","size":3}],
+                "mappings":[{"name":"one","fields":[]},{"name":"other","fields":[]}]}"#,
+        );
+        let read = ["one".to_owned()];
+        let mut after = before.clone();
+        after.mappings[1].clock = Some("/x".into());
+        after.mappings.push(crate::Mapping { name: "third".into(), ..before.mappings[0].clone() });
+        assert_eq!(check_change(&before, &after, &read), Ok(()));
+        after.mappings.remove(0);
+        assert_eq!(check_change(&before, &after, &read).unwrap_err().0, "mappings one");
+        let after = TaskSpec { rate_hz: 10.0, ..before.clone() };
+        assert_eq!(check_change(&before, &after, &read).unwrap_err().0, "rate_hz");
+    }
+}

@@ -107,6 +107,8 @@ fn of(rpc: Rpc) -> Rule {
         }
 
         Rpc::TaskServiceCreateTask
+        | Rpc::TaskServiceUpdateTask
+        | Rpc::TaskServiceDeleteTask
         | Rpc::EpisodeServiceStartUpload
         | Rpc::EpisodeServiceWriteUpload
         | Rpc::EpisodeServiceFinishUpload

@@ -39,6 +39,10 @@ macro_rules! oneofs {
 messages! {
     CreateTaskRequest { spec }
     CreateTaskResponse { task }
+    UpdateTaskRequest { task, spec }
+    UpdateTaskResponse { task }
+    DeleteTaskRequest { task }
+    DeleteTaskResponse {}
     Task { id, spec }
     TaskSpec { name }
 

@@ -45,4 +45,23 @@ impl TaskService for TaskApi {
         })
         .await
     }
+
+    async fn update_task(&self, request: Request<v1::UpdateTaskRequest>) -> Reply<v1::UpdateTaskResponse> {
+        change(request, async |request| {
+            let (name, spec) = wire::task::update_request(request, &self.0.config.limits.recordings.limits())?;
+            let task = self.0.ingest.update_task(&name, &spec).await?;
+            let counts = self.0.store.outcome_counts(&task.id).await?;
+            Ok(v1::UpdateTaskResponse { task: Some(wire::task::task(task, counts)) })
+        })
+        .await
+    }
+
+    async fn delete_task(&self, request: Request<v1::DeleteTaskRequest>) -> Reply<v1::DeleteTaskResponse> {
+        change(request, async |request| {
+            let v1::DeleteTaskRequest { task } = request;
+            self.0.ingest.delete_task(&task).await?;
+            Ok(v1::DeleteTaskResponse {})
+        })
+        .await
+    }
 }

@@ -202,6 +202,9 @@ async fn every_rpc_that_changes_something_is_in_the_audit_log_with_its_subjects(
     entries! { server, pool, seen, wrong:
         TaskServiceCreateTask(v1::CreateTaskRequest { spec: Some(task_spec()) }) -> CreateTaskResponse,
             "ok", ["spec.name=reach", "task.id=task_*", "task.spec.name=reach"];
+        TaskServiceUpdateTask(v1::UpdateTaskRequest { task: "arm".into(), spec: Some(task_spec()) }) -> UpdateTaskResponse,
+            "NotFound", ["task=arm", "spec.name=reach"];
+        TaskServiceDeleteTask(v1::DeleteTaskRequest { task: "arm".into() }) -> DeleteTaskResponse, "NotFound", ["task=arm"];
         EpisodeServiceStartUpload(v1::StartUploadRequest { task: task(), file_name: "a.mcap".into(), size_bytes: 9, blake3: "0".repeat(64), outcome: 1, ..Default::default() })
             -> StartUploadResponse, "ok", ["task=reach", "upload_id=up_*"];
         EpisodeServiceWriteUpload(v1::WriteUploadRequest { upload_id: format!("up_{ID}"), ..Default::default() })

@@ -1,5 +1,7 @@
 //! Rows of tasks.
 
+mod change;
+
 use gleaner_recording::TaskSpec;
 
 use super::{

@@ -18,13 +18,14 @@ use crate::{
 };
 
 /// How many kinds of messages [`message`] knows.
-pub const KINDS: u8 = 34;
+pub const KINDS: u8 = 35;
 
 /// Decodes `bytes` as a message of this kind and converts it. What is refused is refused as Invalid or Exhausted, and
 /// names a field and a fix.
 pub fn message(kind: u8, bytes: &[u8]) {
     match kind % KINDS {
         0 => convert(bytes, |request| task::create_request(request, &Limits::default())),
+        34 => convert(bytes, |request| task::update_request(request, &Limits::default())),
         1 => convert(bytes, |request| upload::start_request(request, TaskId::new(), Client::Server)),
         2 => convert(bytes, upload::chunk),
         3 => convert(bytes, |request| episode::list_request(request, TaskId::new()).map(|_| ())),

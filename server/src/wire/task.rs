@@ -1,4 +1,4 @@
-//! The request that creates a task: its specification, checked.
+//! The requests that create and update a task: its specification, checked.
 
 use gleaner_proto::v1;
 use gleaner_recording::{Limits, RecordingError, TaskSpec, validate_within};
@@ -14,6 +14,19 @@ pub(crate) use gleaner_core::proto::task::task;
 /// Invalid names the field, such as `spec.cameras[0].height`, and the remedy.
 pub(crate) fn create_request(request: v1::CreateTaskRequest, limits: &Limits) -> Result<TaskSpec> {
     let v1::CreateTaskRequest { spec } = request;
+    checked(spec, limits)
+}
+
+/// Reads and checks the new specification of a task: the name or id of the task, and the specification.
+///
+/// # Errors
+/// As of [`create_request`].
+pub(crate) fn update_request(request: v1::UpdateTaskRequest, limits: &Limits) -> Result<(String, TaskSpec)> {
+    let v1::UpdateTaskRequest { task, spec } = request;
+    Ok((task, checked(spec, limits)?))
+}
+
+fn checked(spec: Option<v1::TaskSpec>, limits: &Limits) -> Result<TaskSpec> {
     let spec = gleaner_core::proto::task::spec_from_proto(field::required("spec", spec)?)?;
     validate_within(&spec, limits).map_err(|error| {
         if let RecordingError::Spec { field, problem } = error {

@@ -107,10 +107,36 @@ async fn unknown_tasks_are_rejected() {
     expect_errors!(api.tasks:
         get_task(get("")) => NotFound ["task"];
         get_task(get("absent")) => NotFound ["absent"];
+        delete_task(DeleteTaskRequest { task: "absent".into() }) => NotFound ["absent"];
+        delete_task(DeleteTaskRequest::default()) => NotFound ["task"];
+        update_task(UpdateTaskRequest { task: "absent".into(), spec: Some(lab::spec_message()) }) => NotFound ["absent"];
         get_task(get("task_01ARZ3NDEKTSV4RRFFQ69G5FAV")) => NotFound ["task_01ARZ3NDEKTSV4RRFFQ69G5FAV"];
         get_task(get("../../etc/passwd\0")) => NotFound ["etc"];
         // The error repeats only the beginning of a long name.
         get_task(get(&"ü".repeat(1 << 20))) => NotFound ["(and more)"];
     );
     expect_alive(&mut api).await;
+}
+
+#[tokio::test]
+async fn used_tasks_keep_what_their_episodes_rest_on() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let update = |spec| UpdateTaskRequest { task: lab::TASK.into(), spec };
+    let faster = TaskSpec { rate_hz: 77.0, ..lab::spec_message() };
+    expect_errors!(api.tasks:
+        update_task(update(None)) => InvalidArgument ["spec: "];
+        update_task(update(Some(TaskSpec { rate_hz: 0.0, ..faster.clone() }))) => InvalidArgument ["spec.rate_hz"];
+        update_task(update(Some(faster.clone()))) => FailedPrecondition ["spec.rate_hz", "episodes", "create another task"];
+        delete_task(DeleteTaskRequest { task: lab::TASK.into() }) => FailedPrecondition ["episodes", "policies"];
+    );
+    // A task without episodes changes in every way, and can be deleted.
+    let spec = TaskSpec { name: "for_a_moment".into(), ..lab::spec_message() };
+    api.tasks.create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap();
+    let spec = TaskSpec { name: "changed".into(), ..faster };
+    let request = UpdateTaskRequest { task: "for_a_moment".into(), spec: Some(spec.clone()) };
+    assert_eq!(api.tasks.update_task(request).await.unwrap().into_inner().task.unwrap().spec, Some(spec));
+    api.tasks.delete_task(DeleteTaskRequest { task: "changed".into() }).await.unwrap();
+    let gone = api.tasks.get_task(GetTaskRequest { task: "changed".into() }).await.unwrap_err();
+    expect_error(&gone, Code::NotFound, &["changed"]);
 }

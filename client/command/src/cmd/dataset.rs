@@ -10,6 +10,7 @@ use gleaner_proto::v1::{
 use super::selection::{SelectionArgs, selected};
 use crate::context::Context;
 use crate::failure::{Result, present};
+use crate::ids::{self, Kind};
 use crate::table::Column::{Left, Right};
 use crate::table::{facts, table};
 use crate::{json, words};
@@ -18,9 +19,12 @@ use crate::{json, words};
 pub(crate) enum DatasetCommand {
     /// Create a dataset from a score run: its experts and its best segments.
     Create {
-        /// Id of the score run, which may be unfinished.
+        /// Id of the score run, which may be unfinished. Default: the newest of the task.
         #[arg(long)]
-        run: String,
+        run: Option<String>,
+        /// Name or id of the task, for the default of --run. Default: the only task of the server.
+        #[arg(long, conflicts_with = "run")]
+        task: Option<String>,
         #[command(flatten)]
         selection: SelectionArgs,
     },
@@ -54,7 +58,7 @@ pub(crate) struct StreamArgs {
 impl DatasetCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         match self {
-            Self::Create { run, selection } => create(context, run, selection.selection()).await,
+            Self::Create { run, task, selection } => create(context, (run, task), selection.selection()).await,
             Self::List { task } => list(context, task).await,
             Self::Show { id } => show(context, id).await,
             Self::Stream(args) => stream(context, args).await,
@@ -62,9 +66,14 @@ impl DatasetCommand {
     }
 }
 
-async fn create(context: &Context, run: String, selection: Selection) -> Result<()> {
-    let request = CreateDatasetRequest { score_run_id: run, selection: Some(selection_to_proto(selection)) };
-    let reply = context.client().await?.datasets().create_dataset(request).await?.into_inner();
+async fn create(context: &Context, (run, task): (Option<String>, Option<String>), selection: Selection) -> Result<()> {
+    let client = context.client().await?;
+    let score_run_id = match run {
+        Some(run) => run,
+        None => ids::newest(context, &client, Kind::Run, task.as_deref()).await?,
+    };
+    let request = CreateDatasetRequest { score_run_id, selection: Some(selection_to_proto(selection)) };
+    let reply = client.datasets().create_dataset(request).await?.into_inner();
     let dataset = present(reply.dataset.as_ref(), "a dataset")?;
     context.output.result(|| json::value(&reply), || describe(dataset))?;
     context.output.next(format_args!("gleaner train --dataset {} --wait", dataset.id));
@@ -115,7 +124,7 @@ async fn list(context: &Context, task: Option<String>) -> Result<()> {
     context.output.result(|| json::value(&reply), || table(columns, reply.datasets.iter().map(row)))?;
     match reply.datasets.first() {
         Some(dataset) => context.output.next(format_args!("gleaner train --dataset {} --wait", dataset.id)),
-        None => context.output.next("gleaner dataset create --run RUN --beta 0.9"),
+        None => context.output.next("gleaner dataset create --run RUN"),
     }
     Ok(())
 }

@@ -1,8 +1,10 @@
 //! `policies`, `deploy`, `rollback`, `deployments`.
 
 use clap::Args;
+use gleaner_client::Client;
+use gleaner_core::proto::task::spec_from_proto;
 use gleaner_proto::v1::{
-    DeployRequest, Deployment, ListDeploymentsRequest, ListPoliciesRequest, Policy, RollBackRequest,
+    DeployRequest, Deployment, GetTaskRequest, ListDeploymentsRequest, ListPoliciesRequest, Policy, RollBackRequest,
 };
 
 use crate::context::Context;
@@ -67,12 +69,27 @@ impl DeployArgs {
             score_run_id: self.score_run,
             hide_history: self.hide_history,
         };
-        let reply = context.client().await?.policies().deploy(request).await?.into_inner();
+        let client = context.client().await?;
+        let reply = client.policies().deploy(request).await?.into_inner();
         let deployment = present(reply.deployment.as_ref(), "a deployment")?;
         context.output.result(|| json::value(&reply), || pointed(deployment))?;
-        context.output.next(format_args!("gleaner drive {} (evaluates it in the simulator)", deployment.name));
+        context.output.next(evaluation(&client, deployment).await?);
         Ok(())
     }
+}
+
+/// How to evaluate a deployment: in the embedded simulator if that knows its task, else in one's own.
+async fn evaluation(client: &Client, deployment: &Deployment) -> Result<String> {
+    let Deployment { name, task_id, policy_id, .. } = deployment;
+    let reply = client.tasks().get_task(GetTaskRequest { task: task_id.clone() }).await?.into_inner();
+    let spec = reply.task.and_then(|task| spec_from_proto(task.spec?).ok());
+    if spec.is_some_and(|spec| gleaner_sim::simulated(&spec, "").is_ok()) {
+        return Ok(format!("gleaner drive {name} (evaluates it in the simulator)"));
+    }
+    Ok(format!(
+        "evaluate {name} on your robot or in your own simulator (client/python/README.md, \"Evaluate\"), then gleaner \
+         report-evaluation {policy_id} --simulation NAME --result SEED:EPISODES:SUCCESSES"
+    ))
 }
 
 #[derive(Args, Debug)]

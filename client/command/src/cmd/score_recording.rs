@@ -6,6 +6,8 @@ use clap::Args;
 use gleaner_proto::v1::{Finding, Role, Severity};
 
 use super::scores::shown;
+use gleaner_core::selection::DEFAULT_BETA;
+
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::json;
@@ -17,7 +19,7 @@ pub(crate) struct ScoreRecordingArgs {
     /// Path of the recording (MCAP).
     file: PathBuf,
     /// Threshold that the chart shows as a line, 0 to 1.
-    #[arg(long, default_value_t = 0.9)]
+    #[arg(long, default_value_t = DEFAULT_BETA)]
     beta: f64,
     /// Also list the nearest expert step of each step with its distances.
     #[arg(long)]

@@ -6,6 +6,8 @@ use gleaner_proto::v1::{
     ScoreRun,
 };
 
+use gleaner_core::selection::DEFAULT_BETA;
+
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::output::terminal_width;
@@ -67,7 +69,7 @@ pub(crate) struct ScoresArgs {
     /// Id of the episode.
     episode: String,
     /// Threshold that the chart shows as a line, 0 to 1.
-    #[arg(long, default_value_t = 0.9)]
+    #[arg(long, default_value_t = DEFAULT_BETA)]
     beta: f64,
     /// Also list the nearest expert step of each step with its distances.
     #[arg(long)]
@@ -169,7 +171,7 @@ impl HistogramArgs {
         let request = GetHistogramRequest { score_run_id: self.run.clone(), bins: self.bins, betas: self.beta };
         let reply = context.client().await?.scores().get_histogram(request).await?.into_inner();
         context.output.result(|| json::value(&reply), || histogram(&reply, terminal_width()))?;
-        context.output.next(format_args!("gleaner dataset create --run {} --beta 0.9", self.run));
+        context.output.next(format_args!("gleaner dataset create --run {} --beta {DEFAULT_BETA}", self.run));
         Ok(())
     }
 }

@@ -2,14 +2,14 @@
 
 use clap::Args;
 use gleaner_core::proto::selection::shape_from_proto;
-use gleaner_core::selection::{Rule, Selection, SelectionShape};
+use gleaner_core::selection::{DEFAULT_BETA, Rule, Selection, SelectionShape};
 use gleaner_proto::v1;
 
 /// The selection of one dataset.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct SelectionArgs {
     /// Keep segments with a quality above this threshold, 0 to 1.
-    #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = DEFAULT_BETA, allow_negative_numbers = true)]
     beta: f64,
     /// Instead of --beta, keep this fraction of the segments, the best ones.
     #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]

@@ -14,6 +14,7 @@ use super::follow;
 use super::plan::SnapshotArgs;
 use crate::context::Context;
 use crate::failure::{Result, present};
+use crate::ids::{self, Kind};
 use crate::{json, words};
 
 /// Options of every submission.
@@ -63,8 +64,8 @@ impl PretrainCommand {
 
 #[derive(Args, Debug)]
 pub(crate) struct ScoreCommand {
-    /// Id of the encoder, whose job may be queued. Default with --extends: the encoder of that run.
-    #[arg(long, required_unless_present = "extends")]
+    /// Id of the encoder, whose job may be queued. Default: the newest of the task; with --extends, that of the run.
+    #[arg(long)]
     encoder: Option<String>,
     /// Id of the snapshot to score. Default: the snapshot of the encoder.
     #[arg(long)]
@@ -86,8 +87,12 @@ pub(crate) struct ScoreCommand {
 impl ScoreCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
-        let encoder_id = self.encoder.unwrap_or_default();
         let extends = self.extends.unwrap_or_default();
+        let encoder_id = match self.encoder {
+            Some(encoder) => encoder,
+            None if extends.is_empty() => ids::newest(context, &client, Kind::Encoder, self.task.as_deref()).await?,
+            None => String::new(),
+        };
         let known = if encoder_id.is_empty() { &extends } else { &encoder_id };
         let task = context.task_of_result(&client, self.task.as_deref(), known).await?;
         let settings = Some(to_struct(&self.settings.values));
@@ -98,9 +103,9 @@ impl ScoreCommand {
 }
 
 #[derive(Args, Debug)]
-#[group(id = "data", required = true, multiple = false, args = ["dataset", "experts_of", "experts_in"])]
+#[group(id = "data", multiple = false, args = ["dataset", "experts_of", "experts_in"])]
 pub(crate) struct TrainCommand {
-    /// Id of the dataset; trains on its experts and kept segments.
+    /// Id of the dataset; trains on its experts and kept segments. Default: the newest of the task.
     #[arg(long)]
     dataset: Option<String>,
     /// Train on the experts of this encoder's snapshot alone (SSDF-base), instead of a dataset.
@@ -129,7 +134,7 @@ impl TrainCommand {
         submission.submit(context, &client, &self.submit).await
     }
 
-    // Clap sees to it that exactly one is given.
+    // Clap rejects more than one.
     async fn data(&self, context: &Context, client: &Client) -> Result<(String, Data)> {
         if let Some(dataset) = &self.dataset {
             return Ok((task_of_dataset(client, self.task.clone(), dataset).await?, Data::DatasetId(dataset.clone())));
@@ -138,9 +143,12 @@ impl TrainCommand {
             let task = task_of_snapshot(client, self.task.clone(), snapshot).await?;
             return Ok((task, Data::ExpertsIn(snapshot.clone())));
         }
-        let encoder = self.experts_of.clone().unwrap_or_default();
-        let task = context.task_of_result(client, self.task.as_deref(), &encoder).await?;
-        Ok((task, Data::ExpertsOf(encoder)))
+        if let Some(encoder) = &self.experts_of {
+            let task = context.task_of_result(client, self.task.as_deref(), encoder).await?;
+            return Ok((task, Data::ExpertsOf(encoder.clone())));
+        }
+        let dataset = ids::newest(context, client, Kind::Dataset, self.task.as_deref()).await?;
+        Ok((task_of_dataset(client, self.task.clone(), &dataset).await?, Data::DatasetId(dataset)))
     }
 }
 
@@ -213,7 +221,11 @@ pub(crate) fn after(job: &Job) -> String {
     match job.kind() {
         JobKind::Pretrain => format!("gleaner score --encoder {result} --wait"),
         JobKind::Score => format!("gleaner histogram {result}"),
-        JobKind::Train => format!("gleaner evaluate --policy {result} --wait; gleaner deploy NAME --policy {result}"),
+        JobKind::Train => {
+            format!(
+                "gleaner deploy NAME@test --policy {result}; in the simulator, gleaner evaluate --policy {result} --wait"
+            )
+        }
         JobKind::Evaluate => format!("gleaner evaluation {result}"),
         JobKind::Export | JobKind::Unspecified => format!("gleaner job {}", job.id),
     }

@@ -1,4 +1,4 @@
-//! `task`: draft, check, create, list, show.
+//! `task`: draft, check, create, list, show, update, delete.
 
 mod check;
 mod draft;
@@ -9,7 +9,9 @@ use clap::{Args, Subcommand};
 use gleaner_client::ClientError;
 use gleaner_core::action::ActionRange;
 use gleaner_core::proto::task::{spec_from_proto, spec_to_proto};
-use gleaner_proto::v1::{CreateTaskRequest, GetTaskRequest, ListTasksRequest, Task};
+use gleaner_proto::v1::{
+    CreateTaskRequest, DeleteTaskRequest, GetTaskRequest, ListTasksRequest, Task, UpdateTaskRequest,
+};
 use gleaner_recording::{FieldSpec, TaskSpec};
 use gleaner_sim::SimConfig;
 
@@ -18,6 +20,9 @@ use crate::failure::{Failure, Result, present};
 use crate::table::Column::{Left, Right};
 use crate::table::{facts, table};
 use crate::{json, words};
+
+/// Every key of a task file, generated from the definition.
+pub(crate) const KEYS: &str = include_str!("../../../../docs/task-file.md");
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum TaskCommand {
@@ -32,6 +37,19 @@ pub(crate) enum TaskCommand {
     List,
     /// Show the specification of a task; `create` accepts the output of --json.
     Show {
+        /// Name or id.
+        task: String,
+    },
+    /// Replace the specification of a task: anything while the task has no episodes and results, afterwards mappings by
+    /// which no episode was read.
+    Update {
+        /// Name or id.
+        task: String,
+        /// File with the whole new specification, TOML or JSON.
+        spec: PathBuf,
+    },
+    /// Delete a task that has no episodes and results.
+    Delete {
         /// Name or id.
         task: String,
     },
@@ -58,6 +76,8 @@ impl TaskCommand {
             Self::Create(args) => args.run(context).await,
             Self::List => list(context).await,
             Self::Show { task } => show(context, task).await,
+            Self::Update { task, spec } => update(context, task, &spec).await,
+            Self::Delete { task } => delete(context, task).await,
         }
     }
 }
@@ -134,6 +154,25 @@ async fn show(context: &Context, name: String) -> Result<()> {
     let document = || serde_json::to_value(&specification).map_err(|error| Failure::message(error.to_string()));
     context.output.result(document, || describe(task, &specification))?;
     context.output.next(format_args!("gleaner episodes --task {}", specification.name));
+    Ok(())
+}
+
+async fn update(context: &Context, task: String, path: &Path) -> Result<()> {
+    let specification = read_spec(path)?;
+    gleaner_recording::validate(&specification)?;
+    let request = UpdateTaskRequest { task, spec: Some(spec_to_proto(specification.clone())) };
+    let reply = context.client().await?.tasks().update_task(request).await?.into_inner();
+    let task = present(reply.task.as_ref(), "a task")?;
+    context.output.result(|| json::value(&reply), || describe(task, &specification))?;
+    context.output.next(format_args!("gleaner push RECORDINGS --task {}", specification.name));
+    Ok(())
+}
+
+async fn delete(context: &Context, task: String) -> Result<()> {
+    let request = DeleteTaskRequest { task: task.clone() };
+    let reply = context.client().await?.tasks().delete_task(request).await?.into_inner();
+    context.output.result(|| json::value(&reply), || format!("task {task} deleted"))?;
+    context.output.next("gleaner task list");
     Ok(())
 }
 

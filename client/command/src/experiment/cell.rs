@@ -3,7 +3,7 @@
 //! Settings of jobs are data, as on the wire: what is left out takes its default. Must not depend on a server.
 
 use gleaner_core::schema::Problem;
-use gleaner_core::selection::{Rule, Selection, SelectionShape};
+use gleaner_core::selection::{DEFAULT_BETA, Rule, Selection, SelectionShape};
 use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec, Values, schema_of};
 use serde::{Deserialize, Serialize};
 
@@ -54,7 +54,7 @@ impl Default for CellSettings {
             rule: RuleSettings::default(),
             pretrain: Values::new(),
             train: Values::new(),
-            beta: 0.9,
+            beta: DEFAULT_BETA,
             top: None,
             shape: Values::new(),
             seeds: vec![0, 1, 2],

@@ -30,7 +30,7 @@ _OPTIONS: list[tuple[str, int | str]] = [
     ("grpc.initial_reconnect_backoff_ms", 200),
     ("grpc.min_reconnect_backoff_ms", 200),
     ("grpc.max_reconnect_backoff_ms", 2_000),
-    ("grpc.primary_user_agent", f"gleaner-python/{version('gleaner')}"),
+    ("grpc.primary_user_agent", f"gleaner-python/{version('gleaner-client')}"),
 ]
 
 # Seconds without a connection after which its error is diagnosed.

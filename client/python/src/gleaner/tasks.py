@@ -33,3 +33,17 @@ class Tasks:
     def list(self) -> list[Task]:
         """Every task, oldest first."""
         return list(self._rpc.safe("TaskService/ListTasks", pb.ListTasksRequest(), pb.ListTasksResponse).tasks)
+
+    def update(self, task: str, spec: TaskSpec | Mapping[str, Any]) -> Task:
+        """Replaces the spec of a task: anything without episodes and results, afterwards mappings that read no episode.
+
+        Raises `FailedPrecondition` naming the field that cannot change, `NotFound`, `InvalidArgument`.
+        """
+        if not isinstance(spec, TaskSpec):
+            spec = build(TaskSpec, spec)
+        request = pb.UpdateTaskRequest(task=task, spec=spec)
+        return self._rpc.unary("TaskService/UpdateTask", request, pb.UpdateTaskResponse).task
+
+    def delete(self, task: str) -> None:
+        """Deletes a task that has no episodes and results. Raises `FailedPrecondition` while it has, `NotFound`."""
+        self._rpc.unary("TaskService/DeleteTask", pb.DeleteTaskRequest(task=task), pb.DeleteTaskResponse)

@@ -41,6 +41,20 @@ impl Blobs {
         write(&folder.join(format!("{id}.{EXTENSION}")), json)
     }
 
+    /// Removes the description of a deleted task; a missing one is not an error.
+    ///
+    /// # Errors
+    /// Internal when the disk fails.
+    pub fn forget_task(&self, id: &str) -> Result<()> {
+        let folder = self.root.join(TASKS);
+        let path = folder.join(format!("{id}.{EXTENSION}"));
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(fault("removing", &path)(error)),
+            Ok(()) => sync_folder(&folder),
+            Err(_) => Ok(()),
+        }
+    }
+
     /// Removes the description of a deleted row; a missing one is not an error.
     ///
     /// # Errors
@@ -147,5 +161,8 @@ mod tests {
         blobs.forget_description(&one, "ep_a").unwrap();
         blobs.forget_description(&one, "ep_a").unwrap();
         assert_eq!(blobs.descriptions(&one).unwrap().len(), 1);
+        blobs.forget_task("task_a").unwrap();
+        blobs.forget_task("task_a").unwrap();
+        assert!(blobs.task_descriptions().unwrap().is_empty());
     }
 }

@@ -14,6 +14,7 @@ use gleaner_core::{
     error::Kind,
     id::{EpisodeId, ScoreRunId},
     score::{EpisodeScores, ScoreRun},
+    selection::DEFAULT_BETA,
     steps::Numbers,
     task::Task,
     time::seconds,
@@ -31,9 +32,6 @@ use super::{
     text,
 };
 use crate::{Backend, page::Page};
-
-/// The initial β.
-const BETA: &str = "0.5";
 
 #[derive(Default, Deserialize)]
 #[serde(default)]
@@ -112,7 +110,7 @@ pub(super) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
 
 async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> Result<View> {
     let backend = request.backend();
-    let beta = beta(if parameters.beta.is_empty() { BETA } else { &parameters.beta })?;
+    let beta = if parameters.beta.is_empty() { DEFAULT_BETA } else { beta(&parameters.beta)? };
     // Before the episode: a label stored in between then has a newer version than the shown one.
     let version = backend.label_version(id).await?;
     let inspected = backend.episode(id).await?;

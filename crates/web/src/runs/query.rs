@@ -4,15 +4,12 @@ use std::collections::BTreeMap;
 
 use gleaner_core::{
     Error, Group as _, Result, Values,
-    selection::{Rule, Selection, SelectionShape},
+    selection::{DEFAULT_BETA, Rule, Selection, SelectionShape},
 };
 use serde::Deserialize;
 use serde_json::Value;
 
 use crate::{page_request::escaped, sheet::Format};
-
-/// The default threshold.
-pub(super) const BETA: f64 = 0.8;
 
 /// The parameters of the address.
 #[derive(Debug, Default, Deserialize)]
@@ -82,7 +79,7 @@ impl RunParameters {
     /// # Errors
     /// Invalid, naming the parameter.
     pub(super) fn selection(&self) -> Result<Selection> {
-        let rule = rule(self.beta.as_deref(), self.top_fraction.as_deref())?.unwrap_or(Rule::Beta(BETA));
+        let rule = rule(self.beta.as_deref(), self.top_fraction.as_deref())?.unwrap_or(Rule::Beta(DEFAULT_BETA));
         Ok(Selection { rule, shape: shape(&self.others)? })
     }
 

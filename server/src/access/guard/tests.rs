@@ -141,8 +141,10 @@ async fn end(response: Response<Body>) -> Code {
 }
 
 /// The table once more, by role: the rpcs of each role beyond the role before.
-const CONTRIBUTOR: [&str; 13] = [
+const CONTRIBUTOR: [&str; 15] = [
     "CreateTask",
+    "UpdateTask",
+    "DeleteTask",
     "StartUpload",
     "WriteUpload",
     "GetUpload",

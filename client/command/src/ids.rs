@@ -1,0 +1,287 @@
+//! Ids as people give them: a unique beginning, `latest`, or for a policy the name of a deployment.
+//!
+//! The arguments of the process are completed before a command sees them, so that every command takes full ids only. An
+//! id that nothing begins with is left as it is, and the server rejects it by name.
+
+mod listed;
+
+use std::ffi::{OsStr, OsString};
+
+use clap::ArgMatches;
+use clap::parser::ValueSource;
+use gleaner_client::Client;
+
+use crate::context::Context;
+use crate::failure::{Failure, Result};
+
+/// The word for the newest one.
+const LATEST: &str = "latest";
+/// Characters of an id behind its prefix.
+const ULID: usize = 26;
+/// Most ids that an error lists.
+const SHOWN: usize = 4;
+
+/// What an id names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Episode,
+    /// An episode in the trash.
+    Deleted,
+    Snapshot,
+    Job,
+    Encoder,
+    Run,
+    Dataset,
+    Policy,
+    Evaluation,
+    Schedule,
+}
+
+impl Kind {
+    fn prefix(self) -> &'static str {
+        match self {
+            Self::Episode | Self::Deleted => "ep_",
+            Self::Snapshot => "snap_",
+            Self::Job => "job_",
+            Self::Encoder => "enc_",
+            Self::Run => "run_",
+            Self::Dataset => "ds_",
+            Self::Policy => "pol_",
+            Self::Evaluation => "eval_",
+            Self::Schedule => "sch_",
+        }
+    }
+
+    /// The noun, and the command that makes one.
+    fn words(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Episode => ("episode", "gleaner push RECORDINGS"),
+            Self::Deleted => ("deleted episode", "gleaner delete EPISODE"),
+            Self::Snapshot => ("snapshot", "gleaner snapshot create"),
+            Self::Job => ("job", "gleaner pretrain"),
+            Self::Encoder => ("encoder", "gleaner pretrain --wait"),
+            Self::Run => ("score run", "gleaner score --wait"),
+            Self::Dataset => ("dataset", "gleaner dataset create"),
+            Self::Policy => ("policy", "gleaner train --wait"),
+            Self::Evaluation => ("evaluation", "gleaner evaluate --policy POLICY --wait"),
+            Self::Schedule => ("schedule", "gleaner schedule create"),
+        }
+    }
+}
+
+/// What an argument of a command names; `None` for other arguments.
+fn kind(command: &str, argument: &str) -> Option<Kind> {
+    Some(match (command, argument) {
+        (_, "encoder" | "experts_of") | ("compare-scorers", "on") => Kind::Encoder,
+        (_, "snapshot" | "experts_in") => Kind::Snapshot,
+        (_, "dataset") | ("dataset", "id") => Kind::Dataset,
+        // Of `train` and others it is a kind of policy.
+        ("deploy" | "evaluate" | "evaluations" | "report-evaluation", "policy") => Kind::Policy,
+        (_, "run" | "extends" | "score_run") => Kind::Run,
+        ("scores", "episode") | ("episode" | "download" | "labels", "id") | ("label" | "delete", "ids") => {
+            Kind::Episode
+        }
+        ("restore", "ids") => Kind::Deleted,
+        ("job" | "watch" | "cancel", "id") => Kind::Job,
+        ("snapshot", "id") => Kind::Snapshot,
+        ("evaluation", "id") => Kind::Evaluation,
+        ("schedule", "id") => Kind::Schedule,
+        _ => return None,
+    })
+}
+
+/// An argument that is not a full id.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Given {
+    /// Its place among the arguments.
+    index: usize,
+    kind: Kind,
+    text: String,
+}
+
+/// What a command line leaves open.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Incomplete {
+    /// Arguments that are not full ids, in their order.
+    ids: Vec<Given>,
+    /// The task that the command line names.
+    task: Option<String>,
+}
+
+impl Incomplete {
+    /// Whether each id is a full one.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.ids.is_empty()
+    }
+}
+
+/// What a parsed command line leaves open.
+pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
+    let Some((command, mut inner)) = matches.subcommand() else { return Incomplete::default() };
+    while let Some((_, deeper)) = inner.subcommand() {
+        inner = deeper;
+    }
+    let mut found = Vec::new();
+    for argument in inner.ids() {
+        let Some(kind) = kind(command, argument.as_str()) else { continue };
+        if inner.value_source(argument.as_str()) != Some(ValueSource::CommandLine) {
+            continue;
+        }
+        let (Ok(Some(values)), Some(indices)) =
+            (inner.try_get_raw(argument.as_str()), inner.indices_of(argument.as_str()))
+        else {
+            continue;
+        };
+        for (index, text) in indices.zip(values.filter_map(OsStr::to_str)) {
+            let kind = if kind == Kind::Encoder && text.starts_with("snap_") { Kind::Snapshot } else { kind };
+            let begins = text.strip_prefix(kind.prefix()).is_some_and(|rest| rest.len() < ULID);
+            let named = kind == Kind::Policy && text.contains('@');
+            if begins || named || text == LATEST {
+                found.push(Given { index, kind, text: text.to_owned() });
+            }
+        }
+    }
+    found.sort_by_key(|given| given.index);
+    let task = inner.try_get_one::<String>("task").ok().flatten().cloned();
+    Incomplete { ids: found, task }
+}
+
+/// The arguments with full ids.
+///
+/// # Errors
+/// A beginning that several ids have, and `latest` where there is none.
+pub(crate) async fn complete(
+    context: &Context,
+    words: Vec<OsString>,
+    Incomplete { ids: given, task }: Incomplete,
+) -> Result<Vec<OsString>> {
+    let client = context.client().await?;
+    let mut full = Vec::with_capacity(given.len());
+    for Given { kind, text, .. } in &given {
+        let ids = listed::ids(&client, *kind, task.as_deref(), text).await?;
+        let id = choose(*kind, text, &ids).map_err(Failure::message)?;
+        if let (Some(id), LATEST) = (&id, text.as_str()) {
+            context.output.note(format_args!("{} {id} (the newest)", kind.words().0));
+        }
+        full.push(id.unwrap_or_else(|| text.clone()));
+    }
+    Ok(replaced(words, &given, &full))
+}
+
+/// The newest of a task, which a command takes if none is given; a note names it.
+pub(crate) async fn newest(context: &Context, client: &Client, kind: Kind, task: Option<&str>) -> Result<String> {
+    let task = context.task(client, task).await?;
+    let ids = listed::ids(client, kind, Some(&task), LATEST).await?;
+    let id = choose(kind, LATEST, &ids).map_err(Failure::message)?.unwrap_or_default();
+    context.output.note(format_args!("{} {id} (the newest of {task})", kind.words().0));
+    Ok(id)
+}
+
+/// The id that a text stands for; `None` if no id begins with it.
+fn choose(kind: Kind, text: &str, ids: &[String]) -> std::result::Result<Option<String>, String> {
+    let (noun, makes) = kind.words();
+    if text == LATEST {
+        // Ids sort by the time at which they were made.
+        let newest = ids.iter().max().cloned();
+        return newest.map(Some).ok_or_else(|| format!("there is no {noun} yet; make one with `{makes}`"));
+    }
+    if kind == Kind::Policy && text.contains('@') {
+        return Ok(ids.first().cloned());
+    }
+    let mut begin: Vec<&String> = ids.iter().filter(|id| id.starts_with(text)).collect();
+    begin.sort();
+    begin.dedup();
+    match begin.as_slice() {
+        [] => Ok(None),
+        [one] => Ok(Some((*one).clone())),
+        many => {
+            let shown: Vec<&str> = many.iter().take(SHOWN).map(|id| id.as_str()).collect();
+            let more = if many.len() > SHOWN { ", …" } else { "" };
+            let count = many.len();
+            Err(format!(
+                "{text}: {count} ids begin so ({}{more}); give more characters of the {noun}'s id",
+                shown.join(", ")
+            ))
+        }
+    }
+}
+
+/// The words of a command line with the given texts replaced in their order.
+fn replaced(words: Vec<OsString>, given: &[Given], full: &[String]) -> Vec<OsString> {
+    let mut rest = given.iter().zip(full).peekable();
+    let replace = |word: OsString| {
+        let Some(((given, full), text)) = rest.peek().zip(word.to_str()) else { return word };
+        let begin = match text.strip_suffix(given.text.as_str()) {
+            Some(begin) if begin.is_empty() || (begin.starts_with("--") && begin.ends_with('=')) => begin,
+            Some(_) | None => return word,
+        };
+        let word = format!("{begin}{full}").into();
+        rest.next();
+        word
+    };
+    words.into_iter().map(replace).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    use super::*;
+    use crate::cli::Cli;
+
+    fn found(line: &str) -> Vec<(Kind, String)> {
+        let matches = Cli::command().try_get_matches_from(line.split(' ')).unwrap();
+        incomplete(&matches).ids.into_iter().map(|given| (given.kind, given.text)).collect()
+    }
+
+    #[test]
+    fn incomplete_ids_are_found_with_their_kind() {
+        let full = "run_01ARZ3NDEKTSV4RRFFQ69G5FAV";
+        assert_eq!(found(&format!("gleaner scores {full} latest")), [(Kind::Episode, "latest".into())]);
+        assert_eq!(found("gleaner train --dataset ds_01 --policy act"), [(Kind::Dataset, "ds_01".into())]);
+        assert_eq!(found("gleaner deploy a@b --policy=c@d"), [(Kind::Policy, "c@d".into())]);
+        assert_eq!(found("gleaner dataset show latest"), [(Kind::Dataset, "latest".into())]);
+        assert_eq!(found("gleaner compare-scorers snap_1"), [(Kind::Snapshot, "snap_1".into())]);
+        assert_eq!(found("gleaner episodes --task latest"), []);
+    }
+
+    #[test]
+    fn words_are_replaced_in_their_order() {
+        let line = "gleaner scores latest latest --beta 0.5";
+        let matches = Cli::command().try_get_matches_from(line.split(' ')).unwrap();
+        let words = line.split(' ').map(OsString::from).collect();
+        let full = replaced(words, &incomplete(&matches).ids, &["run_1".into(), "ep_2".into()]);
+        assert_eq!(full, ["gleaner", "scores", "run_1", "ep_2", "--beta", "0.5"]);
+        let line = "gleaner score --encoder=enc_0 --wait";
+        let matches = Cli::command().try_get_matches_from(line.split(' ')).unwrap();
+        let words = line.split(' ').map(OsString::from).collect();
+        assert_eq!(replaced(words, &incomplete(&matches).ids, &["enc_01".into()])[2], "--encoder=enc_01");
+    }
+
+    #[test]
+    fn a_beginning_must_be_unique_and_the_latest_must_be_there() {
+        let ids = ["run_01A", "run_01B", "run_02"].map(str::to_owned);
+        assert_eq!(choose(Kind::Run, "run_02", &ids), Ok(Some("run_02".into())));
+        assert_eq!(choose(Kind::Run, "latest", &ids), Ok(Some("run_02".into())));
+        assert_eq!(choose(Kind::Run, "run_9", &ids), Ok(None));
+        assert!(choose(Kind::Run, "run_01", &ids).unwrap_err().contains("2 ids begin so (run_01A, run_01B)"));
+        assert!(choose(Kind::Run, "latest", &[]).unwrap_err().contains("gleaner score --wait"));
+    }
+
+    #[test]
+    fn every_argument_for_an_id_has_a_kind() {
+        fn check(top: &str, command: &clap::Command, missing: &mut Vec<String>) {
+            for argument in command.get_arguments() {
+                let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+                let of_id = help.starts_with("Id of") || help.starts_with("Ids of");
+                if of_id && kind(top, argument.get_id().as_str()).is_none() {
+                    missing.push(format!("{top} {}", argument.get_id()));
+                }
+            }
+            command.get_subcommands().for_each(|inner| check(top, inner, missing));
+        }
+        let (cli, mut missing) = (Cli::command(), Vec::new());
+        cli.get_subcommands().for_each(|command| check(command.get_name(), command, &mut missing));
+        assert!(missing.is_empty(), "{missing:?}");
+    }
+}

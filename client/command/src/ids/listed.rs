@@ -1,0 +1,115 @@
+//! The ids that a server has.
+
+use gleaner_client::Client;
+use gleaner_proto::v1::{
+    Job, JobKind, JobState, ListDatasetsRequest, ListDeploymentsRequest, ListEpisodesRequest, ListEvaluationsRequest,
+    ListJobsRequest, ListSchedulesRequest, ListScoreRunsRequest, ListSnapshotsRequest, ListTasksRequest,
+};
+
+use super::Kind;
+use crate::failure::Result;
+
+const PAGE: u32 = 1000;
+
+/// The ids of a kind: of one task, or of all. For the name of a deployment, that of its policy.
+pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &str) -> Result<Vec<String>> {
+    if kind == Kind::Policy && text.contains('@') {
+        let reply = client.policies().list_deployments(ListDeploymentsRequest::default()).await?.into_inner();
+        let named = reply.deployments.into_iter().filter(|deployment| deployment.name == text);
+        return Ok(named.map(|deployment| deployment.policy_id).collect());
+    }
+    match kind {
+        Kind::Job => Ok(jobs(client, task).await?.into_iter().map(|job| job.id).collect()),
+        Kind::Encoder => results(client, task, JobKind::Pretrain).await,
+        Kind::Policy => results(client, task, JobKind::Train).await,
+        Kind::Schedule => {
+            let request = ListSchedulesRequest { task: task.unwrap_or_default().to_owned() };
+            let reply = client.schedules().list_schedules(request).await?.into_inner();
+            Ok(reply.schedules.into_iter().map(|schedule| schedule.id).collect())
+        }
+        Kind::Evaluation => {
+            let mut found = results(client, task, JobKind::Evaluate).await?;
+            for policy_id in results(client, task, JobKind::Train).await? {
+                let request = ListEvaluationsRequest { policy_id };
+                // A policy whose job is queued has none.
+                if let Ok(reply) = client.policies().list_evaluations(request).await {
+                    found.extend(reply.into_inner().evaluations.into_iter().map(|evaluation| evaluation.id));
+                }
+            }
+            Ok(found)
+        }
+        Kind::Run => {
+            let mut found = results(client, task, JobKind::Score).await?;
+            for task in tasks(client, task).await? {
+                let reply = client.scores().list_score_runs(ListScoreRunsRequest { task }).await?.into_inner();
+                found.extend(reply.score_runs.into_iter().map(|run| run.id));
+            }
+            Ok(found)
+        }
+        Kind::Dataset => {
+            let mut found = Vec::new();
+            for task in tasks(client, task).await? {
+                let reply = client.datasets().list_datasets(ListDatasetsRequest { task }).await?.into_inner();
+                found.extend(reply.datasets.into_iter().map(|dataset| dataset.id));
+            }
+            Ok(found)
+        }
+        Kind::Snapshot => {
+            let mut found = Vec::new();
+            for task in tasks(client, task).await? {
+                let reply = client.snapshots().list_snapshots(ListSnapshotsRequest { task }).await?.into_inner();
+                found.extend(reply.snapshots.into_iter().map(|snapshot| snapshot.id));
+            }
+            Ok(found)
+        }
+        Kind::Episode | Kind::Deleted => {
+            let mut found = Vec::new();
+            for task in tasks(client, task).await? {
+                found.extend(episodes(client, task, kind == Kind::Deleted).await?);
+            }
+            Ok(found)
+        }
+    }
+}
+
+async fn tasks(client: &Client, task: Option<&str>) -> Result<Vec<String>> {
+    if let Some(task) = task {
+        return Ok(vec![task.to_owned()]);
+    }
+    let reply = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner();
+    Ok(reply.tasks.into_iter().map(|task| task.id).collect())
+}
+
+async fn episodes(client: &Client, task: String, deleted: bool) -> Result<Vec<String>> {
+    let mut request = ListEpisodesRequest { task, page_size: PAGE, deleted, ..ListEpisodesRequest::default() };
+    let mut found = Vec::new();
+    loop {
+        let page = client.episodes().list_episodes(request.clone()).await?.into_inner();
+        found.extend(page.episodes.into_iter().map(|episode| episode.id));
+        if page.next_page_token.is_empty() {
+            return Ok(found);
+        }
+        request.page_token = page.next_page_token;
+    }
+}
+
+async fn jobs(client: &Client, task: Option<&str>) -> Result<Vec<Job>> {
+    let task = task.unwrap_or_default().to_owned();
+    let mut request = ListJobsRequest { task, page_size: PAGE, ..ListJobsRequest::default() };
+    let mut found = Vec::new();
+    loop {
+        let page = client.jobs().list_jobs(request.clone()).await?.into_inner();
+        found.extend(page.jobs);
+        if page.next_page_token.is_empty() {
+            return Ok(found);
+        }
+        request.page_token = page.next_page_token;
+    }
+}
+
+/// What jobs of this kind make or have made.
+async fn results(client: &Client, task: Option<&str>, kind: JobKind) -> Result<Vec<String>> {
+    let fails = |job: &Job| matches!(job.state(), JobState::Failed | JobState::Cancelled);
+    let jobs = jobs(client, task).await?.into_iter();
+    Ok(jobs.filter(|job| job.kind() == kind && !fails(job)).map(|job| job.result_id).collect())
+}

@@ -1,0 +1,58 @@
+//! Ids as people give them: by their beginning, as the latest, or left out.
+
+use crate::support::{
+    command::{gleaner, json},
+    shared::{NAME, shared},
+};
+
+#[tokio::test]
+async fn ids_are_completed_and_the_newest_is_named() {
+    let shared = shared().await;
+    let url = shared.server.url();
+    let full = json(url, &["histogram", &shared.run]).await;
+    assert_eq!(json(url, &["histogram", "latest"]).await, full);
+    // All but the last character, which another run may have.
+    assert_eq!(json(url, &["histogram", &shared.run[..shared.run.len() - 1]]).await, full);
+    let several = gleaner(url, &["episode", "ep_"]).await;
+    assert!(!several.success && several.errors.contains("ids begin so (ep_"), "{}", several.errors);
+    let unknown = gleaner(url, &["histogram", "run_ZZ"]).await;
+    assert!(!unknown.success && unknown.errors.contains("run_ZZ"), "{}", unknown.errors);
+
+    let looked = gleaner(url, &["job", "latest"]).await;
+    assert!(looked.success && looked.errors.contains("(the newest)"), "{}", looked.text());
+    let created = gleaner(url, &["dataset", "create", "--top", "0.5"]).await;
+    let newest = format!("score run {} (the newest of ", shared.run);
+    assert!(created.success && created.errors.contains(&newest), "{}", created.text());
+    // The policy of a deployment, by its name.
+    let evaluations = json(url, &["evaluations", NAME]).await;
+    assert_eq!(evaluations, json(url, &["evaluations", &shared.policy]).await);
+    let deployed = gleaner(url, &["deploy", "short@test", "--policy", "latest"]).await;
+    assert!(deployed.success && deployed.out.contains(&shared.policy), "{}", deployed.text());
+    assert!(deployed.errors.contains("next: gleaner drive short@test"), "{}", deployed.errors);
+}
+
+#[tokio::test]
+async fn a_command_without_an_input_says_what_makes_one() {
+    let server = crate::support::server::TestServer::start_with(&["--workers", "0"]).await;
+    json(server.url(), &["task", "create", "--sim", "pick_cube"]).await;
+    for (words, part) in [
+        (vec!["score"], "there is no encoder yet; make one with `gleaner pretrain --wait`"),
+        (vec!["train"], "there is no dataset yet"),
+        (vec!["dataset", "create"], "there is no score run yet"),
+        (vec!["histogram", "latest"], "there is no score run yet"),
+    ] {
+        let output = gleaner(server.url(), &words).await;
+        assert!(!output.success && output.errors.contains(part), "{words:?}: {}", output.errors);
+    }
+    // A task that nothing uses can change and go.
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("task.json");
+    let mut spec = json(server.url(), &["task", "show", "pick_cube"]).await;
+    spec["name"] = "pick_cubes".into();
+    std::fs::write(&file, spec.to_string()).unwrap();
+    json(server.url(), &["task", "update", "pick_cube", file.to_str().unwrap()]).await;
+    json(server.url(), &["task", "delete", "pick_cubes"]).await;
+    assert!(!gleaner(server.url(), &["task", "show", "pick_cubes"]).await.success);
+    let keys = gleaner(server.url(), &["help", "task"]).await;
+    assert!(keys.out.contains("tolerance") && keys.out.contains("[[mappings.fields]]"), "{}", keys.out);
+}
