@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 
 use crate::cmd::{
-    dataset, drive, episodes, evaluate, evaluations, export, import_scores, inspect, jobs, kinds, label, pipeline,
+    dataset, drive, episodes, evaluate, evaluations, export, import_scores, inspect, jobs, kinds, label, metrics, pipeline,
     policies, push, record, schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
 };
 use crate::connection::{ConnectionArgs, GLOBAL};
@@ -71,10 +71,12 @@ pub(crate) enum Command {
     Pipeline(pipeline::PipelineCommand),
     /// List policies, weightings, objectives and scorers, and the settings of each job.
     Kinds(kinds::KindsArgs),
-    /// List jobs.
+    /// List jobs, or export them as JSON lines.
     Jobs(jobs::JobsArgs),
     /// Show one job.
     Job(jobs::JobArgs),
+    /// Show the curves of a job, or write them for TensorBoard.
+    Metrics(metrics::MetricsArgs),
     /// Follow a job until it ends.
     Watch(jobs::WatchArgs),
     /// Cancel a job and the jobs that depend on it.
@@ -144,6 +146,7 @@ impl Command {
             Self::Kinds(args) => args.run(context).await,
             Self::Jobs(args) => args.run(context).await,
             Self::Job(args) => args.run(context).await,
+            Self::Metrics(args) => args.run(context).await,
             Self::Watch(args) => args.run(context).await,
             Self::Cancel(args) => args.run(context).await,
             Self::Runs(args) => args.run(context).await,
@@ -209,6 +212,8 @@ mod tests {
             "gleaner task create --sim pick_cube --image 64",
             "gleaner delete ep_1 ep_2 --force",
             "gleaner restore ep_1",
+            "gleaner jobs export --task t",
+            "gleaner metrics latest --tensorboard runs",
             "gleaner episodes --deleted",
             "gleaner compare-scorers snap_1 --seeds 2",
             "gleaner compare-scorers enc_1 enc_2 --scorer ssdf --scorer deminf --train bc --evaluations 5",

@@ -14,7 +14,7 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Episodes", &["inspect", "push", "episodes", "episode", "download", "label", "labels", "delete", "restore"]),
     ("Tasks and snapshots", &["task", "snapshot"]),
     ("Learning", &["pretrain", "score", "train", "pipeline", "schedule", "kinds"]),
-    ("Jobs", &["jobs", "job", "watch", "cancel"]),
+    ("Jobs", &["jobs", "job", "metrics", "watch", "cancel"]),
     (
         "Scores and datasets",
         &[

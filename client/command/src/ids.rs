@@ -82,7 +82,7 @@ fn kind(command: &str, argument: &str) -> Option<Kind> {
             Kind::Episode
         }
         ("restore", "ids") => Kind::Deleted,
-        ("job" | "watch" | "cancel", "id") => Kind::Job,
+        ("job" | "metrics" | "watch" | "cancel", "id") => Kind::Job,
         ("snapshot", "id") => Kind::Snapshot,
         ("evaluation", "id") => Kind::Evaluation,
         ("schedule", "id") => Kind::Schedule,

@@ -19,6 +19,7 @@ mod own_server;
 mod progress;
 mod quality;
 mod table;
+mod tensorboard;
 mod words;
 
 use std::process::ExitCode;

@@ -1,12 +1,13 @@
 //! `jobs`, `job`, `watch`, `cancel`.
 
-use clap::{Args, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
 use gleaner_client::{Client, ClientError};
 use gleaner_proto::v1::{
-    CancelJobRequest, GetJobRequest, Job, JobState, ListJobsRequest, ListJobsResponse, WatchJobResponse,
+    CancelJobRequest, GetJobRequest, Job, JobState, ListJobsRequest, ListJobsResponse, ListMetricsRequest, WatchJobResponse,
 };
 
 use super::follow;
+use super::metrics::curves;
 use super::submit::{after, outcome};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
@@ -36,7 +37,10 @@ impl From<StateArg> for JobState {
 }
 
 #[derive(Args, Debug)]
+#[command(args_conflicts_with_subcommands = true)]
 pub(crate) struct JobsArgs {
+    #[command(subcommand)]
+    command: Option<JobsCommand>,
     /// List only jobs of this task.
     #[arg(long, default_value = "", hide_default_value = true)]
     task: String,
@@ -48,8 +52,21 @@ pub(crate) struct JobsArgs {
     limit: u32,
 }
 
+#[derive(Debug, Subcommand)]
+enum JobsCommand {
+    /// Print every job as a line of JSON, oldest first, with its settings and the last value of each of its metrics.
+    Export {
+        /// Print only jobs of this task.
+        #[arg(long, default_value = "", hide_default_value = true)]
+        task: String,
+    },
+}
+
 impl JobsArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        if let Some(JobsCommand::Export { task }) = self.command {
+            return export(context, task).await;
+        }
         let request = ListJobsRequest {
             task: self.task,
             state: self.state.map(JobState::from).unwrap_or_default().into(),
@@ -64,6 +81,33 @@ impl JobsArgs {
         }
         Ok(())
     }
+}
+
+async fn export(context: &Context, task: String) -> Result<()> {
+    let client = context.client().await?;
+    let mut request = ListJobsRequest { task, page_size: 1000, ..ListJobsRequest::default() };
+    let mut jobs: Vec<Job> = Vec::new();
+    loop {
+        let page = client.jobs().list_jobs(request.clone()).await?.into_inner();
+        jobs.extend(page.jobs);
+        if page.next_page_token.is_empty() {
+            break;
+        }
+        request.page_token = page.next_page_token;
+    }
+    // Ids sort by the time at which they were made.
+    jobs.sort_by(|one, other| one.id.cmp(&other.id));
+    for job in &jobs {
+        let metrics = client.jobs().list_metrics(ListMetricsRequest { job_id: job.id.clone() }).await?.into_inner();
+        let mut line = json::value(job)?;
+        let last = |(name, points): (&str, Vec<(u64, f64)>)| Some((name.to_owned(), points.last()?.1.into()));
+        let last: serde_json::Map<String, serde_json::Value> = curves(&metrics.metrics).into_iter().filter_map(last).collect();
+        if let Some(fields) = line.as_object_mut() {
+            fields.insert("metrics".to_owned(), last.into());
+        }
+        context.output.line(line)?;
+    }
+    Ok(())
 }
 
 /// Jobs as a table.

@@ -14,6 +14,7 @@ pub(crate) mod inspect;
 pub(crate) mod jobs;
 pub(crate) mod kinds;
 pub(crate) mod label;
+pub(crate) mod metrics;
 pub(crate) mod pipeline;
 mod plan;
 pub(crate) mod policies;
