@@ -3,8 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use crate::cmd::{
-    dataset, drive, episodes, evaluate, evaluations, export, import_scores, inspect, jobs, kinds, label, metrics, pipeline,
-    policies, push, record, schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
+    dataset, drive, episodes, evaluate, evaluations, export, import_scores, inspect, jobs, kinds, label, metrics,
+    pipeline, policies, push, record, schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
 };
 use crate::connection::{ConnectionArgs, GLOBAL};
 use crate::context::Context;

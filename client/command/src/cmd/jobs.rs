@@ -3,7 +3,8 @@
 use clap::{Args, Subcommand, ValueEnum};
 use gleaner_client::{Client, ClientError};
 use gleaner_proto::v1::{
-    CancelJobRequest, GetJobRequest, Job, JobState, ListJobsRequest, ListJobsResponse, ListMetricsRequest, WatchJobResponse,
+    CancelJobRequest, GetJobRequest, Job, JobState, ListJobsRequest, ListJobsResponse, ListMetricsRequest,
+    WatchJobResponse,
 };
 
 use super::follow;
@@ -101,7 +102,8 @@ async fn export(context: &Context, task: String) -> Result<()> {
         let metrics = client.jobs().list_metrics(ListMetricsRequest { job_id: job.id.clone() }).await?.into_inner();
         let mut line = json::value(job)?;
         let last = |(name, points): (&str, Vec<(u64, f64)>)| Some((name.to_owned(), points.last()?.1.into()));
-        let last: serde_json::Map<String, serde_json::Value> = curves(&metrics.metrics).into_iter().filter_map(last).collect();
+        let last: serde_json::Map<String, serde_json::Value> =
+            curves(&metrics.metrics).into_iter().filter_map(last).collect();
         if let Some(fields) = line.as_object_mut() {
             fields.insert("metrics".to_owned(), last.into());
         }

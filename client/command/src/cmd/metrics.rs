@@ -85,7 +85,8 @@ fn shown(metrics: &[Metric]) -> String {
 
 /// Writes the event file of a job, under a name that a second run gives again.
 fn write(folder: &Path, job: &Job, metrics: &[Metric]) -> Result<PathBuf> {
-    let seconds = |time: Option<&prost_types::Timestamp>| words::timestamp(time).map(|time| time.as_duration().as_secs_f64());
+    let seconds =
+        |time: Option<&prost_types::Timestamp>| words::timestamp(time).map(|time| time.as_duration().as_secs_f64());
     let begun = seconds(job.start_time.as_ref()).or_else(|| seconds(job.create_time.as_ref())).unwrap_or_default();
     let ended = seconds(job.end_time.as_ref()).unwrap_or_else(|| Timestamp::now().as_duration().as_secs_f64());
     let last = metrics.iter().map(|metric| metric.step).max().unwrap_or_default().max(1);

@@ -87,7 +87,7 @@ async fn evaluation(client: &Client, deployment: &Deployment) -> Result<String> 
         return Ok(format!("gleaner drive {name} (evaluates it in the simulator)"));
     }
     Ok(format!(
-        "evaluate {name} on your robot or in your own simulator (client/python/README.md, \"Evaluate\"), then gleaner \
+        "evaluate {name} on your robot or in your own simulator (client/python/README.md, \"Your own simulator\"), then gleaner \
          report-evaluation {policy_id} --simulation NAME --result SEED:EPISODES:SUCCESSES"
     ))
 }

@@ -99,7 +99,10 @@ impl CreateArgs {
         context
             .output
             .result(|| json::value(&created), || format!("task {} created ({})", specification.name, task.id))?;
-        context.output.next(format_args!("gleaner push RECORDINGS --task {} (with the labels.csv in the folder)", specification.name));
+        context.output.next(format_args!(
+            "gleaner push RECORDINGS --task {} (with the labels.csv in the folder)",
+            specification.name
+        ));
         Ok(())
     }
 }

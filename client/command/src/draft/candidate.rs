@@ -171,11 +171,15 @@ fn by_name(field: &SurveyedField) -> Vec<Order> {
     };
     let mut sorted = field.names.clone();
     sorted.sort();
-    vec![
-        order(tokens::natural(&field.names), "by name and number, the largest group of joints first"),
-        order(sorted, "by name"),
-        order(field.names.clone(), "as in the first message"),
-    ]
+    let natural = order(tokens::natural(&field.names), "by name and number, the largest group of joints first");
+    let first = order(field.names.clone(), "as in the first message");
+    let sorted = order(sorted, "by name");
+    // Names without numbers, such as shoulder and elbow, have an order of their own.
+    if field.names.iter().any(|name| name.ends_with(|c: char| c.is_ascii_digit())) {
+        vec![natural, sorted, first]
+    } else {
+        vec![first, natural, sorted]
+    }
 }
 
 fn by_path(fields: &[&SurveyedField]) -> Vec<Order> {

@@ -10,6 +10,8 @@ use super::way::Way;
 
 /// Likeness of names and ranges together, from 0 to 2, from which two candidates are the same numbers.
 const SAME: f64 = 0.75;
+/// Likeness of ranges, from 0 to 1, from which they fit.
+const FITS: f64 = 0.3;
 /// The greatest value of a command that is normalised to one, as far as it is reached.
 const ONE: f64 = 1.0001;
 const REACHED: f64 = 0.9;
@@ -32,7 +34,7 @@ struct Like {
     /// The orders in which both agree best: its own, and that of the other.
     own: usize,
     its: usize,
-    /// Whether names or ranges fit; else both are the only ones of their size.
+    /// Whether their ranges fit; else their names do, or both are the only ones of their size.
     fits: bool,
 }
 
@@ -86,22 +88,22 @@ fn pairs(first: &[Candidate], others: &mut Vec<Candidate>, is_action: IsAction<'
         for (number, other) in others.iter().enumerate().filter(|(_, other)| is_action(one) == is_action(other)) {
             if let Some((fit, own, its)) = best_orders(one, other) {
                 let names = tokens::likeness(&one.name, &other.name).max(tokens::likeness(&one.topic, &other.topic));
-                scored.push((names + fit, at, number, own, its));
+                scored.push((names + fit, at, number, own, its, fit >= FITS));
             }
         }
     }
     scored.sort_by(|one, other| other.0.total_cmp(&one.0));
     let mut chosen: Vec<Option<(usize, usize, usize, bool)>> = vec![None; first.len()];
     let mut used = vec![false; others.len()];
-    for &(score, at, number, own, its) in &scored {
+    for &(score, at, number, own, its, fits) in &scored {
         if score >= SAME && chosen[at].is_none() && !used[number] {
             used[number] = true;
-            chosen[at] = Some((number, own, its, true));
+            chosen[at] = Some((number, own, its, fits));
         }
     }
     // What is left on both sides is the same if nothing else has its size.
     let left: Vec<_> = scored.iter().filter(|(_, at, number, ..)| chosen[*at].is_none() && !used[*number]).collect();
-    for &&(_, at, number, own, its) in &left {
+    for &&(_, at, number, own, its, _) in &left {
         if left.iter().filter(|(_, one, other, ..)| *one == at || *other == number).count() == 1 {
             chosen[at] = Some((number, own, its, false));
         }
@@ -171,8 +173,7 @@ fn field(name: String, first: &Candidate, alike: &[Like], action: bool, ways: &[
     let mut sources = vec![source(first, order)];
     reasons.push(format!("{} {}{}.", first.topic, shown_paths(order), shown_order(first, own)));
     for (Like { candidate, its, fits, .. }, way) in alike.iter().zip(ways.iter().skip(1)) {
-        let reason =
-            if *fits { "name and ranges fit" } else { "the only other numbers of this size, so compare their meaning" };
+        let reason = if *fits { "its ranges fit" } else { "but its ranges do not fit, so compare their meaning" };
         let theirs = &candidate.orders[*its];
         reasons.push(format!(
             "In {} it is {} {}{}: {reason}.",

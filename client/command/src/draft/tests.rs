@@ -154,7 +154,21 @@ fn numbers_that_are_alone_with_their_size_are_matched_with_a_warning() {
     };
     let draft = draft([&of("json", "arm", 0.0), &of("protobuf", "robot", 100.0)], &known("t")).unwrap();
     assert_eq!((written(&draft).action.len(), draft.spec.proprioception.len()), (1, 1));
-    assert!(draft.to_string().contains("the only other numbers of this size"), "{draft}");
+    assert!(draft.to_string().contains("its ranges do not fit, so compare their meaning"), "{draft}");
+}
+
+#[test]
+fn joints_without_numbers_keep_the_order_of_the_recording() {
+    let joints = SurveyedField {
+        names: ["shoulder", "elbow"].map(str::to_owned).into(),
+        ..numbers("position", &[range(0.0, 1.0), range(0.0, 2.0)])
+    };
+    let survey = recording(vec![
+        topic("/joints", "json", vec![joints]),
+        topic("/cmd", "json", vec![numbers("v", &[range(0.0, 5.0)])]),
+    ]);
+    let spec = draft([&survey], &known("t")).unwrap().spec;
+    assert_eq!(spec.mappings[0].fields[0].names, ["shoulder", "elbow"]);
 }
 
 #[test]
