@@ -23,6 +23,7 @@ use self::{
 };
 use gleaner_core::error::{Error, Result};
 use gleaner_data_folder::{blobs::Blobs, file_limit};
+use tokio_util::task::AbortOnDropHandle;
 
 /// Runs one job to its end.
 ///
@@ -52,6 +53,9 @@ async fn serve(config: WorkerConfig) -> Result<()> {
     tracing::info!(job.id = %job_id, "working");
     let (monitor, events) = monitor::channel(blobs.clone());
     let stop = monitor.stop();
+    // A worker of the server's own machine is stopped by the server.
+    let _stopping =
+        config.parent.is_none().then(|| AbortOnDropHandle::new(tokio::spawn(process::stop_at_signal(stop.clone()))));
     let base = match &inputs.base {
         Some(frozen) => Some(Base { frozen: frozen.clone(), scores: client.base_scores().await? }),
         None => None,

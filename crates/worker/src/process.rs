@@ -1,10 +1,13 @@
-//! The settings of the process: its end with its server, its priority below serving, and its peak memory.
+//! The settings of the process: its end with its server or at a signal, its priority below serving, and its peak memory.
 
 use rustix::process::{Pid, Signal};
 use thread_priority::{
     NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
     thread_schedule_policy,
 };
+
+use tokio::signal::unix::{SignalKind, signal};
+use tokio_util::sync::CancellationToken;
 
 use crate::config::WorkerConfig;
 use gleaner_core::error::{Error, Result};
@@ -29,6 +32,20 @@ pub(crate) fn adopt_priority(config: &WorkerConfig) -> Result<()> {
         tracing::warn!(%error, "the worker runs at normal priority");
     }
     Ok(())
+}
+
+/// Requests the work to stop at SIGTERM, which a cluster sends some seconds before it kills a job: the work saves a
+/// checkpoint first.
+pub(crate) async fn stop_at_signal(stop: CancellationToken) {
+    match signal(SignalKind::terminate()) {
+        Ok(mut terminate) => {
+            if terminate.recv().await.is_some() {
+                tracing::info!("stopping at SIGTERM");
+                stop.cancel();
+            }
+        }
+        Err(error) => tracing::warn!(%error, "SIGTERM ends this worker without a last checkpoint"),
+    }
 }
 
 /// Runs this thread, and those it starts, only on idle processors.

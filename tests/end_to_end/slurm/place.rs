@@ -43,6 +43,24 @@ async fn workers_on_a_cluster_call_by_tls_with_the_authority_of_the_server() {
     assert_eq!((ended.state(), ended.engine.as_str()), (JobState::Succeeded, "slurm"), "{}", ended.error);
 }
 
+/// Slurm sends SIGTERM, and the worker saves a checkpoint before it ends.
+#[tokio::test]
+async fn preempted_job_loses_no_step_and_no_attempt() {
+    const STEPS: u64 = 60;
+    let Some(cluster) = Cluster::start(1).await else { return };
+    let flags = [cluster.flags(), vec!["--slurm-options".to_owned(), "--partition=low".to_owned()]].concat();
+    let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
+    let (_server, mut api, _) = lab::with_episodes(&flags).await;
+    let job = api.submit(lab::TASK, lab::pretrain(60)).await.unwrap();
+    let first = api.watch_until(&job.id, |job| job.done >= 5).await;
+    cluster.preempt().await;
+    let ended = api.watch(&job.id).await;
+    assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "{}", ended.error);
+    assert_ne!(ended.engine_id, first.engine_id, "it was preempted");
+    let steps: Vec<u64> = api.metric(&job.id, "loss").await.into_iter().map(|(step, _)| step).collect();
+    assert_eq!(steps, (1..=STEPS).collect::<Vec<_>>(), "no step is lost or repeated");
+}
+
 /// The job stays in the queue with the reason, and the server serves.
 #[tokio::test]
 async fn unknown_partition_is_a_reason_for_waiting() {

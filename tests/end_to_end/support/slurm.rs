@@ -9,10 +9,14 @@ use std::{
     os::unix::fs::PermissionsExt as _,
     path::{Path, PathBuf},
     process::Stdio,
+    time::Duration,
 };
 
 use tempfile::TempDir;
-use tokio::process::{Child, Command};
+use tokio::{
+    process::{Child, Command},
+    task::JoinSet,
+};
 
 use super::{
     process::{Signal, try_signal},
@@ -30,6 +34,8 @@ pub struct Cluster {
     nodes: BTreeMap<String, Child>,
     /// The port for workers of the server that uses it.
     worker_port: u16,
+    /// Returns drained nodes to service; ends on drop.
+    _operator: JoinSet<()>,
 }
 
 /// A job as squeue lists it.
@@ -61,7 +67,9 @@ impl Cluster {
         until("munge listens", async || socket.exists().then_some(())).await;
         let controller = spawn(folder.path(), &["slurmctld", "-D"]);
         let nodes = names.iter().map(|name| (name.clone(), node(folder.path(), name))).collect();
-        let cluster = Self { folder, _munge: munge, controller, nodes, worker_port: ports[0] };
+        let mut operator = JoinSet::new();
+        operator.spawn(resume_drained(folder.path().join("bin"), names.clone()));
+        let cluster = Self { folder, _munge: munge, controller, nodes, worker_port: ports[0], _operator: operator };
         cluster.until_idle(&names).await;
         Some(cluster)
     }
@@ -130,6 +138,11 @@ impl Cluster {
         }
     }
 
+    /// Submits another user's job of one second, which takes a node from a job of the partition `low`.
+    pub async fn preempt(&self) {
+        self.run("sbatch", &["--partition=all", "--output=/dev/null", "--wrap=sleep 1"]).await.unwrap();
+    }
+
     /// Waits until these nodes are idle.
     pub async fn until_idle(&self, names: &[String]) {
         let idle = async || {
@@ -166,6 +179,23 @@ impl Cluster {
     }
 }
 
+/// Returns drained nodes to service, as an operator does: a restarted controller may start a job again that it started just
+/// before its end, and drains the node where that job runs.
+async fn resume_drained(bin: PathBuf, names: Vec<String>) {
+    let mut ticks = tokio::time::interval(Duration::from_secs(1));
+    loop {
+        ticks.tick().await;
+        let drained = ["--noheader", "--Node", "--states=drain", "--format=%N"];
+        let Ok(output) = Command::new(bin.join("sinfo")).args(drained).output().await else { return };
+        let drained = String::from_utf8_lossy(&output.stdout).into_owned();
+        for name in names.iter().filter(|name| drained.lines().any(|line| line == name.as_str())) {
+            let resume = ["update", &format!("nodename={name}"), "state=resume"];
+            // The controller may be away.
+            let _ = Command::new(bin.join("scontrol")).args(resume).output().await;
+        }
+    }
+}
+
 /// Ports that no program uses now.
 fn free_ports(count: usize) -> Vec<u16> {
     let listeners: Vec<TcpListener> = (0..count).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
@@ -188,7 +218,9 @@ fn configure(folder: &Path, names: &[String], ports: &[u16]) {
          ProctrackType=proctrack/linuxproc\nTaskPlugin=task/none\nMpiDefault=none\n\
          JobAcctGatherType=jobacct_gather/none\nSelectType=select/cons_tres\nSelectTypeParameters=CR_CPU\n\
          SchedulerParameters=batch_sched_delay=0,bf_interval=2\nSlurmdParameters=config_overrides\n\
-         ReturnToService=2\nSlurmdTimeout=10\nKillWait=5\nPartitionName=all Nodes=ALL Default=YES State=UP\n",
+         ReturnToService=2\nSlurmdTimeout=10\nKillWait=5\nPreemptType=preempt/partition_prio\nPreemptMode=CANCEL\n\
+         PartitionName=all Nodes=ALL Default=YES PriorityTier=10 State=UP\n\
+         PartitionName=low Nodes=ALL PriorityTier=1 State=UP\n",
         ports[1]
     );
     for (name, port) in names.iter().zip(&ports[2..]) {

@@ -192,7 +192,7 @@ fn describe(job: &Job) -> String {
         ("waits for", job.needs.join(" ")),
         ("attempt", format!("{} of {}", job.attempt, job.max_attempts)),
         ("engine", place(job)),
-        ("engine waits for", job.waiting.clone()),
+        ("waiting", job.waiting.clone()),
         ("priority", job.priority.to_string()),
         ("created", words::moment(job.create_time.as_ref())),
         ("took", words::between(job.start_time.as_ref(), job.end_time.as_ref())),

@@ -78,7 +78,7 @@ fn place(placement: &Placement) -> Markup {
         @if !engine.is_empty() && engine != LOCAL {
             div { dt { "Engine" } dd { (engine) @if !engine_id.is_empty() { " job " span.id { (engine_id) } } } }
             @if !node.is_empty() { div { dt { "Node" } dd { (node) } } }
-            @if !waiting.is_empty() { div { dt { "Waiting for" } dd { (waiting) } } }
+            @if !waiting.is_empty() { div { dt { "Waiting" } dd { (waiting) } } }
         }
     }
 }
@@ -184,7 +184,7 @@ mod tests {
         }
         let runs = Placement { node: text("node1"), waiting: String::new(), ..waits };
         let shown = standing(&Job { placement: runs, ..running() }, Millis(2000)).into_string();
-        assert!(shown.contains("node1") && !shown.contains("Waiting for"), "{shown}");
+        assert!(shown.contains("node1") && !shown.contains("Waiting"), "{shown}");
         let local = Placement { engine: text(LOCAL), engine_id: text("4711"), ..Placement::default() };
         let shown = standing(&Job { placement: local, ..running() }, Millis(2000)).into_string();
         assert!(!shown.contains("Engine") && !shown.contains("4711"), "{shown}");

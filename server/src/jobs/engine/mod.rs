@@ -75,8 +75,9 @@ pub(super) enum End {
     Broken(String),
     /// The machine or the cluster ended it; the attempt does not count. Holds the reason.
     Interrupted(String),
-    /// The limit on its time ended it; the attempt counts unless it saved a checkpoint. Holds the reason.
-    OutOfTime(String),
+    /// A limit on its time or a request from outside ended it; the attempt counts unless it saved a checkpoint, so that it
+    /// is not repeated without a limit. Holds the reason.
+    Stopped(String),
 }
 
 impl End {
@@ -85,10 +86,8 @@ impl End {
         match self {
             Self::Broken(reason) => AttemptEnd::Broken(reason),
             Self::Interrupted(reason) => AttemptEnd::Interrupted(reason),
-            Self::OutOfTime(reason) if saved_checkpoint => AttemptEnd::Interrupted(reason),
-            Self::OutOfTime(reason) => {
-                AttemptEnd::Broken(format!("{reason} before its first checkpoint; raise that limit"))
-            }
+            Self::Stopped(reason) if saved_checkpoint => AttemptEnd::Interrupted(reason),
+            Self::Stopped(reason) => AttemptEnd::Broken(format!("{reason}, before it saved a checkpoint")),
         }
     }
 }
@@ -98,11 +97,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_time_limit_counts_only_without_a_checkpoint() {
-        let end = End::OutOfTime("Slurm job 7 reached its time limit".to_owned());
+    fn a_stop_from_outside_counts_only_without_a_checkpoint() {
+        let end = End::Stopped("Slurm job 7 reached its time limit".to_owned());
         assert!(matches!(end.clone().of_attempt(true), AttemptEnd::Interrupted(_)));
         let counted = end.of_attempt(false);
-        assert!(matches!(&counted, AttemptEnd::Broken(why) if why.ends_with("raise that limit")), "{counted:?}");
+        assert!(
+            matches!(&counted, AttemptEnd::Broken(why) if why.ends_with("before it saved a checkpoint")),
+            "{counted:?}"
+        );
         assert!(matches!(End::Interrupted(String::new()).of_attempt(false), AttemptEnd::Interrupted(_)));
     }
 }

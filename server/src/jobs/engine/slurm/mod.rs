@@ -228,7 +228,7 @@ impl SlurmJob {
     /// The end of a job that ended as `end`. One that ended while no server watched may have ended for want of a server.
     fn of_this_server(&self, end: End, seen: bool) -> End {
         match (&self.from, end) {
-            (From::EarlierServer, End::Broken(reason)) if !seen => {
+            (From::EarlierServer, End::Broken(reason) | End::Stopped(reason)) if !seen => {
                 End::Interrupted(format!("{reason}, while the server was down"))
             }
             (From::EarlierServer | From::Submission(_), end) => end,

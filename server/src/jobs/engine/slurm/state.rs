@@ -51,15 +51,19 @@ pub(super) fn end(entry: &Entry) -> Option<End> {
     let why = if reason.is_empty() { String::new() } else { format!(", {reason}") };
     match State::of(entry) {
         State::Waiting | State::Running | State::Completing => None,
-        State::Completed => Some(End::Broken(format!("Slurm job {id}{at} ended without a result"))),
+        // A worker succeeds without a result only after a request to stop: SIGTERM, which announces a limit.
+        State::Completed => Some(End::Stopped(format!("Slurm job {id}{at} was stopped by SIGTERM"))),
         State::Failed => {
             Some(End::Broken(format!("the worker of Slurm job {id}{at} failed ({state}{why}); see the log")))
         }
         State::OutOfMemory => Some(End::Broken(format!(
             "the worker of Slurm job {id}{at} needed more memory than its limit ({state}); raise --mem in its options"
         ))),
-        State::Cancelled => Some(End::Broken(format!("Slurm job {id}{at} was cancelled in Slurm"))),
-        State::TimedOut => Some(End::OutOfTime(format!("Slurm job {id}{at} reached its time limit"))),
+        // By a person, or by a controller that has lost its last seconds.
+        State::Cancelled => Some(End::Stopped(format!("Slurm job {id}{at} was cancelled in Slurm"))),
+        State::TimedOut => {
+            Some(End::Stopped(format!("Slurm job {id}{at} reached its time limit (--time in its options)")))
+        }
         State::Lost => Some(End::Interrupted(format!("Slurm job {id}{at} was ended by the cluster ({state}{why})"))),
     }
 }
@@ -82,10 +86,12 @@ mod tests {
                 "{end:?}"
             );
         }
-        for state in ["FAILED", "OUT_OF_MEMORY", "COMPLETED", "CANCELLED"] {
+        for state in ["FAILED", "OUT_OF_MEMORY"] {
             assert!(matches!(end(&entry(state)), Some(End::Broken(_))), "{state}");
         }
-        assert!(matches!(end(&entry("TIMEOUT")), Some(End::OutOfTime(_))));
+        for state in ["TIMEOUT", "COMPLETED", "CANCELLED"] {
+            assert!(matches!(end(&entry(state)), Some(End::Stopped(_))), "{state}");
+        }
         for state in ["PENDING", "RUNNING", "COMPLETING", "SUSPENDED", "SOMETHING_NEW"] {
             assert_eq!(end(&entry(state)), None, "{state}");
             assert!(!State::of(&entry(state)).over());
