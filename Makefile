@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy lint-python differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds task-file
+.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -79,11 +79,32 @@ lint-python: $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install -q 'client/python[test,lint]'
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml ../../crates/recording/differential
+	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml ../../crates/formats/checks
+	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check --config pyproject.toml ../../crates/formats/checks
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check --config pyproject.toml $(LONE_SCRIPTS)
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml $(LONE_SCRIPTS)
 	cd client/lerobot && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy $(LONE_SCRIPTS)
+
+# Exports of the end-to-end tests, opened by lerobot itself, which trains ACT on them for some steps. LEROBOT=0.4 needs
+# Python 3.11, 0.6 needs 3.12 or newer (PYTHON=python3.12). Installs PyTorch and lerobot (8 GB) the first time.
+LEROBOT ?= 0.6
+LEROBOT_ENV = target/lerobot-$(LEROBOT)
+EXPORTS = target/tmp/exports
+check-lerobot: $(EXPORTS) $(LEROBOT_ENV)
+	$(LEROBOT_ENV)/bin/pip install -q -r crates/formats/checks/lerobot-$(LEROBOT).txt
+	$(LEROBOT_ENV)/bin/python crates/formats/checks/lerobot_dataset.py $(EXPORTS)/lerobot
+
+# The same by robomimic's own SequenceDataset. Installs PyTorch (5 GB) the first time.
+ROBOMIMIC_ENV = target/robomimic
+check-robomimic: $(EXPORTS) $(ROBOMIMIC_ENV)
+	$(ROBOMIMIC_ENV)/bin/pip install -q -r crates/formats/checks/robomimic.txt
+	$(ROBOMIMIC_ENV)/bin/pip install -q --no-deps robomimic==0.3.0
+	$(ROBOMIMIC_ENV)/bin/python crates/formats/checks/robomimic_file.py $(EXPORTS)/robomimic/dataset.hdf5
+
+$(EXPORTS): | .libtorch
+	$(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests --test end_to_end -- exporting::
 
 # Damaged recordings read by gleaner and by the `mcap` library for Python: refused, equal, or different with a finding.
 # The short form takes seconds; `differential-test` has 50,000 mutants. MUTANTS=, SEED= set their number and seed;
@@ -115,7 +136,7 @@ metaworld maniskill: .libtorch
 	target/$(SIMULATOR)/bin/python client/python/examples/simulators.py $(STAGE) --simulator $(SIMULATOR) --task $(TASK) \
 		--server-bin target/debug/gleaner-server $(ARGS)
 
-$(PYTHON_ENV) $(DIFFERENTIAL_ENV):
+$(PYTHON_ENV) $(DIFFERENTIAL_ENV) $(LEROBOT_ENV) $(ROBOMIMIC_ENV):
 	$(PYTHON) -m venv $@
 
 fmt:

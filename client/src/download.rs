@@ -1,13 +1,11 @@
 //! Downloads: a stream of bytes into a file, which appears under its name only when it is whole and verified.
 
 use std::os::unix::fs::PermissionsExt as _;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Component, Path};
 
 use bytes::Bytes;
 use futures::{Stream, StreamExt as _};
-use gleaner_proto::v1::{
-    DownloadEpisodeRequest, DownloadExportFileRequest, Episode, ExportFile, GetEpisodeRequest, ListExportFilesRequest,
-};
+use gleaner_proto::v1::{DownloadEpisodeRequest, Episode, GetEpisodeRequest};
 use tokio::io::AsyncWriteExt as _;
 
 use crate::connection::Client;
@@ -29,37 +27,10 @@ impl Client {
         save(pieces.map(|piece| Ok(piece?.data)), path, &episode.blake3, progress).await?;
         Ok(episode)
     }
-
-    /// Lists the files of a finished export.
-    ///
-    /// # Errors
-    /// The codes of `ListExportFiles`.
-    pub async fn export_files(&self, export_id: &str) -> Result<Vec<ExportFile>> {
-        let request = ListExportFilesRequest { export_id: export_id.to_owned() };
-        Ok(self.datasets().list_export_files(request).await?.into_inner().files)
-    }
-
-    /// Downloads one file of an export into a folder and checks its digest. Returns where it lies.
-    ///
-    /// # Errors
-    /// As for [`Client::download_episode`].
-    pub async fn download_export_file(
-        &self,
-        export_id: &str,
-        file: &ExportFile,
-        folder: &Path,
-        progress: impl Fn(u64),
-    ) -> Result<PathBuf> {
-        let path = folder.join(relative(&file.name)?);
-        let request = DownloadExportFileRequest { export_id: export_id.to_owned(), name: file.name.clone() };
-        let pieces = self.datasets().download_export_file(request).await?.into_inner();
-        save(pieces.map(|piece| Ok(piece?.data)), &path, &file.blake3, progress).await?;
-        Ok(path)
-    }
 }
 
-// A name that stays inside the folder it is joined to.
-fn relative(name: &str) -> Result<&Path> {
+/// A name that stays inside the folder it is joined to.
+pub(crate) fn relative(name: &str) -> Result<&Path> {
     let path = Path::new(name);
     let stays = path.components().all(|part| matches!(part, Component::Normal(_)));
     if stays && !name.is_empty() {
@@ -70,7 +41,8 @@ fn relative(name: &str) -> Result<&Path> {
     )))
 }
 
-async fn save(
+/// Writes a stream of bytes to a file, which appears under its name once it is whole and has this digest.
+pub(crate) async fn save(
     mut pieces: impl Stream<Item = Result<Bytes>> + Unpin,
     path: &Path,
     blake3: &str,

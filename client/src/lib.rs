@@ -3,6 +3,8 @@
 //! - [`Client`] is the connection; `client.tasks()`, `client.jobs()` and the like return the generated client of each service.
 //! - [`Client::upload`], [`Client::push`] and the downloads transfer recordings, and [`Client::check`] checks them first;
 //!   [`find_recordings`] and [`read_labels`] find them.
+//! - [`Client::download_export`] writes the files of a dataset into a new folder, and [`Client::export_episode`] one whole
+//!   episode with its scores.
 //! - [`Client::watch`] and [`Client::wait`] follow a job.
 //! - [`Client::score_recording`] and [`StepScorer`] score what is not stored; [`Client::import_scores`] stores scores made
 //!   elsewhere, which [`read_scores`] reads.
@@ -31,6 +33,7 @@ mod digest;
 mod download;
 mod drive;
 mod error;
+mod export;
 mod file;
 mod find;
 mod import;
@@ -54,6 +57,7 @@ pub use connection::{Authorize, Client, Transport};
 pub use credentials::Credentials;
 pub use drive::{DrivePlan, Driven, DrivenEpisode, RealTime, Recorded};
 pub use error::{ClientError, Result};
+pub use export::expect_new_folder;
 pub use find::{Found, Skipped, find_recordings};
 pub use labels::{LabelledFile, outcome_from_word, read_labels};
 pub use lowest::LowestScore;

@@ -27,6 +27,7 @@ mod discovery;
 mod drain;
 mod evaluations;
 mod experiment;
+mod exporting;
 mod file_limit;
 mod first_minutes;
 mod full_disk;

@@ -103,7 +103,11 @@ async fn expect_segments(api: &mut Api, dataset: &Dataset, beta: f64) {
 }
 
 async fn expect_export(api: &mut Api, dataset: &Dataset) {
-    let spec = job_spec::Spec::Export(ExportSpec { dataset_id: dataset.id.clone(), format: ExportFormat::Mcap.into() });
+    let spec = job_spec::Spec::Export(ExportSpec {
+        dataset_id: dataset.id.clone(),
+        format: ExportFormat::Mcap.into(),
+        depth: false,
+    });
     let export = api.succeed(lab::TASK, spec).await.result_id;
     let request = ListExportFilesRequest { export_id: export.clone() };
     let files = api.datasets.list_export_files(request).await.unwrap().into_inner().files;

@@ -98,7 +98,7 @@ pub(crate) enum Command {
     /// Create, list, show and stream datasets.
     #[command(subcommand)]
     Dataset(dataset::DatasetCommand),
-    /// Write the kept segments of a dataset as files.
+    /// Write the kept segments of a dataset as files, or one episode with its scores.
     Export(export::ExportArgs),
     /// List a task's policies.
     Policies(policies::PoliciesArgs),
@@ -215,6 +215,8 @@ mod tests {
             "gleaner jobs export --task t",
             "gleaner metrics latest --tensorboard runs",
             "gleaner episodes --deleted",
+            "gleaner export ds_1 --format lerobot --depth --out a",
+            "gleaner export --episode ep_1 --scores run_1 --beta 0.5 --out a.mcap",
             "gleaner compare-scorers snap_1 --seeds 2",
             "gleaner compare-scorers enc_1 enc_2 --scorer ssdf --scorer deminf --train bc --evaluations 5",
         ] {
@@ -257,6 +259,12 @@ mod tests {
             "gleaner drive a@b --hold-ms 40",
             "gleaner drive a@b --real-time --deadline-ms 0",
             "gleaner drive a@b --real-time --rate 20",
+            "gleaner export --out a",
+            "gleaner export --episode ep_1 --out a",
+            "gleaner export ds_1 --scores run_1 --out a",
+            "gleaner export ds_1 --episode ep_1 --scores run_1 --out a",
+            "gleaner export ds_1 --beta 0.5 --out a",
+            "gleaner export ds_1 --format zarr --out a",
             "gleaner compare-scorers",
             "gleaner compare-scorers enc_1 --evaluations 5",
             "gleaner compare-scorers enc_1 --seeds 0",

@@ -60,10 +60,6 @@ impl Bar {
         self.0.set_position(position);
     }
 
-    pub(crate) fn position(&self) -> u64 {
-        self.0.position()
-    }
-
     pub(crate) fn elapsed(&self) -> Duration {
         self.0.elapsed()
     }

@@ -183,7 +183,7 @@ impl Input {
                 let own = [Self::Snapshot(snapshot_id.clone())];
                 (own.into_iter().chain(encoder_id.clone().map(Self::Encoder)).collect(), dataset_id.as_ref())
             }
-            JobSpec::Export { dataset_id } => (Vec::new(), Some(dataset_id)),
+            JobSpec::Export { dataset_id, .. } => (Vec::new(), Some(dataset_id)),
             JobSpec::Evaluate { policy_id, .. } => (vec![Self::Policy(policy_id.clone())], None),
         }
     }

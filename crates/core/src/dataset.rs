@@ -22,10 +22,47 @@ pub struct Dataset {
     pub created_at: Millis,
 }
 
+/// A format of exports.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ExportFormat {
+    /// The original messages of each kept stretch with their scores, experts as they were recorded, and a manifest.
+    #[default]
+    Mcap,
+    /// A LeRobot dataset v3.0 with images in parquet.
+    Lerobot,
+    /// One HDF5 file for robomimic.
+    Robomimic,
+}
+
+impl ExportFormat {
+    /// Every format.
+    pub const ALL: [Self; 3] = [Self::Mcap, Self::Lerobot, Self::Robomimic];
+
+    /// Its word in specs.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Mcap => "mcap",
+            Self::Lerobot => "lerobot",
+            Self::Robomimic => "robomimic",
+        }
+    }
+}
+
+/// The settings of an export.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub struct ExportSpec {
+    /// Format of the files.
+    pub format: ExportFormat,
+    /// Whether depth is written too. MCAP always has it, as every topic of the recording.
+    pub depth: bool,
+}
+
 /// One file of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ExportFile {
-    /// Its name within the export.
+    /// Its name within the export, with `/` after each folder.
     pub name: String,
     /// The blob that holds it.
     pub blob: BlobId,

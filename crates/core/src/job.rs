@@ -3,6 +3,7 @@
 use crate::{EvaluateSpec, ImageWeights, PretrainSpec, Problem, ScoreSpec, TrainSpec};
 
 use super::{
+    dataset::ExportSpec,
     id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
     placement::Placement,
     time::Millis,
@@ -133,10 +134,13 @@ pub enum JobSpec {
         /// The settings.
         spec: TrainSpec,
     },
-    /// Files from a dataset, as MCAP.
+    /// Files from a dataset.
     Export {
         /// The dataset to export.
         dataset_id: DatasetId,
+        /// The settings.
+        #[serde(default)]
+        spec: ExportSpec,
     },
     /// Closed-loop trials in the embedded simulator.
     Evaluate {

@@ -3,7 +3,7 @@
 use crate::{EvaluateSpec, InitialWeights, PretrainSpec, ScoreSpec, TrainSpec, Words as _, kinds::Family};
 
 use super::{
-    dataset::Dataset,
+    dataset::{Dataset, ExportSpec},
     id::{DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
     job::{JobKind, JobSpec, JobState},
     schedule::ScheduleStart,
@@ -45,6 +45,9 @@ pub enum JobOrder {
     Export {
         /// The dataset to export.
         dataset_id: DatasetId,
+        /// The settings.
+        #[serde(default)]
+        spec: ExportSpec,
     },
     /// Closed-loop trials in the embedded simulator.
     Evaluate {
@@ -73,7 +76,7 @@ impl From<JobSpec> for JobOrder {
                 };
                 Self::Train { data, spec }
             }
-            JobSpec::Export { dataset_id } => Self::Export { dataset_id },
+            JobSpec::Export { dataset_id, spec } => Self::Export { dataset_id, spec },
             JobSpec::Evaluate { policy_id, spec } => Self::Evaluate { subject: Subject::Policy(policy_id), spec },
         }
     }

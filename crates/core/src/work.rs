@@ -1,9 +1,12 @@
 //! Work: the input of a job and its result. The calls of workers have these on both sides.
 
+use std::collections::BTreeMap;
+
 use crate::TaskSpec;
 
 use super::{
     dataset::{ExportFile, KeptSegment},
+    episode::Outcome,
     evaluation::SeedResult,
     id::{BlobId, EpisodeId},
     score::EpisodeScores,
@@ -26,6 +29,8 @@ pub struct Inputs {
     pub checkpoint: Option<BlobId>,
     /// l of the encoder; for export.
     pub segment_length: u32,
+    /// Where the dataset comes from, for people: names with values; for export.
+    pub origin: BTreeMap<String, String>,
     /// The policy's checkpoint; for evaluation.
     pub policy: Option<BlobId>,
     /// The frozen values of the run to extend; for scoring.
@@ -78,6 +83,10 @@ pub struct InputEpisode {
     pub steps: u64,
     /// The name it was uploaded under; for people only, never a path.
     pub file_name: String,
+    /// Its outcome when the snapshot was created.
+    pub outcome: Outcome,
+    /// Its cohort when the snapshot was created, or empty.
+    pub cohort: String,
 }
 
 /// The kept segments of one imperfect episode, by end step.

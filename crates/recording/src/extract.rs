@@ -2,6 +2,8 @@
 //!
 //! The messages' bytes are not touched: the copy reads as the same steps, with the same task.
 
+mod scores;
+
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::File;
 use std::io::BufWriter;
@@ -21,29 +23,49 @@ use crate::validate::validate;
 use crate::whole_file::write_whole;
 use crate::write::mcap_writer;
 use gleaner_core::TaskSpec;
+use scores::ScoreChannels;
 
-/// Topic of each kept step's q and w.
-const QUALITY_TOPIC: &str = "/gleaner/quality";
-
-/// A stretch of steps to keep.
-#[derive(Clone, Debug, PartialEq)]
+/// Consecutive steps of an episode with what a score run states of each.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Kept {
     /// First step of the stretch.
     pub first_step: u64,
-    /// Last step of the stretch, inclusive.
-    pub last_step: u64,
-    /// q of each step of the stretch.
-    pub quality: Vec<f32>,
-    /// w of each step of the stretch.
-    pub weight: Vec<f32>,
+    /// Each step's score, from the first step on.
+    pub scores: Vec<StepScore>,
+    /// Further entries of the metadata record `gleaner`: names with values, for people.
+    pub about: BTreeMap<String, String>,
 }
 
-/// Writes one stretch of a recording to `out`: its original messages unchanged, q and w of each step as JSON
-/// on `/gleaner/quality`, and a metadata record `gleaner` that names the source.
+#[cfg(test)]
+impl Kept {
+    /// A stretch with the same score for every step, for tests that do not look at scores.
+    pub(crate) fn unscored(first_step: u64, steps: usize) -> Self {
+        Self { first_step, scores: vec![StepScore::default(); steps], about: BTreeMap::new() }
+    }
+}
+
+/// What a score run states of one step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StepScore {
+    /// q: from 0 to 1.
+    pub q: f32,
+    /// w: the similarity that q was made from.
+    pub w: f64,
+    /// Whether the segment that ends at the step is kept.
+    pub kept: bool,
+    /// The nearest expert and its step, if the scorer matches any.
+    pub matched: Option<(String, u32)>,
+}
+
+/// Writes one stretch of a recording to `out`: its original messages unchanged, what a score run states of each step, and
+/// a metadata record `gleaner` that names the source.
+///
+/// Scores have the dialect of the recording, so that its readers and viewers read them too: beside ROS 2 messages
+/// `/gleaner/q`, `/gleaner/w` and their like, of `std_msgs`; else the message `gleaner.Quality` on `/gleaner/quality`.
 ///
 /// The copy has, for each topic of the task, the messages that the steps use and those between them; for each other topic,
 /// the messages logged during the stretch. Video also has the messages from the key frame before the stretch, on which its
-/// pictures depend.
+/// pictures depend. The copy of a whole episode has every message of the recording. Attachments are not copied.
 ///
 /// # Errors
 /// Like [`crate::read_episode`], and [`RecordingError::Step`] if the stretch is not in the episode.
@@ -51,7 +73,8 @@ pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<
     validate(spec)?;
     let plan = plan(path, spec, &Limits::ADMITTED)?;
     let steps = check(kept, plan.stamps.len())?;
-    if plan.reels.contains_key(&plan.clock_topic) {
+    let whole = steps.clone().count() == plan.stamps.len();
+    if !whole && plan.reels.contains_key(&plan.clock_topic) {
         let problem = format!(
             "the clock is {}, a topic of video, whose messages before a stretch would be steps of its copy; set `clock` to a \
              topic of numbers",
@@ -64,20 +87,24 @@ pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<
         ("source", source),
         ("task", spec.name.clone()),
         ("mapping", plan.report.mapping.clone()),
-        ("first_step", kept.first_step.to_string()),
-        ("last_step", kept.last_step.to_string()),
+        ("first_step", steps.start().to_string()),
+        ("last_step", steps.end().to_string()),
     ];
-    let origin = origin.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+    let origin = origin.into_iter().map(|(key, value)| (key.to_owned(), value));
+    let origin = kept.about.clone().into_iter().chain(origin).collect();
+    let ros = plan.report.topics.iter().any(|topic| topic.topic == plan.clock_topic && topic.encoding == "cdr");
     write_whole(out, |file| {
         let mut writer = mcap_writer(file, &plan.profile)?;
-        let quality = writer.add_channel(0, QUALITY_TOPIC, "json", &BTreeMap::new()).map_err(RecordingError::Write)?;
         let copy = Copy {
+            whole,
             keep: keep(&plan, &steps),
             clock: plan.clock_topic.as_str(),
             ticks: steps.clone().map(|step| (plan.clock[step], step)).collect(),
             window: plan.log_times[*steps.start()]..=plan.log_times[*steps.end()],
-            kept,
-            quality,
+            first_step: *steps.start(),
+            scores: &kept.scores,
+            stamps: &plan.stamps,
+            channels: ScoreChannels::new(&mut writer, ros)?,
             copier: Copier::new(writer),
         };
         copy.run(path, plan.channels, plan.declared_late, origin)
@@ -86,24 +113,19 @@ pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<
 
 /// The stretch as a range of steps.
 fn check(kept: &Kept, steps: usize) -> Result<RangeInclusive<usize>, RecordingError> {
-    let wrong = |problem: String| RecordingError::Step { step: kept.first_step, problem };
-    let range = usize::try_from(kept.first_step).ok().zip(usize::try_from(kept.last_step).ok());
-    let Some((first, last)) = range.filter(|(first, last)| first <= last && *last < steps) else {
-        return Err(wrong(format!(
-            "the stretch up to step {} is not within the episode's {steps} steps; give first ≤ last < {steps}",
-            kept.last_step
-        )));
-    };
-    for (name, values) in [("quality", &kept.quality), ("weight", &kept.weight)] {
-        if values.len() != last - first + 1 {
-            return Err(wrong(format!(
-                "{name} has {} values for {} steps; give one a step",
-                values.len(),
-                last - first + 1
-            )));
+    let first = usize::try_from(kept.first_step).ok();
+    let last = first.and_then(|first| first.checked_add(kept.scores.len().checked_sub(1)?));
+    match first.zip(last).filter(|(_, last)| *last < steps) {
+        Some((first, last)) => Ok(first..=last),
+        None => {
+            let problem = format!(
+                "a stretch of {} steps is not within the episode's {steps} steps; give at least one score, and no more than \
+                 there are steps from the first on",
+                kept.scores.len()
+            );
+            Err(RecordingError::Step { step: kept.first_step, problem })
         }
     }
-    Ok(first..=last)
 }
 
 /// For each topic that the task reads, the messages to keep.
@@ -129,15 +151,19 @@ fn keep(plan: &Plan, steps: &RangeInclusive<usize>) -> HashMap<String, BTreeSet<
 }
 
 struct Copy<'a> {
+    /// Whether every step is in the copy, and therefore every message.
+    whole: bool,
     keep: HashMap<String, BTreeSet<usize>>,
     clock: &'a str,
     /// The step of each kept message of the clock.
     ticks: HashMap<usize, usize>,
     /// Log times of the stretch.
     window: RangeInclusive<i64>,
-    kept: &'a Kept,
-    /// Channel of the q and w.
-    quality: u16,
+    first_step: usize,
+    scores: &'a [StepScore],
+    /// Of every step of the episode.
+    stamps: &'a [i64],
+    channels: ScoreChannels,
     copier: Copier<BufWriter<File>>,
 }
 
@@ -151,7 +177,7 @@ impl Copy<'_> {
     ) -> Result<BufWriter<File>, RecordingError> {
         if declared_late {
             scan(path, &Limits::ADMITTED, &mut |record| match record {
-                Record::Schema { .. } | Record::Channel { .. } => self.copier.declare(&record),
+                Record::Schema { .. } | Record::Channel { .. } => self.declare(&record),
                 Record::Header { .. }
                 | Record::Message { .. }
                 | Record::Metadata { .. }
@@ -162,35 +188,40 @@ impl Copy<'_> {
             if let Record::Message { header, data } = record {
                 let Some((topic, at, _)) = channels.next(header.channel_id) else { return Ok(()) };
                 self.message(topic, at, header, data)?;
-                return self.quality(topic, at, header);
+                return self.score(topic, at, header);
             }
-            self.copier.declare(&record)
+            self.declare(&record)
         })?;
         let origin = Metadata { name: "gleaner".to_owned(), metadata: origin };
         self.copier.writer.write_metadata(&origin).map_err(RecordingError::Write)?;
         self.copier.finish()
     }
 
+    /// Copies a declaration, except of the scores of an earlier copy.
+    fn declare(&mut self, record: &Record<'_>) -> Result<(), RecordingError> {
+        match record {
+            Record::Channel { topic, .. } if scores::is_own(topic) => Ok(()),
+            _ => self.copier.declare(record),
+        }
+    }
+
     fn message(&mut self, topic: &str, at: usize, header: MessageHeader, data: &[u8]) -> Result<(), RecordingError> {
         let wanted = match self.keep.get(topic) {
-            // An extract of an extract has its own.
-            _ if topic == QUALITY_TOPIC => false,
+            _ if self.whole => true,
             Some(messages) => messages.contains(&at),
             None => i64::try_from(header.log_time).is_ok_and(|time| self.window.contains(&time)),
         };
         if wanted { self.copier.message(header, data) } else { Ok(()) }
     }
 
-    /// After a kept message of the clock, its step's q and w.
-    fn quality(&mut self, topic: &str, at: usize, header: MessageHeader) -> Result<(), RecordingError> {
+    /// After a message of the clock that is kept, the score of its step.
+    fn score(&mut self, topic: &str, at: usize, header: MessageHeader) -> Result<(), RecordingError> {
         let Some(&step) = self.ticks.get(&at).filter(|_| topic == self.clock) else {
             return Ok(());
         };
-        // The stretch was checked to begin at or before the step and to hold a value for it.
-        let within = usize::try_from(self.kept.first_step).map_or(0, |first| step.saturating_sub(first));
-        let value = serde_json::json!({"step": step, "q": self.kept.quality[within], "w": self.kept.weight[within]});
-        let header = MessageHeader { channel_id: self.quality, ..header };
-        self.copier.writer.write_to_known_channel(&header, value.to_string().as_bytes()).map_err(RecordingError::Write)
+        let score = step.checked_sub(self.first_step).and_then(|within| self.scores.get(within));
+        let (Some(score), Some(&stamp)) = (score, self.stamps.get(step)) else { return Ok(()) };
+        self.channels.write(&mut self.copier.writer, header, (stamp, step), score)
     }
 }
 

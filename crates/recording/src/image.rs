@@ -9,7 +9,10 @@ mod raw;
 use std::io::Cursor;
 
 use image::codecs::jpeg::JpegEncoder;
-use image::{ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{
+    ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder as _, ImageFormat, ImageReader, Limits,
+};
 
 use gleaner_core::PictureSizes;
 
@@ -110,6 +113,45 @@ pub fn encode_jpeg(rgb: &[u8], height: u32, width: u32, quality: u8) -> Result<V
         .encode(rgb, width, height, ExtendedColorType::Rgb8)
         .map_err(|error| broken(error.to_string()))?;
     Ok(out)
+}
+
+/// Encodes height × width × 3 bytes of RGB as PNG, without loss.
+///
+/// # Errors
+/// [`RecordingError::BrokenImage`] if the bytes are not of that size.
+pub fn encode_png(rgb: &[u8], height: u32, width: u32) -> Result<Vec<u8>, RecordingError> {
+    let rgb = exact(rgb, pixels(height, width)?.saturating_mul(3), "8-bit RGB")?;
+    png(rgb, (height, width), ExtendedColorType::Rgb8)
+}
+
+/// Encodes height × width 16-bit little-endian millimetres as a PNG of 16-bit gray.
+///
+/// # Errors
+/// [`RecordingError::BrokenImage`] if the bytes are not of that size.
+pub fn encode_depth_png(millimetres: &[u8], height: u32, width: u32) -> Result<Vec<u8>, RecordingError> {
+    let depth = exact(millimetres, pixels(height, width)?.saturating_mul(2), "16-bit depth")?;
+    let native: Vec<u8> =
+        depth.chunks_exact(2).flat_map(|pixel| u16::from_le_bytes([pixel[0], pixel[1]]).to_ne_bytes()).collect();
+    png(&native, (height, width), ExtendedColorType::L16)
+}
+
+fn png(pixels: &[u8], (height, width): (u32, u32), color: ExtendedColorType) -> Result<Vec<u8>, RecordingError> {
+    let mut out = Vec::new();
+    let encoder = PngEncoder::new_with_quality(&mut out, CompressionType::Default, FilterType::Adaptive);
+    encoder.write_image(pixels, width, height, color).map_err(|error| broken(error.to_string()))?;
+    Ok(out)
+}
+
+/// Whether the bytes are a whole JPEG of three colors in this (height, width).
+pub(crate) fn is_color_jpeg(bytes: &[u8], (height, width): (u32, u32)) -> bool {
+    let whole = bytes.windows(2).rev().any(|marker| marker == [0xff, 0xd9]);
+    if codec_of(bytes) != Some(ImageFormat::Jpeg) || !whole {
+        return false;
+    }
+    let decoder = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Jpeg).into_decoder();
+    decoder.is_ok_and(|decoder| {
+        decoder.dimensions() == (width, height) && decoder.original_color_type() == ExtendedColorType::Rgb8
+    })
 }
 
 /// The compression that the first bytes show.

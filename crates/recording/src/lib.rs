@@ -57,6 +57,7 @@ pub mod fuzzing;
 mod image;
 mod inspect;
 mod join;
+mod jpegs;
 mod limits;
 #[cfg(any(test, feature = "fuzzing"))]
 #[cfg_attr(not(feature = "fuzzing"), expect(unreachable_pub, reason = "its re-export is built with the feature only"))]
@@ -89,10 +90,11 @@ pub use gleaner_core::{
 pub use cache::{FrameCache, Numbers};
 pub use error::RecordingError;
 pub use estimate::{MAX_MESSAGES, estimate, summarize};
-pub use extract::{Kept, extract};
+pub use extract::{Kept, StepScore, extract};
 pub use frames::{Episode, FrameBytes, frame_bytes_per_step};
-pub use image::{PixelFormat, decode_color, decode_depth, encode_jpeg};
+pub use image::{PixelFormat, decode_color, decode_depth, encode_depth_png, encode_jpeg, encode_png};
 pub use join::join;
+pub use jpegs::StepJpegs;
 pub use limits::{Limits, MOST_JSON_DEPTH};
 pub use read::{Reading, cache_episode, memory_per_step, read_episode, read_episode_within};
 pub use salvage::salvage;

@@ -218,7 +218,8 @@ pub(crate) fn write_options(profile: &str, chunk_bytes: u64) -> mcap::WriteOptio
         .profile(profile)
 }
 
-fn add_channel<W: Write + Seek>(
+/// A channel of protobuf messages.
+pub(crate) fn add_channel<W: Write + Seek>(
     mcap: &mut mcap::Writer<W>,
     topic: &str,
     schema: &Schema,
@@ -227,7 +228,8 @@ fn add_channel<W: Write + Seek>(
     mcap.add_channel(schema, topic, "protobuf", &BTreeMap::new()).map_err(RecordingError::Write)
 }
 
-fn timestamp(stamp_ns: i64) -> Timestamp {
+/// A stamp as protobuf has it.
+pub(crate) fn timestamp(stamp_ns: i64) -> Timestamp {
     // The remainder is below 1e9, which fits.
     let nanos = i32::try_from(stamp_ns.rem_euclid(1_000_000_000)).unwrap_or_default();
     Timestamp { seconds: stamp_ns.div_euclid(1_000_000_000), nanos }

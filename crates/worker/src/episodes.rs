@@ -35,7 +35,7 @@ struct Folder {
 }
 
 /// The steps of one episode.
-struct Stored {
+pub(crate) struct Stored {
     folder: Arc<Folder>,
     input: InputEpisode,
     cache: FrameCache,
@@ -87,7 +87,8 @@ impl Episodes {
         Ok(Trajectory::read_from(&self.0.shape, input.id.as_str(), Arc::new(self.stored(input)?))?)
     }
 
-    fn stored(&self, input: &InputEpisode) -> Result<Stored, Failure> {
+    /// One episode.
+    pub(crate) fn stored(&self, input: &InputEpisode) -> Result<Stored, Failure> {
         let folder = Arc::clone(&self.0);
         let cache = match folder.open(input) {
             Ok(cache) => cache,

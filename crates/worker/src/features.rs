@@ -108,8 +108,10 @@ impl FeatureStore for KeptFeatures<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
-    use gleaner_core::id::EpisodeId;
+    use gleaner_core::{episode::Outcome, id::EpisodeId};
 
     fn inputs(task: &TaskSpec, encoder: &[u8]) -> Inputs {
         let episode = |content: &[u8]| InputEpisode {
@@ -117,6 +119,8 @@ mod tests {
             recording: blake3::hash(content).into(),
             steps: 3,
             file_name: String::new(),
+            outcome: Outcome::Unknown,
+            cohort: String::new(),
         };
         Inputs {
             task: task.clone(),
@@ -126,6 +130,7 @@ mod tests {
             encoder: Some(blake3::hash(encoder).into()),
             checkpoint: None,
             segment_length: 0,
+            origin: BTreeMap::new(),
             policy: None,
             base: None,
         }

@@ -54,7 +54,7 @@ impl Work {
             JobOrder::Pretrain { spec, .. } => pretrain::perform(&mut self, spec),
             JobOrder::Score { spec, .. } => score::perform(&mut self, spec),
             JobOrder::Train { spec, .. } => train::perform(&mut self, spec),
-            JobOrder::Export { .. } => export::perform(&mut self),
+            JobOrder::Export { spec, .. } => export::perform(&mut self, spec),
             JobOrder::Evaluate { spec, .. } => evaluate::perform(&mut self, &spec),
         }
     }

@@ -1,5 +1,7 @@
 //! The input of a worker: what its kind of job needs, and the checkpoint to resume from.
 
+use std::collections::BTreeMap;
+
 use futures::Stream;
 
 use super::{Jobs, input_episodes::PART, kinds};
@@ -28,6 +30,7 @@ impl Jobs {
             encoder: None,
             checkpoint: self.whole_checkpoint(job).await?,
             segment_length: 0,
+            origin: BTreeMap::new(),
             policy: None,
             base: None,
         };

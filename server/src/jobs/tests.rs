@@ -91,7 +91,7 @@ async fn missing_and_unfinished_inputs_are_rejected() {
     assert_eq!(submit(&bench, pretrain()).await.unwrap_err().kind(), Kind::Precondition, "no episodes");
     let order = score_with(EncoderId::new());
     assert_eq!(submit(&bench, order).await.unwrap_err().kind(), Kind::NotFound);
-    let order = JobOrder::Export { dataset_id: DatasetId::new() };
+    let order = JobOrder::Export { dataset_id: DatasetId::new(), spec: Default::default() };
     assert_eq!(submit(&bench, order).await.unwrap_err().kind(), Kind::NotFound);
 
     let bench = Bench::new().await;
@@ -168,7 +168,8 @@ async fn results_end_jobs_and_are_inputs_of_the_next() {
     assert_eq!(inputs.kept[0].episode.id, imperfect);
     assert_eq!(inputs.kept[0].segments.iter().map(|kept| (kept.end_step, kept.weight)).collect::<Vec<_>>(), [(7, 0.8)]);
 
-    let export = submit(&bench, JobOrder::Export { dataset_id: dataset.unwrap() }).await.unwrap();
+    let export =
+        submit(&bench, JobOrder::Export { dataset_id: dataset.unwrap(), spec: Default::default() }).await.unwrap();
     let inputs = bench.inputs(&export).await.unwrap();
     assert_eq!((inputs.segment_length, inputs.kept[0].segments.len()), (6, 1));
     assert_eq!((inputs.kept[0].similarities.len(), inputs.kept[0].qualities[7]), (20, 0.8));

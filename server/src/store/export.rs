@@ -100,7 +100,7 @@ mod tests {
         let run = results::run(&store, &task, &encoder, &[]).await;
         let dataset = store.insert_dataset(&run.id, Selection::beta(0.9)).await.unwrap();
         let export = ExportId::new();
-        let spec = JobSpec::Export { dataset_id: dataset.id.clone() };
+        let spec = JobSpec::Export { dataset_id: dataset.id.clone(), spec: Default::default() };
         let job = results::job(&store, &task, spec, export.as_str()).await;
         assert_eq!(store.export_files(&export).await.unwrap_err().kind(), Kind::Precondition);
 

@@ -124,7 +124,7 @@ impl Store {
         with_places: bool,
     ) -> Result<impl Stream<Item = Result<Recorded>> + Unpin> {
         let query = imperfect!(
-            ", match_episode, match_step, recording, steps, file_name",
+            ", match_episode, match_step, recording, steps, file_name, snapshot_episodes.outcome",
             " join episodes on episodes.id = episode_scores.episode_id"
         );
         self.located(query, run, with_places).await

@@ -114,7 +114,7 @@ mod tests {
         let job = NewJob {
             id: id.clone(),
             task_id: testing::task(&store).await.id,
-            spec: JobSpec::Export { dataset_id: DatasetId::new() },
+            spec: JobSpec::Export { dataset_id: DatasetId::new(), spec: Default::default() },
             result_id: ExportId::new().into(),
             priority: 0,
             max_attempts: 1,

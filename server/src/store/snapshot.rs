@@ -27,7 +27,7 @@ const COLUMNS: &str = "select id, task_id, rule, created_at, experts, imperfect 
 
 record! { Snapshot: id, task_id, rule, expert_episodes = "experts", imperfect_episodes = "imperfect", created_at }
 record! { SnapshotEpisode: episode_id, outcome, cohort, role, steps }
-record! { InputEpisode: id = "episode_id", recording, steps, file_name }
+record! { InputEpisode: id = "episode_id", recording, steps, file_name, outcome, cohort }
 record! { Placed: position; episode }
 
 /// An episode at its place in a snapshot.
@@ -110,7 +110,7 @@ impl Store {
         most: u32,
     ) -> Result<Vec<Placed>> {
         sqlx::query(
-            "select position, episode_id, recording, steps, file_name \
+            "select position, episode_id, recording, steps, file_name, snapshot_episodes.outcome, snapshot_episodes.cohort \
              from snapshot_episodes join episodes on episodes.id = episode_id \
              where snapshot_id = ? and position > ? and role = ? order by position limit ?",
         )

@@ -56,7 +56,9 @@ async fn jobs_with_unknown_inputs_are_rejected() {
             ..ScoreSpec::default()
         })
     };
-    let export = |dataset: &str, format| job_spec::Spec::Export(ExportSpec { dataset_id: dataset.to_owned(), format });
+    let export = |dataset: &str, format| {
+        job_spec::Spec::Export(ExportSpec { dataset_id: dataset.to_owned(), format, depth: dataset == "deep" })
+    };
     let evaluate =
         |subject| job_spec::Spec::Evaluate(EvaluateSpec { subject: Some(subject), ..EvaluateSpec::default() });
     use evaluate_spec::Subject;
@@ -78,6 +80,7 @@ async fn jobs_with_unknown_inputs_are_rejected() {
         absent(lab::train(Data::ExpertsOf(absent_id("enc")), 2), absent_id("enc")),
         wrong(lab::train(Data::ExpertsIn("x".into()), 2), "spec.train.experts_in: "),
         wrong(export("x", 1), "spec.export.dataset_id: "),
+        wrong(export("deep", 1), "spec.export.depth: "),
         absent(export(&absent_id("ds"), 1), absent_id("ds")),
         wrong(export(&absent_id("ds"), 9), "spec.export.format: "),
         wrong(evaluate(Subject::PolicyId("x".into())), "spec.evaluate.policy_id: "),

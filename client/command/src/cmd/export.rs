@@ -1,11 +1,14 @@
-//! `export`: a dataset as files, made by a job, fetched and verified.
+//! `export`: a dataset as files, made by a job, fetched and verified; or one whole episode with its scores.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
+use gleaner_client::expect_new_folder;
 use gleaner_proto::v1::job_spec::Spec;
-use gleaner_proto::v1::{ExportFormat, ExportSpec, JobSpec, ListExportFilesResponse, SubmitJobRequest};
+use gleaner_proto::v1::{
+    ExportFormat, ExportSpec, GetEpisodeResponse, JobSpec, ListExportFilesResponse, SubmitJobRequest,
+};
 
 use super::follow;
 use super::submit::task_of_dataset;
@@ -13,33 +16,71 @@ use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::{json, words};
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum FormatArg {
-    /// The original messages of each kept run of segments with their quality, and manifest.jsonl.
+    /// The original messages of each kept run of segments with their scores, and manifest.jsonl.
     Mcap,
+    /// A LeRobot dataset v3.0 with images in parquet; each kept run of segments is an episode.
+    Lerobot,
+    /// One HDF5 file for robomimic; each kept run of segments is a demonstration.
+    Robomimic,
 }
 
 #[derive(Args, Debug)]
 pub(crate) struct ExportArgs {
     /// Id of the dataset.
-    dataset: String,
+    #[arg(required_unless_present = "episode")]
+    dataset: Option<String>,
+    /// Id of an episode to write whole, with the scores of every step, as one MCAP file.
+    #[arg(long, value_name = "EPISODE", requires = "scores", conflicts_with_all = ["dataset", "format", "depth"])]
+    episode: Option<String>,
+    /// Id of the score run of the episode.
+    #[arg(long, value_name = "RUN", requires = "episode")]
+    scores: Option<String>,
+    /// Threshold above which a step of the episode is marked as kept, 0 to 1.
+    #[arg(long, default_value_t = 0.9, requires = "episode")]
+    beta: f64,
     /// Format of the files.
     #[arg(long, value_enum, default_value = "mcap")]
     format: FormatArg,
-    /// Output folder; created if missing.
-    #[arg(long, value_name = "DIR")]
+    /// Write depth too, which most policies of LeRobot do not accept. MCAP files always have it.
+    #[arg(long)]
+    depth: bool,
+    /// New output folder; with --episode, the new output file.
+    #[arg(long, value_name = "PATH")]
     out: PathBuf,
 }
 
 impl ExportArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        match (&self.dataset, &self.episode, &self.scores) {
+            (None, Some(episode), Some(run)) => self.write_episode(context, episode, run).await,
+            (dataset, _, _) => self.write_dataset(context, dataset.as_deref().unwrap_or_default()).await,
+        }
+    }
+
+    async fn write_episode(&self, context: &Context, episode: &str, run: &str) -> Result<()> {
+        let client = context.client().await?;
+        let episode = client.export_episode(episode, run, self.beta, &self.out).await?;
+        let text = format!("{} ({} steps) with its scores in {}", episode.id, episode.steps, self.out.display());
+        let reply = GetEpisodeResponse { episode: Some(episode), report: None };
+        context.output.result(|| json::value(&reply), || text)?;
+        context.output.next(format_args!("open {} in Foxglove, Rerun or PlotJuggler", self.out.display()));
+        Ok(())
+    }
+
+    async fn write_dataset(&self, context: &Context, dataset: &str) -> Result<()> {
+        // Before a job works for a folder that cannot be used.
+        expect_new_folder(&self.out)?;
         let client = context.client().await?;
         let format = match self.format {
             FormatArg::Mcap => ExportFormat::Mcap,
+            FormatArg::Lerobot => ExportFormat::Lerobot,
+            FormatArg::Robomimic => ExportFormat::Robomimic,
         };
-        let spec = ExportSpec { dataset_id: self.dataset.clone(), format: format.into() };
+        let spec = ExportSpec { dataset_id: dataset.to_owned(), format: format.into(), depth: self.depth };
         let request = SubmitJobRequest {
-            task: task_of_dataset(&client, None, &self.dataset).await?,
+            task: task_of_dataset(&client, None, dataset).await?,
             spec: Some(JobSpec { spec: Some(Spec::Export(spec)) }),
             ..SubmitJobRequest::default()
         };
@@ -49,12 +90,7 @@ impl ExportArgs {
         let files = client.export_files(&job.result_id).await?;
         let total = files.iter().map(|file| file.size_bytes).sum();
         let bar = context.progress.bytes("download", total);
-        for file in &files {
-            let before = bar.position();
-            client
-                .download_export_file(&job.result_id, file, &self.out, |bytes| bar.set_position(before + bytes))
-                .await?;
-        }
+        client.download_export(&job.result_id, &files, &self.out, |bytes| bar.set_position(bytes)).await?;
         let took = bar.elapsed();
         bar.finish_and_clear();
         let reply = ListExportFilesResponse { files };
@@ -62,7 +98,7 @@ impl ExportArgs {
             || json::value(&reply),
             || summary(reply.files.len(), total, took, &self.out.display().to_string()),
         )?;
-        context.output.next(format_args!("ls {} (open the .mcap files in any MCAP viewer)", self.out.display()));
+        context.output.next(next(self.format, &self.out));
         Ok(())
     }
 }
@@ -73,4 +109,16 @@ fn summary(files: usize, bytes: u64, took: Duration, folder: &str) -> String {
         words::megabytes(bytes),
         words::rate(bytes, took)
     )
+}
+
+fn next(format: FormatArg, folder: &Path) -> String {
+    let folder = folder.display();
+    match format {
+        FormatArg::Mcap => format!("ls {folder} (open the .mcap files in any MCAP viewer)"),
+        FormatArg::Lerobot => format!(
+            "LeRobotDataset(\"USER/NAME\", root=\"{folder}\"); for the Hub: hf upload USER/NAME {folder} --repo-type dataset \
+             && hf repo tag create USER/NAME v3.0 --repo-type dataset"
+        ),
+        FormatArg::Robomimic => format!("train.data in robomimic's config: {folder}/dataset.hdf5"),
+    }
 }

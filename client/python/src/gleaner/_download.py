@@ -17,6 +17,14 @@ def inside(folder: Path, name: str, otherwise: str) -> Path:
     return folder / (otherwise if last in ("", "..") else last)
 
 
+def below(folder: Path, name: str) -> Path:
+    """A path below a folder for a received name, which may have folders. Raises `Damaged` when it leads out of it."""
+    parts = name.split("/")
+    if any(part in ("", ".", "..") or "\0" in part for part in parts):
+        raise Damaged(f"the export contains a file named {name!r}, which is outside the folder; it was not written")
+    return folder.joinpath(*parts)
+
+
 def save(pieces: Iterable[bytes], path: Path, expected: str) -> Path:
     """Writes the pieces to a file. Raises `Damaged` when their BLAKE3 (hex) is not the expected one."""
     part = path.with_name(f"{path.name}.{expected[:16]}.part")

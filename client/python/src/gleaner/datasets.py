@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gleaner._download import inside, save
+from gleaner._download import below, save
 from gleaner._endpoint import Endpoint
 from gleaner._messages import build, word
 from gleaner._proto.v1 import dataset_pb2 as pb
@@ -107,7 +107,9 @@ class Datasets:
     def _download(self, export_id: str, file: ExportFile, folder: Path) -> Path:
         request = pb.DownloadExportFileRequest(export_id=export_id, name=file.name)
         replies = self._rpc.stream("DatasetService/DownloadExportFile", request, pb.DownloadExportFileResponse)
-        return save((reply.data for reply in replies), inside(folder, file.name, "export"), file.blake3)
+        path = below(folder, file.name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return save((reply.data for reply in replies), path, file.blake3)
 
     def list(self, task: str) -> list[Dataset]:
         """A task's datasets, newest first."""

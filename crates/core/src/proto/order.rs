@@ -2,6 +2,7 @@
 //! kind of job.
 
 mod evaluate;
+mod export;
 mod pipeline;
 mod pretrain;
 mod score;
@@ -13,8 +14,7 @@ use gleaner_proto::v1;
 pub use self::pipeline::{pipeline, pipeline_to_proto};
 use super::field;
 use crate::{
-    error::{Error, Result},
-    id::DatasetId,
+    error::Result,
     job::JobSpec,
     order::{JobOrder, Subject},
 };
@@ -32,13 +32,7 @@ pub fn order(spec: Option<v1::JobSpec>) -> Result<JobOrder> {
         }
         v1::job_spec::Spec::Score(spec) => score::order("spec.score", spec),
         v1::job_spec::Spec::Train(spec) => train::order("spec.train", spec),
-        v1::job_spec::Spec::Export(v1::ExportSpec { dataset_id, format }) => {
-            match v1::ExportFormat::try_from(format) {
-                Ok(v1::ExportFormat::Unspecified | v1::ExportFormat::Mcap) => {}
-                Err(_) => return Err(Error::invalid("spec.export.format", "unknown value; supported: MCAP")),
-            }
-            Ok(JobOrder::Export { dataset_id: DatasetId::parse("spec.export.dataset_id", &dataset_id)? })
-        }
+        v1::job_spec::Spec::Export(spec) => export::order("spec.export", spec),
         v1::job_spec::Spec::Evaluate(spec) => evaluate::order("spec.evaluate", spec),
     }
 }
@@ -63,10 +57,7 @@ pub fn spec_to_proto(spec: JobSpec) -> v1::JobSpec {
             };
             v1::job_spec::Spec::Train(train::to_proto(&spec, Some(data)))
         }
-        JobSpec::Export { dataset_id } => v1::job_spec::Spec::Export(v1::ExportSpec {
-            dataset_id: dataset_id.into(),
-            format: v1::ExportFormat::Mcap.into(),
-        }),
+        JobSpec::Export { dataset_id, spec } => v1::job_spec::Spec::Export(export::to_proto(spec, dataset_id.into())),
         JobSpec::Evaluate { policy_id, spec } => {
             v1::job_spec::Spec::Evaluate(evaluate::to_proto(&spec, Some(Subject::Policy(policy_id))))
         }

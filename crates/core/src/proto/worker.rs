@@ -7,8 +7,9 @@ mod kept;
 use gleaner_proto::v1;
 
 pub use self::completion::{Completion, completion_messages};
-use super::{field, job, order, score, task};
+use super::{episode, field, job, order, score, task};
 use crate::{
+    episode::Outcome,
     error::{Error, Result},
     id::{BlobId, EpisodeId, JobId},
     job::Job,
@@ -23,14 +24,25 @@ const LONGEST_ERROR: usize = 2000;
 /// The assignment of a worker, without episodes.
 pub fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
     // The episodes have messages of their own.
-    let Inputs { experts: _, imperfect: _, kept: _, task: spec, encoder, checkpoint, segment_length, policy, base } =
-        inputs;
+    let Inputs {
+        experts: _,
+        imperfect: _,
+        kept: _,
+        task: spec,
+        encoder,
+        checkpoint,
+        segment_length,
+        origin,
+        policy,
+        base,
+    } = inputs;
     v1::GetAssignmentResponse {
         job: Some(job::job(assigned)),
         task: Some(task::spec_to_proto(spec)),
         encoder: encoder.map(String::from).unwrap_or_default(),
         checkpoint: checkpoint.map(String::from).unwrap_or_default(),
         segment_length,
+        origin: origin.into_iter().collect(),
         policy: policy.map(String::from).unwrap_or_default(),
         base: base.map(|FrozenRun { lo, hi, quantiles, expert_ids }| v1::ScoreBase {
             lo,
@@ -84,8 +96,9 @@ pub fn base_scores_from(response: v1::StreamBaseScoresResponse) -> Result<Episod
 }
 
 fn episode_to(episode: InputEpisode) -> v1::AssignedEpisode {
-    let InputEpisode { id, recording, steps, file_name } = episode;
-    v1::AssignedEpisode { episode_id: id.into(), recording: recording.into(), steps, file_name }
+    let InputEpisode { id, recording, steps, file_name, outcome, cohort } = episode;
+    let (episode_id, recording, outcome) = (id.into(), recording.into(), episode::outcome_to_proto(outcome).into());
+    v1::AssignedEpisode { episode_id, recording, steps, file_name, outcome, cohort }
 }
 
 /// Reads an assignment: the job, its order and its inputs without episodes.
@@ -93,7 +106,8 @@ fn episode_to(episode: InputEpisode) -> v1::AssignedEpisode {
 /// # Errors
 /// Invalid when the server speaks another version.
 pub fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, JobOrder, Inputs)> {
-    let v1::GetAssignmentResponse { job, task: spec, encoder, checkpoint, segment_length, policy, base } = response;
+    let v1::GetAssignmentResponse { job, task: spec, encoder, checkpoint, segment_length, origin, policy, base } =
+        response;
     let job = field::required("job", job)?;
     let inputs = Inputs {
         task: task::spec_from_proto(field::required("task", spec)?)?,
@@ -103,6 +117,7 @@ pub fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, JobOrder,
         encoder: blob_from("encoder", encoder)?,
         checkpoint: blob_from("checkpoint", checkpoint)?,
         segment_length,
+        origin: origin.into_iter().collect(),
         policy: blob_from("policy", policy)?,
         base: base.map(base_from).transpose()?,
     };
@@ -110,12 +125,14 @@ pub fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, JobOrder,
 }
 
 fn episode_from(episode: v1::AssignedEpisode) -> Result<InputEpisode> {
-    let v1::AssignedEpisode { episode_id, recording, steps, file_name } = episode;
+    let v1::AssignedEpisode { episode_id, recording, steps, file_name, outcome, cohort } = episode;
     Ok(InputEpisode {
         id: EpisodeId::parse("episode_id", &episode_id)?,
         recording: BlobId::parse("recording", &recording)?,
         steps,
         file_name,
+        outcome: episode::outcome_from_proto("outcome", outcome)?.unwrap_or(Outcome::Unknown),
+        cohort,
     })
 }
 

@@ -69,6 +69,38 @@ pub(super) fn raw_image() -> Schema {
     schema("foxglove", "RawImage", fields)
 }
 
+/// gleaner.Quality: what a score run states of one step, as plain numbers, which viewers draw without a plug-in.
+#[derive(Clone, PartialEq, Message)]
+pub(crate) struct Quality {
+    #[prost(message, optional, tag = "1")]
+    pub(crate) timestamp: Option<Timestamp>,
+    #[prost(uint32, tag = "2")]
+    pub(crate) step: u32,
+    #[prost(float, tag = "3")]
+    pub(crate) q: f32,
+    #[prost(double, tag = "4")]
+    pub(crate) w: f64,
+    #[prost(bool, tag = "5")]
+    pub(crate) kept: bool,
+    #[prost(string, tag = "6")]
+    pub(crate) match_episode: String,
+    #[prost(uint32, tag = "7")]
+    pub(crate) match_step: u32,
+}
+
+/// Descriptors of gleaner.Quality.
+pub(crate) fn quality() -> Schema {
+    let fields = vec![
+        one(2, "step", Type::Uint32),
+        one(3, "q", Type::Float),
+        one(4, "w", Type::Double),
+        one(5, "kept", Type::Bool),
+        one(6, "match_episode", Type::String),
+        one(7, "match_step", Type::Uint32),
+    ];
+    schema("gleaner", "Quality", fields)
+}
+
 /// Descriptors of gleaner.`name`: the timestamp is 1, the task's fields are 2 and up.
 pub(crate) fn numbers(name: &str, specs: &[FieldSpec]) -> Schema {
     let fields = (2..).zip(specs).map(|(number, spec)| FieldDescriptorProto {

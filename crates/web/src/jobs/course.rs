@@ -133,7 +133,7 @@ mod tests {
         Job {
             id: JobId::new(),
             task_id: TaskId::new(),
-            spec: JobSpec::Export { dataset_id: DatasetId::new() },
+            spec: JobSpec::Export { dataset_id: DatasetId::new(), spec: Default::default() },
             state: JobState::Running,
             priority: 0,
             result_id: String::new(),

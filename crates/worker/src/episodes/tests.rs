@@ -3,6 +3,7 @@
 
 use std::{fs, path::PathBuf};
 
+use gleaner_core::episode::Outcome;
 use gleaner_core::id::{BlobId, EpisodeId};
 use gleaner_core::{OptimSpec, PretrainSpec};
 use gleaner_data_folder::frames_path;
@@ -10,6 +11,11 @@ use gleaner_learn::{Silent, pretrain};
 use gleaner_recording::{Episode, EpisodeWriter, StepRef};
 
 use super::*;
+
+fn input(recording: BlobId, steps: u64) -> InputEpisode {
+    let (file_name, cohort) = (String::new(), String::new());
+    InputEpisode { id: EpisodeId::new(), recording, steps, file_name, outcome: Outcome::Unknown, cohort }
+}
 
 /// A task of 16 × 16 pixels, and an episode of twelve steps of it in a data directory.
 struct Lab {
@@ -40,7 +46,7 @@ impl Lab {
         }
         let bytes = writer.finish().unwrap().into_inner();
         let recording: BlobId = Blobs::open(folder.path()).unwrap().put(&bytes).unwrap();
-        let input = InputEpisode { id: EpisodeId::new(), recording, steps: 12, file_name: String::new() };
+        let input = input(recording, 12);
         Self { folder, task, input }
     }
 
@@ -100,7 +106,7 @@ fn drawn(lab: &Lab, seed: u32, side: u32, steps: u32) -> (InputEpisode, Trajecto
     let (m, a) = (values(2), values(1));
     let stamps = (0..steps).map(|step| i64::from(step) * 100_000_000).collect();
     let recording = BlobId::from(blake3::hash(&seed.to_le_bytes()));
-    let input = InputEpisode { id: EpisodeId::new(), recording, steps: steps.into(), file_name: String::new() };
+    let input = input(recording, steps.into());
     let episode = Episode::new(&lab.task, stamps, m.clone(), a.clone(), frames.clone()).unwrap();
     episode.write_cache(&lab.task, &frames_path(lab.folder.path(), &input.recording, &lab.task)).unwrap();
     let in_memory = Trajectory::new(&(&lab.task).into(), input.id.as_str(), frames, m, a).unwrap();

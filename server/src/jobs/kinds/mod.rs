@@ -59,7 +59,7 @@ pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, order: JobOrder) -> Resu
             score::resolve(jobs, task, (encoder_id, snapshot_id), extends, spec).await
         }
         JobOrder::Train { data, spec } => train::resolve(jobs, task, data, spec).await,
-        JobOrder::Export { dataset_id } => export::resolve(jobs, task, dataset_id).await,
+        JobOrder::Export { dataset_id, spec } => export::resolve(jobs, task, dataset_id, spec).await,
         JobOrder::Evaluate { subject, spec } => evaluate::resolve(jobs, task, subject, spec).await,
     }
 }
@@ -73,7 +73,7 @@ pub(super) async fn add_inputs(jobs: &Jobs, spec: &JobSpec, inputs: &mut Inputs)
         JobSpec::Pretrain { .. } => Ok(()),
         JobSpec::Score { encoder_id, extends, .. } => score::inputs(jobs, encoder_id, extends.as_ref(), inputs).await,
         JobSpec::Train { encoder_id, .. } => train::inputs(jobs, encoder_id.as_ref(), inputs).await,
-        JobSpec::Export { dataset_id } => export::inputs(jobs, dataset_id, inputs).await,
+        JobSpec::Export { dataset_id, .. } => export::inputs(jobs, dataset_id, inputs).await,
         JobSpec::Evaluate { policy_id, spec: _ } => evaluate::inputs(jobs, policy_id, inputs).await,
     }
 }
@@ -86,7 +86,7 @@ pub(super) async fn sources(jobs: &Jobs, spec: &JobSpec) -> Result<Vec<Source>> 
     match spec {
         JobSpec::Pretrain { snapshot_id, .. } | JobSpec::Score { snapshot_id, .. } => Ok(Source::all(snapshot_id)),
         JobSpec::Train { snapshot_id, dataset_id, .. } => Ok(train::sources(snapshot_id, dataset_id.as_ref())),
-        JobSpec::Export { dataset_id } => export::sources(jobs, dataset_id).await,
+        JobSpec::Export { dataset_id, .. } => export::sources(jobs, dataset_id).await,
         JobSpec::Evaluate { .. } => Ok(Vec::new()),
     }
 }
@@ -110,7 +110,7 @@ pub(super) async fn accept(store: &Store, job: &Job, made: Made) -> Result<JobRe
         (JobSpec::Train { encoder_id, dataset_id, .. }, Made::Policy { checkpoint, kind }) => {
             train::accept(job, (encoder_id.as_ref(), dataset_id.as_ref()), checkpoint, kind)
         }
-        (JobSpec::Export { dataset_id }, Made::Files(files)) => export::accept(job, dataset_id, files),
+        (JobSpec::Export { dataset_id, .. }, Made::Files(files)) => export::accept(job, dataset_id, files),
         (JobSpec::Evaluate { policy_id, spec }, Made::Trials(seeds)) => evaluate::accept(job, policy_id, spec, seeds),
         (
             JobSpec::Pretrain { .. }

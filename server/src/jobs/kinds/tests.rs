@@ -264,7 +264,13 @@ async fn jobs_on_imported_scores_wait_for_no_job() {
     let (plain, run) = dataset(None).await;
     let job = submit(&bench, scratch(TrainData::Dataset(plain.clone()))).await.unwrap();
     assert!(job.needs.is_empty());
-    assert!(submit(&bench, JobOrder::Export { dataset_id: plain.clone() }).await.unwrap().needs.is_empty());
+    assert!(
+        submit(&bench, JobOrder::Export { dataset_id: plain.clone(), spec: Default::default() })
+            .await
+            .unwrap()
+            .needs
+            .is_empty()
+    );
 
     let finetune = |dataset| JobOrder::Train { data: TrainData::Dataset(dataset), spec: TrainSpec::default() };
     let error = submit(&bench, finetune(plain)).await.unwrap_err();

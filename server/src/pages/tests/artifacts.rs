@@ -165,7 +165,13 @@ async fn a_dataset_shows_its_inputs_and_later_results() {
     let run = results::run(store, &task, &encoder, &[scores]).await;
     let dataset = store.insert_dataset(&run.id, Selection::beta(0.25)).await.unwrap();
     let export = ExportId::new();
-    results::job(store, &task, JobSpec::Export { dataset_id: dataset.id.clone() }, export.as_str()).await;
+    results::job(
+        store,
+        &task,
+        JobSpec::Export { dataset_id: dataset.id.clone(), spec: Default::default() },
+        export.as_str(),
+    )
+    .await;
 
     let shown = text(&pages, &format!("/datasets/{}", dataset.id)).await;
     for there in [encoder.snapshot_id.as_str(), encoder.id.as_str(), run.id.as_str(), export.as_str()] {

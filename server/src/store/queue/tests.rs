@@ -17,7 +17,7 @@ fn export(task: &Task, priority: i32, needs: &[&JobId]) -> NewJob {
     NewJob {
         id: JobId::new(),
         task_id: task.id.clone(),
-        spec: JobSpec::Export { dataset_id: DatasetId::new() },
+        spec: JobSpec::Export { dataset_id: DatasetId::new(), spec: Default::default() },
         result_id: ExportId::new().into(),
         priority,
         max_attempts: 3,

@@ -68,7 +68,7 @@ impl Course {
             jobs.push(NewJob {
                 id: id.clone(),
                 task_id: task.id.clone(),
-                spec: JobSpec::Export { dataset_id: DatasetId::new() },
+                spec: JobSpec::Export { dataset_id: DatasetId::new(), spec: Default::default() },
                 result_id: ExportId::new().into(),
                 priority,
                 max_attempts,

@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 
 use super::*;
 use crate::{
-    id::{EncoderId, PolicyId, ScoreRunId, SnapshotId},
+    dataset::{ExportFormat, ExportSpec},
+    id::{DatasetId, EncoderId, PolicyId, ScoreRunId, SnapshotId},
     order::TrainData,
     selection::Selection,
     snapshot::RoleRule,
@@ -131,8 +132,12 @@ fn a_complete_spec_survives_the_wire() {
     let expected = JobOrder::Evaluate { subject: Subject::Policy(policy_id), spec: evaluate };
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
 
-    let spec = JobSpec::Export { dataset_id: dataset_id.clone() };
-    assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), JobOrder::Export { dataset_id });
+    for format in ExportFormat::ALL {
+        let export = ExportSpec { format, depth: format != ExportFormat::Mcap };
+        let spec = JobSpec::Export { dataset_id: dataset_id.clone(), spec: export };
+        let again = JobOrder::Export { dataset_id: dataset_id.clone(), spec: export };
+        assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), again);
+    }
 }
 
 #[test]

@@ -17,14 +17,21 @@ fn blob(text: &str) -> BlobId {
 }
 
 fn input(text: &str) -> InputEpisode {
-    InputEpisode { id: EpisodeId::new(), recording: blob(text), steps: 20, file_name: format!("{text}.mcap") }
+    InputEpisode {
+        id: EpisodeId::new(),
+        recording: blob(text),
+        steps: 20,
+        file_name: format!("{text}.mcap"),
+        outcome: Outcome::Failure,
+        cohort: "night".into(),
+    }
 }
 
 fn export() -> Job {
     Job {
         id: JobId::new(),
         task_id: TaskId::new(),
-        spec: JobSpec::Export { dataset_id: DatasetId::new() },
+        spec: JobSpec::Export { dataset_id: DatasetId::new(), spec: Default::default() },
         state: JobState::Running,
         priority: 0,
         result_id: "exp".into(),
@@ -65,6 +72,7 @@ fn an_assignment_survives_the_wire() {
         encoder: Some(blob("encoder")),
         checkpoint: None,
         segment_length: 6,
+        origin: [("run".to_owned(), "run_1".to_owned())].into(),
         policy: Some(blob("policy")),
         base: Some(base),
     };

@@ -22,7 +22,7 @@ fn a_stretch_of_video_reads_as_the_same_steps() {
         assert!(frames(&whole) == film.pictures(), "{name}");
         for (first, last) in [(0, 3), (3, 5), (5, 8), (8, 10), (6, 11)] {
             let steps = usize::try_from(last - first + 1).unwrap();
-            let kept = Kept { first_step: first, last_step: last, quality: vec![1.0; steps], weight: vec![1.0; steps] };
+            let kept = Kept::unscored(first, steps);
             extract(&path, &task(), &kept, &out).unwrap();
             let part = read_episode(&out, &task()).unwrap();
             let range = usize::try_from(first).unwrap()..=usize::try_from(last).unwrap();
@@ -46,7 +46,7 @@ fn a_stretch_copies_parameter_sets_that_come_once() {
     let (path, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
     std::fs::write(&path, film.scene().mcap()).unwrap();
     let whole = read_episode(&path, &task()).unwrap();
-    let kept = Kept { first_step: 8, last_step: 10, quality: vec![1.0; 3], weight: vec![1.0; 3] };
+    let kept = Kept::unscored(8, 3);
     extract(&path, &task(), &kept, &out).unwrap();
     assert!(frames(&read_episode(&out, &task()).unwrap()) == frames(&whole)[8..=10]);
     assert_eq!(count(&std::fs::read(&out).unwrap(), "/front/color"), 6);
@@ -60,7 +60,7 @@ fn a_stretch_whose_clock_is_video_is_refused() {
     let (path, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
     std::fs::write(&path, Film::read("h264_baseline").scene().mcap()).unwrap();
     assert_eq!(read_episode(&path, &spec).unwrap().report.steps, 12);
-    let kept = Kept { first_step: 8, last_step: 9, quality: vec![1.0; 2], weight: vec![1.0; 2] };
+    let kept = Kept::unscored(8, 2);
     let Err(RecordingError::Spec { problem, .. }) = extract(&path, &spec, &kept, &out) else { panic!("accepted") };
     assert!(problem.contains("/front/color") && problem.contains("clock"), "{problem}");
 }

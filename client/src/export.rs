@@ -1,0 +1,183 @@
+//! Exports: a dataset's files into a new folder, and a whole episode with its scores into one file. A folder or file
+//! appears under its name only when it is complete.
+
+use std::collections::BTreeMap;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+
+use futures::StreamExt as _;
+use gleaner_core::proto::task::spec_from_proto;
+use gleaner_proto::v1::{
+    DownloadExportFileRequest, Episode, EpisodeScores, ExportFile, GetEpisodeScoresRequest, GetTaskRequest,
+    ListExportFilesRequest, Outcome,
+};
+use gleaner_recording::{Kept, RecordingError, StepScore};
+
+use crate::connection::Client;
+use crate::download::{relative, save};
+use crate::error::{ClientError, Result};
+
+impl Client {
+    /// Lists the files of a finished export.
+    ///
+    /// # Errors
+    /// The codes of `ListExportFiles`.
+    pub async fn export_files(&self, export_id: &str) -> Result<Vec<ExportFile>> {
+        let request = ListExportFilesRequest { export_id: export_id.to_owned() };
+        Ok(self.datasets().list_export_files(request).await?.into_inner().files)
+    }
+
+    /// Downloads every file of an export into a new folder, checks their digests, and calls `progress` with the bytes so
+    /// far. After an error there is no folder.
+    ///
+    /// # Errors
+    /// [`ClientError::Invalid`] when the folder has files; as for [`Client::download_episode`].
+    pub async fn download_export(
+        &self,
+        export_id: &str,
+        files: &[ExportFile],
+        folder: &Path,
+        progress: impl Fn(u64),
+    ) -> Result<()> {
+        expect_new_folder(folder)?;
+        let beside = parent(folder);
+        std::fs::create_dir_all(beside).map_err(ClientError::io(beside))?;
+        // Deleted on drop after a failure.
+        let part = tempfile::Builder::new()
+            .prefix(".gleaner-")
+            .permissions(std::fs::Permissions::from_mode(0o777))
+            .tempdir_in(beside)
+            .map_err(ClientError::io(beside))?;
+        let mut before = 0;
+        for file in files {
+            let path = part.path().join(relative(&file.name)?);
+            let request = DownloadExportFileRequest { export_id: export_id.to_owned(), name: file.name.clone() };
+            let pieces = self.datasets().download_export_file(request).await?.into_inner();
+            save(pieces.map(|piece| Ok(piece?.data)), &path, &file.blake3, |bytes| progress(before + bytes)).await?;
+            before += file.size_bytes;
+        }
+        // An empty folder of that name is replaced.
+        std::fs::rename(part.path(), folder).map_err(ClientError::io(folder))?;
+        // The folder has moved: it needs no removal.
+        let _ = part.keep();
+        Ok(())
+    }
+
+    /// Writes a whole episode of a score run as MCAP: its recording with the scores of every step beside its messages, in
+    /// their dialect. Steps with q above `beta` are marked as kept.
+    ///
+    /// # Errors
+    /// [`ClientError::Invalid`] when the file exists; the codes of `GetEpisodeScores`; as for
+    /// [`Client::download_episode`]; [`ClientError::Recording`] when the recording cannot be copied.
+    pub async fn export_episode(&self, episode_id: &str, run_id: &str, beta: f64, out: &Path) -> Result<Episode> {
+        if out.exists() {
+            return Err(ClientError::Invalid(format!("{} exists; give another name or remove it", out.display())));
+        }
+        let request = GetEpisodeScoresRequest { score_run_id: run_id.to_owned(), episode_id: episode_id.to_owned() };
+        let scores = self.scores().get_episode_scores(request).await?.into_inner().scores;
+        let scores = scores.ok_or(ClientError::Contract { missing: "scores" })?;
+        let beside = parent(out);
+        std::fs::create_dir_all(beside).map_err(ClientError::io(beside))?;
+        let folder =
+            tempfile::Builder::new().prefix(".gleaner-").tempdir_in(beside).map_err(ClientError::io(beside))?;
+        let recording = folder.path().join("recording.mcap");
+        let episode = self.download_episode(episode_id, &recording, |_| {}).await?;
+        let task = self.tasks().get_task(GetTaskRequest { task: episode.task_id.clone() }).await?.into_inner().task;
+        let spec = task.and_then(|task| task.spec).ok_or(ClientError::Contract { missing: "a task" })?;
+        let spec = spec_from_proto(spec).map_err(|error| ClientError::Invalid(error.to_string()))?;
+        let kept = Kept { first_step: 0, scores: step_scores(&scores, beta), about: about(&episode, run_id, beta) };
+        let out = out.to_owned();
+        let copied = tokio::task::spawn_blocking(move || gleaner_recording::extract(&recording, &spec, &kept, &out));
+        let ended = |error: tokio::task::JoinError| RecordingError::BrokenImage { problem: error.to_string() };
+        copied.await.map_err(ended)??;
+        Ok(episode)
+    }
+}
+
+/// Checks that a folder does not exist or is empty, before work begins whose result goes there.
+///
+/// # Errors
+/// [`ClientError::Invalid`] when it has files or is a file; [`ClientError::Io`] when it cannot be read.
+pub fn expect_new_folder(folder: &Path) -> Result<()> {
+    match std::fs::read_dir(folder).map(|mut entries| entries.next()) {
+        Ok(None) => Ok(()),
+        Ok(Some(_)) => Err(ClientError::Invalid(format!(
+            "{} has files in it; give a new folder, or remove it first",
+            folder.display()
+        ))),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(ClientError::io(folder)(error)),
+    }
+}
+
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        Some(_) | None => Path::new("."),
+    }
+}
+
+fn step_scores(scores: &EpisodeScores, beta: f64) -> Vec<StepScore> {
+    let expert = |at: usize| {
+        let index = usize::try_from(*scores.match_episode.get(at)?).ok()?;
+        Some((scores.expert_ids.get(index)?.clone(), *scores.match_step.get(at)?))
+    };
+    let score =
+        |(at, (&q, &w)): (usize, (&f32, &f64))| StepScore { q, w, kept: f64::from(q) > beta, matched: expert(at) };
+    scores.q.iter().zip(&scores.w).enumerate().map(score).collect()
+}
+
+fn about(episode: &Episode, run_id: &str, beta: f64) -> BTreeMap<String, String> {
+    let outcome = match episode.outcome() {
+        Outcome::Success => "success",
+        Outcome::Failure => "failure",
+        Outcome::Unknown | Outcome::Unspecified => "unknown",
+    };
+    let about = [
+        ("episode", episode.id.clone()),
+        ("episode_source", episode.file_name.clone()),
+        ("outcome", outcome.to_owned()),
+        ("cohort", episode.cohort.clone()),
+        ("run", run_id.to_owned()),
+        ("beta", beta.to_string()),
+    ];
+    about.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_with_files_is_refused_and_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        expect_new_folder(folder.path()).unwrap();
+        expect_new_folder(&folder.path().join("new")).unwrap();
+        let file = folder.path().join("a");
+        std::fs::write(&file, b"mine").unwrap();
+        let message = expect_new_folder(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("has files in it"), "{message}");
+        assert!(matches!(expect_new_folder(&file), Err(ClientError::Io { .. })));
+        assert_eq!(std::fs::read(&file).unwrap(), b"mine");
+    }
+
+    #[test]
+    fn every_step_has_its_score_and_its_match() {
+        let scores = EpisodeScores {
+            q: vec![0.25, 0.95],
+            w: vec![-2.0, -1.0],
+            match_episode: vec![1, 0],
+            match_step: vec![4, 9],
+            expert_ids: vec!["ep_a".into(), "ep_b".into()],
+            ..EpisodeScores::default()
+        };
+        let expected = [
+            StepScore { q: 0.25, w: -2.0, kept: false, matched: Some(("ep_b".into(), 4)) },
+            StepScore { q: 0.95, w: -1.0, kept: true, matched: Some(("ep_a".into(), 9)) },
+        ];
+        assert_eq!(step_scores(&scores, 0.9), expected);
+        // Scorers without matches, such as imports.
+        let none = EpisodeScores { match_episode: Vec::new(), match_step: Vec::new(), ..scores };
+        assert!(step_scores(&none, 0.9).iter().all(|score| score.matched.is_none()));
+    }
+}

@@ -1,0 +1,357 @@
+//! robomimic HDF5: each piece is a demonstration, with filter keys for experts and kept stretches.
+//!
+//! robomimic's policies act within [-1, 1], so actions beyond that are rescaled by the range of the dataset, which is kept
+//! as attributes. Demonstrations are added to the file some at a time, so that memory does not grow with the dataset.
+
+use std::ops::Range;
+use std::path::PathBuf;
+
+use gleaner_core::episode::Outcome;
+use gleaner_core::snapshot::Role;
+use gleaner_core::{FieldSpec, TaskSpec};
+use hdf5_pure::{AttrValue, File, Group};
+
+use crate::export::{Export, Numbers};
+use crate::piece::Piece;
+use crate::problem::Problem;
+
+const FILE: &str = "dataset.hdf5";
+/// Demonstrations of about this size together are written at once.
+const STAGED_BYTES: usize = 64 << 20;
+const DEFLATE: u32 = 4;
+/// robomimic's number of environments of Gymnasium's interface.
+const GYM: u32 = 2;
+/// Every tenth demonstration is for validation.
+const VALIDATION: usize = 10;
+
+/// Writes the file.
+pub(crate) fn write<E: Export>(export: &mut E, depth: bool) -> Result<(), E::Error> {
+    let task = export.task().clone();
+    let range = ActionRange::of(export, task.action_size())?;
+    let mut out = Out::create(export.folder().join(FILE))?;
+    out.head(export, &task, &range)?;
+    for at in 0..export.pieces().len() {
+        let piece = export.pieces()[at].clone();
+        let numbers = export.numbers(at)?;
+        let mut frames = Vec::new();
+        if !task.cameras.is_empty() {
+            for step in piece.steps.clone() {
+                frames.extend(export.frames(at, step)?);
+            }
+        }
+        out.demo(&Demo { at, piece: &piece, numbers, frames, task: &task, depth }, &range)?;
+        export.advance()?;
+    }
+    out.finish()?;
+    export.finished(FILE)
+}
+
+/// The least and greatest value of each action; [-1, 1] for one that does not leave it.
+struct ActionRange {
+    low: Vec<f32>,
+    high: Vec<f32>,
+}
+
+impl ActionRange {
+    fn of<E: Export>(export: &mut E, size: usize) -> Result<Self, E::Error> {
+        let (mut low, mut high) = (vec![f32::INFINITY; size], vec![f32::NEG_INFINITY; size]);
+        for at in 0..export.pieces().len() {
+            for row in export.numbers(at)?.action.chunks_exact(size.max(1)) {
+                for ((low, high), &value) in low.iter_mut().zip(&mut high).zip(row) {
+                    (*low, *high) = (low.min(value), high.max(value));
+                }
+            }
+        }
+        for (low, high) in low.iter_mut().zip(&mut high) {
+            if *low >= -1.0 && *high <= 1.0 || low >= high {
+                (*low, *high) = (low.min(-1.0), high.max(1.0));
+            }
+        }
+        Ok(Self { low, high })
+    }
+
+    fn rescaled(&self, actions: &[f32]) -> Vec<f32> {
+        let rescale = |((&value, &low), &high): ((&f32, &f32), &f32)| {
+            let within = if (low, high) == (-1.0, 1.0) { value } else { (value - low) / (high - low) * 2.0 - 1.0 };
+            within.clamp(-1.0, 1.0)
+        };
+        let rows = actions.chunks_exact(self.low.len().max(1));
+        rows.flat_map(|row| row.iter().zip(&self.low).zip(&self.high).map(rescale)).collect()
+    }
+}
+
+/// One demonstration.
+struct Demo<'a> {
+    at: usize,
+    piece: &'a Piece,
+    numbers: Numbers,
+    /// The frames of each step, one after the other.
+    frames: Vec<u8>,
+    task: &'a TaskSpec,
+    depth: bool,
+}
+
+/// The file that is being written.
+struct Out {
+    path: PathBuf,
+    file: File,
+    staged: usize,
+}
+
+impl Out {
+    fn create(path: PathBuf) -> Result<Self, Problem> {
+        let file = File::create(&path).map_err(Problem::encoding(&path))?;
+        Ok(Self { path, file, staged: 0 })
+    }
+
+    /// What the whole file states: the environment, the range of actions, and the filter keys.
+    fn head<E: Export>(&mut self, export: &E, task: &TaskSpec, range: &ActionRange) -> Result<(), Problem> {
+        let environment = serde_json::json!({"env_name": task.name, "type": GYM, "env_kwargs": {}}).to_string();
+        let total: usize = export.pieces().iter().map(Piece::len).sum();
+        let wide = |values: &[f32]| AttrValue::F64Array(values.iter().copied().map(f64::from).collect());
+        let root = self.file.root();
+        let group = root.create_group_with("data", |group| {
+            group.set_attr("total", AttrValue::I64(i64::try_from(total).unwrap_or(i64::MAX)));
+            group.set_attr("env_args", AttrValue::String(environment));
+            group.set_attr("gleaner_action_low", wide(&range.low));
+            group.set_attr("gleaner_action_high", wide(&range.high));
+            for (name, value) in export.origin() {
+                group.set_attr(&format!("gleaner_{name}"), AttrValue::String(value.clone()));
+            }
+        });
+        group.map_err(Problem::encoding(&self.path))?;
+        root.create_group("mask").map_err(Problem::encoding(&self.path))?;
+        let names = |wanted: &dyn Fn(usize, &Piece) -> bool| -> Vec<String> {
+            let pieces = export.pieces().iter().enumerate();
+            pieces.filter(|(at, piece)| wanted(*at, piece)).map(|(at, _)| name(at)).collect()
+        };
+        for (key, names) in [
+            ("experts", names(&|_, piece| piece.role() == Role::Expert)),
+            ("kept", names(&|_, piece| piece.role() == Role::Imperfect)),
+            ("train", names(&|at, _| at % VALIDATION != VALIDATION - 1)),
+            ("valid", names(&|at, _| at % VALIDATION == VALIDATION - 1)),
+        ] {
+            // A filter key without demonstrations is an error where it is used, and is left out.
+            if names.is_empty() {
+                continue;
+            }
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
+            let mut wrong = None;
+            let staged = root.create_dataset(&format!("mask/{key}"), |dataset| {
+                wrong = dataset.with_ascii_strings(&names).err();
+            });
+            if let Some(error) = wrong {
+                return Err(Problem::encoding(&self.path)(error));
+            }
+            staged.map_err(Problem::encoding(&self.path))?;
+        }
+        self.commit()
+    }
+
+    fn demo(&mut self, demo: &Demo<'_>, range: &ActionRange) -> Result<(), Problem> {
+        let Demo { at, piece, numbers, frames, task, depth } = demo;
+        let (group, steps, input) = (format!("data/{}", name(*at)), piece.len(), piece.episode());
+        let root = self.file.root();
+        let text = |value: &str| AttrValue::String(value.to_owned());
+        let made = root.create_group_with(&group, |made| {
+            made.set_attr("num_samples", AttrValue::I64(i64::try_from(steps).unwrap_or(i64::MAX)));
+            made.set_attr("gleaner_episode", text(input.id.as_str()));
+            made.set_attr("gleaner_source", text(&input.file_name));
+            made.set_attr("gleaner_role", text(piece.role().as_str()));
+            made.set_attr("gleaner_outcome", text(input.outcome.as_str()));
+            made.set_attr("gleaner_cohort", text(&input.cohort));
+            made.set_attr("gleaner_first_step", AttrValue::I64(i64::try_from(piece.steps.start).unwrap_or(i64::MAX)));
+        });
+        made.map_err(Problem::encoding(&self.path))?;
+        for made in ["obs", "next_obs"] {
+            root.create_group(&format!("{group}/{made}")).map_err(Problem::encoding(&self.path))?;
+        }
+        let scores = piece.scores();
+        let last = |at: usize| at + 1 == steps;
+        let succeeded = piece.is_whole() && input.outcome == Outcome::Success;
+        let mut writer = Writer { root: &root, group, steps, bytes: 0, path: &self.path };
+        writer.floats("actions", &range.rescaled(&numbers.action), task.action_size())?;
+        writer.scalars("rewards", (0..steps).map(|at| f32::from(u8::from(succeeded && last(at)))))?;
+        writer.scalars("q", scores.iter().map(|score| score.q))?;
+        writer.scalars("weights", scores.iter().map(|score| if score.kept { score.q } else { 0.0 }))?;
+        writer.dones((0..steps).map(|at| i64::from(last(at))).collect())?;
+        let mut offset = 0;
+        for field in &task.proprioception {
+            let width = field.size as usize;
+            let of = |row: &[f32]| row.get(offset..offset + width).unwrap_or_default().to_vec();
+            let values: Vec<f32> =
+                numbers.proprioception.chunks_exact(task.proprioception_size().max(1)).flat_map(of).collect();
+            for (group, values) in [("obs", values.clone()), ("next_obs", following(&values, width))] {
+                writer.floats(&format!("{group}/{}", key(field)), &values, width)?;
+            }
+            offset += width;
+        }
+        let mut offset = 0;
+        let frame = frames.len() / steps.max(1);
+        for camera in &task.cameras {
+            let size = (camera.height, camera.width);
+            let pixels = camera.height as usize * camera.width as usize;
+            let color = cut(frames, frame, offset..offset + 3 * pixels);
+            offset += 3 * pixels;
+            for (group, values) in [("obs", color.clone()), ("next_obs", following(&color, 3 * pixels))] {
+                writer.images(&format!("{group}/{}_image", camera.name), &values, size)?;
+            }
+            if camera.depth && *depth {
+                let millimetres = cut(frames, frame, offset..offset + 2 * pixels);
+                let metres = |mm: &[u8]| f32::from(u16::from_le_bytes([mm[0], mm[1]])) / 1000.0;
+                let values: Vec<f32> = millimetres.chunks_exact(2).map(metres).collect();
+                for (group, values) in [("obs", values.clone()), ("next_obs", following(&values, pixels))] {
+                    writer.depth(&format!("{group}/{}_depth", camera.name), &values, size)?;
+                }
+            }
+            offset += if camera.depth { 2 * pixels } else { 0 };
+        }
+        self.staged += writer.bytes;
+        if self.staged >= STAGED_BYTES { self.commit() } else { Ok(()) }
+    }
+
+    fn commit(&mut self) -> Result<(), Problem> {
+        self.staged = 0;
+        self.file.commit().map_err(Problem::encoding(&self.path))
+    }
+
+    fn finish(mut self) -> Result<(), Problem> {
+        self.commit()?;
+        self.file.close().map_err(Problem::encoding(&self.path))
+    }
+}
+
+/// Writes the datasets of one demonstration.
+struct Writer<'a> {
+    root: &'a Group,
+    group: String,
+    steps: usize,
+    bytes: usize,
+    path: &'a std::path::Path,
+}
+
+impl Writer<'_> {
+    fn scalars(&mut self, name: &str, values: impl Iterator<Item = f32>) -> Result<(), Problem> {
+        let values: Vec<f32> = values.collect();
+        self.dataset(name, values.len() * 4, |dataset| {
+            dataset.with_f32_data(&values);
+        })
+    }
+
+    fn dones(&mut self, values: Vec<i64>) -> Result<(), Problem> {
+        self.dataset("dones", values.len() * 8, |dataset| {
+            dataset.with_i64_data(&values);
+        })
+    }
+
+    fn floats(&mut self, name: &str, values: &[f32], width: usize) -> Result<(), Problem> {
+        let shape = [count(self.steps), count(width)];
+        self.dataset(name, values.len() * 4, |dataset| {
+            dataset.with_f32_data(values).with_shape(&shape);
+        })
+    }
+
+    fn images(&mut self, name: &str, values: &[u8], (height, width): (u32, u32)) -> Result<(), Problem> {
+        let shape = [count(self.steps), height.into(), width.into(), 3];
+        self.dataset(name, values.len(), |dataset| {
+            let dataset = dataset.with_u8_data(values).with_shape(&shape);
+            dataset.with_chunks(&[1, height.into(), width.into(), 3]).with_deflate(DEFLATE);
+        })
+    }
+
+    fn depth(&mut self, name: &str, values: &[f32], (height, width): (u32, u32)) -> Result<(), Problem> {
+        let shape = [count(self.steps), height.into(), width.into(), 1];
+        self.dataset(name, values.len() * 4, |dataset| {
+            let dataset = dataset.with_f32_data(values).with_shape(&shape);
+            dataset.with_chunks(&[1, height.into(), width.into(), 1]).with_shuffle().with_deflate(DEFLATE);
+        })
+    }
+
+    fn dataset(
+        &mut self,
+        name: &str,
+        bytes: usize,
+        build: impl FnOnce(&mut hdf5_pure::DatasetBuilder),
+    ) -> Result<(), Problem> {
+        self.bytes += bytes;
+        let made = self.root.create_dataset(&format!("{}/{name}", self.group), build);
+        made.map(|_| ()).map_err(Problem::encoding(self.path))
+    }
+}
+
+fn name(at: usize) -> String {
+    format!("demo_{at}")
+}
+
+/// The field's name, without what separates groups in a file.
+fn key(field: &FieldSpec) -> String {
+    field.name.replace('/', "_")
+}
+
+/// A part of each step's frames.
+fn cut(frames: &[u8], frame: usize, part: Range<usize>) -> Vec<u8> {
+    frames.chunks_exact(frame.max(1)).flat_map(|step| step.get(part.clone()).unwrap_or_default()).copied().collect()
+}
+
+/// The rows one step later; the last one repeats.
+fn following<T: Copy>(rows: &[T], width: usize) -> Vec<T> {
+    let later = rows.get(width..).unwrap_or_default();
+    let last = rows.len().checked_sub(width).and_then(|from| rows.get(from..)).unwrap_or_default();
+    [later, last].concat()
+}
+
+fn count(length: usize) -> u64 {
+    u64::try_from(length).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use gleaner_core::dataset::{ExportFormat, ExportSpec};
+
+    use super::*;
+    use crate::testing::Lab;
+
+    fn exported(depth: bool) -> Lab {
+        let mut lab = Lab::new();
+        crate::write(ExportSpec { format: ExportFormat::Robomimic, depth }, &mut lab).unwrap();
+        lab
+    }
+
+    #[test]
+    fn each_piece_is_a_demonstration_with_its_steps() {
+        let lab = exported(true);
+        assert_eq!(lab.files, [FILE]);
+        let file = File::open(lab.out.path().join(FILE)).unwrap();
+        let floats = |path: &str| file.dataset(path).unwrap().read_f32().unwrap();
+        for (demo, steps) in [("demo_0", 8), ("demo_1", 6), ("demo_2", 3), ("demo_3", 2)] {
+            let shape = |name: &str| file.dataset(&format!("data/{demo}/{name}")).unwrap().shape().unwrap();
+            assert_eq!(shape("actions"), [steps, 2], "{demo}");
+            assert_eq!(shape("obs/front_image"), [steps, 12, 16, 3], "{demo}");
+            assert_eq!(shape("next_obs/front_depth"), [steps, 12, 16, 1], "{demo}");
+        }
+        assert_eq!(floats("data/demo_2/obs/joints"), [2.0, -2.0, 3.0, -3.0, 4.0, -4.0]);
+        assert_eq!(floats("data/demo_2/next_obs/joints"), [3.0, -3.0, 4.0, -4.0, 4.0, -4.0]);
+        assert_eq!(floats("data/demo_2/weights"), [0.9, 0.8, 0.95]);
+        assert_eq!(floats("data/demo_3/weights"), [0.0, 0.7]);
+        assert_eq!(floats("data/demo_0/rewards")[6..], [0.0, 1.0]);
+        assert_eq!(floats("data/demo_2/rewards"), [0.0; 3]);
+        let step = gleaner_recording::frame_bytes_per_step(lab.task());
+        let image = file.dataset("data/demo_2/obs/front_image").unwrap().read_u8().unwrap();
+        assert!(image[..12 * 16 * 3] == lab.episode(2).frames().as_ref()[2 * step..2 * step + 12 * 16 * 3]);
+        let mask = |key: &str| file.dataset(&format!("mask/{key}")).unwrap().read_string().unwrap();
+        assert_eq!(mask("experts"), ["demo_0", "demo_1"]);
+        assert_eq!(mask("kept"), ["demo_2", "demo_3"]);
+        assert!(file.dataset("mask/valid").is_err());
+    }
+
+    #[test]
+    fn actions_beyond_one_are_rescaled_by_their_range() {
+        let range = ActionRange { low: vec![-1.0, 0.0], high: vec![1.0, 4.0] };
+        assert_eq!(range.rescaled(&[0.5, 0.0, -0.25, 4.0, 0.0, 1.0]), [0.5, -1.0, -0.25, 1.0, 0.0, -0.5]);
+    }
+
+    #[test]
+    fn the_same_dataset_gives_the_same_file() {
+        assert!(exported(false).read(FILE) == exported(false).read(FILE));
+    }
+}

@@ -1,0 +1,96 @@
+//! Exports by the command: every format, an episode with its scores, and what cannot be exported. The files stay in
+//! `target/tmp/exports`, where `make check-lerobot` and `make check-robomimic` open them.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use gleaner_proto::v1::*;
+use gleaner_recording::read_episode;
+use serde_json::Value;
+
+use crate::support::{api::Api, command, lab, shared::shared};
+
+async fn dataset(api: &mut Api, run: &str, beta: f64) -> String {
+    let request = CreateDatasetRequest { score_run_id: run.to_owned(), selection: Some(lab::above(beta)) };
+    api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap().id
+}
+
+/// A folder that does not exist.
+fn fresh(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("exports").join(name);
+    if path.exists() {
+        std::fs::remove_dir_all(&path).unwrap();
+    }
+    path
+}
+
+/// The digest of each file that the command's answer lists.
+fn digests(reply: &Value) -> BTreeMap<String, String> {
+    let text = |file: &Value, key: &str| file[key].as_str().unwrap().to_owned();
+    reply["files"].as_array().unwrap().iter().map(|file| (text(file, "name"), text(file, "blake3"))).collect()
+}
+
+#[tokio::test]
+async fn a_dataset_is_exported_in_every_format() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let dataset = dataset(&mut api, &shared.run, 0.5).await;
+    let url = shared.server.url();
+    let mut episodes = Vec::new();
+    for format in ["mcap", "lerobot", "robomimic"] {
+        let out = fresh(format);
+        let (path, again) = (out.to_str().unwrap(), fresh("again"));
+        let line = ["export", &dataset, "--format", format, "--out"];
+        let files = digests(&command::json(url, &[&line[..], &[path]].concat()).await);
+        let second = digests(&command::json(url, &[&line[..], &[again.to_str().unwrap()]].concat()).await);
+        assert_eq!(files, second, "{format}: the same dataset is the same bytes");
+        for (name, digest) in &files {
+            let bytes = std::fs::read(out.join(name)).unwrap();
+            assert_eq!(blake3::hash(&bytes).to_hex().to_string(), *digest, "{format}: {name}");
+        }
+        episodes.push(match format {
+            "mcap" => files.len() - 1,
+            "lerobot" => {
+                let info: Value = serde_json::from_slice(&std::fs::read(out.join("meta/info.json")).unwrap()).unwrap();
+                assert_eq!(info["features"]["observation.images.hand"]["shape"], serde_json::json!([16, 16, 3]));
+                usize::try_from(info["total_episodes"].as_u64().unwrap()).unwrap()
+            }
+            _ => {
+                let bytes = std::fs::read(out.join("dataset.hdf5")).unwrap();
+                assert!(bytes.starts_with(b"\x89HDF\r\n\x1a\n"));
+                continue;
+            }
+        });
+        // What is there is not touched.
+        let refused = command::gleaner(url, &[&line[..], &[path]].concat()).await;
+        assert!(!refused.success && refused.errors.contains("has files in it"), "{}", refused.errors);
+        assert!(files.keys().all(|name| out.join(name).is_file()));
+        std::fs::remove_dir_all(again).unwrap();
+    }
+    assert_eq!(episodes[0], episodes[1], "each MCAP file is an episode of LeRobot's dataset");
+    assert!(episodes[0] > 6, "six experts and at least one kept stretch");
+    let refused = command::gleaner(url, &["export", &dataset, "--depth", "--out", "unused"]).await;
+    assert!(!refused.success && refused.errors.contains("spec.export.depth"), "{}", refused.errors);
+    assert!(!Path::new("unused").exists());
+}
+
+#[tokio::test]
+async fn an_episode_is_exported_whole_with_its_scores() {
+    let shared = shared().await;
+    let failed = shared.episodes.iter().find(|episode| episode.outcome() == Outcome::Failure).unwrap();
+    let (folder, url) = (fresh("episode"), shared.server.url());
+    let out = folder.join("scored.mcap");
+    let line = ["export", "--episode", &failed.id, "--scores", &shared.run, "--out", out.to_str().unwrap()];
+    let written = command::gleaner(url, &line).await;
+    assert!(written.success && written.out.contains(&failed.id), "{}", written.text());
+    let reading = read_episode(&out, &lab::spec()).unwrap();
+    assert_eq!(u64::try_from(reading.episode.steps()).unwrap(), failed.steps);
+    let quality = reading.report.topics.iter().find(|topic| topic.topic == "/gleaner/quality").unwrap();
+    assert_eq!((quality.messages, quality.encoding.as_str()), (failed.steps, "protobuf"));
+    let refused = command::gleaner(url, &line).await;
+    assert!(!refused.success && refused.errors.contains("exists; give another name"), "{}", refused.errors);
+    let left: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left, ["scored.mcap"]);
+}
