@@ -199,10 +199,8 @@ impl Copy<'_> {
 
     /// Copies a declaration, except of the scores of an earlier copy.
     fn declare(&mut self, record: &Record<'_>) -> Result<(), RecordingError> {
-        match record {
-            Record::Channel { topic, .. } if scores::is_own(topic) => Ok(()),
-            _ => self.copier.declare(record),
-        }
+        let own = matches!(record, Record::Channel { topic, .. } if scores::is_own(topic));
+        if own { Ok(()) } else { self.copier.declare(record) }
     }
 
     fn message(&mut self, topic: &str, at: usize, header: MessageHeader, data: &[u8]) -> Result<(), RecordingError> {
