@@ -16,7 +16,7 @@ async fn claimed(store: &Store) -> Attempt {
     let job = NewJob {
         id: JobId::new(),
         task_id: task.id.clone(),
-        spec: JobSpec::Export { dataset_id: DatasetId::new() },
+        spec: JobSpec::Export { dataset_id: DatasetId::new(), spec: Default::default() },
         result_id: ExportId::new().into(),
         priority: 0,
         max_attempts: 3,
