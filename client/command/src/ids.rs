@@ -77,8 +77,8 @@ fn kind(command: &str, argument: &str) -> Option<Kind> {
         (_, "dataset") | ("dataset", "id") => Kind::Dataset,
         // Of `train` and others it is a kind of policy.
         ("deploy" | "evaluate" | "evaluations" | "report-evaluation", "policy") => Kind::Policy,
-        (_, "run" | "extends" | "score_run") => Kind::Run,
-        ("scores", "episode") | ("episode" | "download" | "labels", "id") | ("label" | "delete", "ids") => {
+        (_, "run" | "extends" | "score_run") | ("export", "scores") => Kind::Run,
+        ("scores" | "export", "episode") | ("episode" | "download" | "labels", "id") | ("label" | "delete", "ids") => {
             Kind::Episode
         }
         ("restore", "ids") => Kind::Deleted,

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use gleaner_client::expect_new_folder;
+use gleaner_core::selection::DEFAULT_BETA;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{
     ExportFormat, ExportSpec, GetEpisodeResponse, JobSpec, ListExportFilesResponse, SubmitJobRequest,
@@ -38,7 +39,7 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_name = "RUN", requires = "episode")]
     scores: Option<String>,
     /// Threshold above which a step of the episode is marked as kept, 0 to 1.
-    #[arg(long, default_value_t = 0.9, requires = "episode")]
+    #[arg(long, default_value_t = DEFAULT_BETA, requires = "episode")]
     beta: f64,
     /// Format of the files.
     #[arg(long, value_enum, default_value = "mcap")]
