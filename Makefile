@@ -60,6 +60,7 @@ crash-test-slurm: .libtorch
 test-python: .libtorch $(PYTHON_ENV)
 	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
 	$(PYTHON_ENV)/bin/pip install -q 'client/python[test]'
+	$(PYTHON_ENV)/bin/pip install -q --no-deps openpi-client==0.1.2
 	cd client/python && ../../$(PYTHON_ENV)/bin/pytest
 
 # LeRobot drives a deployment through the policy plug-in, with its own evaluation loop. Needs Python 3.12 or newer

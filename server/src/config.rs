@@ -5,6 +5,7 @@ mod children;
 mod connections;
 mod engine;
 mod maintenance;
+mod openpi;
 mod policies;
 mod telemetry;
 mod tls;
@@ -24,6 +25,7 @@ pub use self::{
     connections::ConnectionsConfig,
     engine::{EngineConfig, EngineKind},
     maintenance::{BackupConfig, CheckConfig, MaintenanceCommand, MaintenanceConfig, RebuildConfig, RestoreConfig},
+    openpi::OpenpiConfig,
     policies::PoliciesConfig,
     telemetry::TelemetryConfig,
     tls::{TlsClientConfig, TlsCommand, TlsConfig, TlsFolderConfig, TlsServerConfig},
@@ -91,6 +93,9 @@ pub struct ServeConfig {
     /// Pages, metrics and traces.
     #[command(flatten)]
     pub telemetry: TelemetryConfig,
+    /// Clients of openpi.
+    #[command(flatten)]
+    pub openpi: OpenpiConfig,
     /// Limits on unfinished uploads.
     #[command(flatten)]
     pub uploads: UploadsConfig,
@@ -199,6 +204,7 @@ impl ServeConfig {
         }
         self.connections.validate()?;
         self.telemetry.validate(self.access.tls_cert.is_some())?;
+        self.openpi.validate(self.access.tls_cert.is_some(), self.insecure)?;
         self.limits.recordings.validate()?;
         self.maintenance.validate()?;
         self.jobs.validate()?;

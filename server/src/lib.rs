@@ -13,6 +13,7 @@ pub mod ingest;
 pub mod jobs;
 pub mod maintenance;
 mod model_cache;
+mod openpi;
 mod pages;
 pub mod policies;
 pub mod program;
@@ -58,6 +59,8 @@ pub struct Listeners {
     /// The TLS settings of that listener, which checks no certificates of workers.
     worker_tls: Option<Arc<Tls>>,
     pages: Option<TcpListener>,
+    /// The listener for clients of openpi.
+    openpi: Option<TcpListener>,
 }
 
 impl Listeners {
@@ -75,7 +78,8 @@ impl Listeners {
             Some(address) => Some(bind(address)?),
             None => None,
         };
-        Ok(Self { calls: bind(config.listen)?, tls, workers, worker_tls, pages })
+        let openpi = config.openpi.openpi_listen.map(bind).transpose()?;
+        Ok(Self { calls: bind(config.listen)?, tls, workers, worker_tls, pages, openpi })
     }
 
     /// The address for calls.
@@ -102,6 +106,17 @@ impl Listeners {
     pub fn pages_url(&self) -> Result<Option<String>> {
         let scheme = if self.tls.is_some() { "https" } else { "http" };
         Ok(self.pages()?.map(|pages| format!("{scheme}://{pages}")))
+    }
+
+    /// The address for clients of openpi, as a URL; `None` without one.
+    ///
+    /// # Errors
+    /// Internal when the system does not return it.
+    pub fn openpi_url(&self) -> Result<Option<String>> {
+        let scheme = if self.tls.is_some() { "wss" } else { "ws" };
+        let address = self.openpi.as_ref().map(TcpListener::local_addr).transpose();
+        let address = address.map_err(|error| Error::internal("reading openpi's address", error))?;
+        Ok(address.map(|address| format!("{scheme}://{address}")))
     }
 
     /// The address for the server's own workers.
@@ -150,7 +165,9 @@ pub async fn run(
     }
     let services = Services::open(config, listeners.for_workers()?).await?;
     let (tokens, _refreshing) = TokenCache::open_refreshed(services.store.clone()).await?;
-    let (pages, tls) = (listeners.pages.take(), listeners.tls.clone());
+    let (pages, openpi, tls) = (listeners.pages.take(), listeners.openpi.take(), listeners.tls.clone());
+    let _openpi =
+        openpi.map(|listener| openpi::open(services.clone(), listener, tls.clone(), tokens.clone())).transpose()?;
     let _pages = pages.map(|listener| pages::open(services.clone(), listener, tls, tokens.clone())).transpose()?;
     let served = service::serve(&services, listeners, tokens, stop).await;
     services.close().await;

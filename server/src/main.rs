@@ -166,6 +166,9 @@ async fn serve(config: ServeConfig) -> Result<()> {
     if let Some(pages) = listeners.pages_url()? {
         println!("pages on {pages}");
     }
+    if let Some(openpi) = listeners.openpi_url()? {
+        println!("clients of openpi on {openpi}");
+    }
     println!("listening on {}", listeners.url()?);
     let limit = Duration::from_secs(config.drain_seconds) + ENDING;
     gleaner_server::run(config, lock, listeners, async move {

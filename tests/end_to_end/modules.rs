@@ -227,7 +227,7 @@ const FLOORS: [&[&str]; 5] = [
     &["store"],
     &["curation", "imports", "ingest", "jobs", "maintenance", "policies", "rollouts", "scorers"],
     &["access", "connections", "wire"],
-    &["pages", "service"],
+    &["openpi", "pages", "service"],
 ];
 
 #[test]

@@ -65,6 +65,7 @@ fn crates_are_named_in_their_place_only() {
                 "server/src/config/connections.rs",
                 "server/src/connections.rs",
                 "server/src/lib.rs",
+                "server/src/openpi/",
                 "server/src/pages/",
                 "server/src/service/",
                 "crates/web/",
@@ -128,6 +129,7 @@ const CRATES: [(&str, &[&str]); 17] = [
     ("crates/inspector", &["recording"]),
     ("crates/learn", &["core", "search"]),
     ("crates/logs", &["core"]),
+    ("crates/openpi", &["core"]),
     ("crates/recording", &["core", "video"]),
     ("crates/search", &[]),
     ("crates/video", &[]),
@@ -136,7 +138,10 @@ const CRATES: [(&str, &[&str]); 17] = [
     ("crates/worker", &["core", "data-folder", "formats", "learn", "logs", "proto", "recording", "sim"]),
     ("client", &["core", "proto", "recording", "sim"]),
     ("client/command", &["client", "core", "inspector", "proto", "recording", "sim"]),
-    ("server", &["core", "data-folder", "edge", "inspector", "learn", "logs", "proto", "recording", "sim", "web"]),
+    (
+        "server",
+        &["core", "data-folder", "edge", "inspector", "learn", "logs", "openpi", "proto", "recording", "sim", "web"],
+    ),
 ];
 
 #[test]

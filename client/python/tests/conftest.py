@@ -59,7 +59,7 @@ class Lab:
 @pytest.fixture(scope="session")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """A server shared by all tests that only read or add."""
-    process = Server(tmp_path_factory.mktemp("server"))
+    process = Server(tmp_path_factory.mktemp("server"), "--openpi-listen", "127.0.0.1:0")
     yield process
     process.stop()
 

@@ -49,8 +49,11 @@ class Server:
             env={"GLEANER_LOG": "warn", "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE", **os.environ},
         )
         assert self.process.stdout is not None
+        self.openpi = ""
         line = self.process.stdout.readline()
-        if line.startswith("pages on "):
+        while not line.startswith("listening on ") and line:
+            if line.startswith("clients of openpi on "):
+                self.openpi = line.removeprefix("clients of openpi on ").strip()
             line = self.process.stdout.readline()
         assert line.startswith("listening on "), f"the server ended before it listened: {line!r}"
         self.address = line.removeprefix("listening on ").strip()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import shutil
+import ssl
 import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +17,10 @@ import numpy as np
 import pytest
 import tritonclient.grpc as triton
 import trustme
+import websockets.sync.client as websocket
+from openpi_client import msgpack_numpy
 from tritonclient.utils import InferenceServerException
+from websockets.exceptions import InvalidStatus
 
 import gleaner
 from conftest import DEPLOYMENT, TASK, Lab
@@ -54,7 +58,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory, running: Server, lab: Lab)
     names = ("ca.pem", "server.pem", "server.key", "client-robot@lab.pem", "client-robot@lab.key")
     ca, cert, key, own, own_key = (data / "tls" / name for name in names)
     flags = ["--require-tokens", "--tls-cert", str(cert), "--tls-key", str(key), "--client-ca", str(ca)]
-    server = Server(data, *flags)
+    server = Server(data, *flags, "--openpi-listen", "127.0.0.1:0")
     admin = token(data, "--role", "admin", "--name", "admin")
     robot = token(data, "--role", "robot", "--name", "arm", "--deployment", DEPLOYMENT)
     yield Guarded(server, ca, own, own_key, admin, robot)
@@ -153,6 +157,35 @@ def test_tritonclient_with_tls_and_a_token(guarded: Guarded) -> None:
     assert refused(DEPLOYMENT, {}) == "StatusCode.UNAUTHENTICATED"
     assert refused("another@prod", robot) == "StatusCode.PERMISSION_DENIED"
     client.close()
+
+
+def test_openpi_needs_the_certificate_and_the_key_of_a_robot(guarded: Guarded) -> None:
+    context = ssl.create_default_context(cafile=guarded.ca)
+    context.load_cert_chain(guarded.cert, guarded.key)
+    assert guarded.server.openpi.startswith("wss://127.0.0.1:")
+
+    def metadata(key: str | None, deployment: str = DEPLOYMENT) -> dict[str, Any]:
+        headers = {"Authorization": f"Api-Key {key}"} if key else None
+        address = f"{guarded.server.openpi}/{deployment}"
+        with websocket.connect(address, ssl=context, additional_headers=headers) as socket:
+            found: dict[str, Any] = msgpack_numpy.unpackb(socket.recv())
+            return found
+
+    assert metadata(guarded.robot)["deployment"] == DEPLOYMENT
+    viewer = token(guarded.server.data, "--role", "viewer", "--name", "looks")
+    for key, status in [(None, "401"), ("wrong", "401"), (viewer, "403")]:
+        with pytest.raises(InvalidStatus, match=status):
+            metadata(key)
+    # A robot is told nothing of deployments that it is not bound to.
+    with pytest.raises(InvalidStatus, match="403"):
+        metadata(guarded.robot, "other@prod")
+    audit = subprocess.run(
+        [binary("gleaner-server"), "audit", "--data-dir", str(guarded.server.data)],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert "openpi/Session" in audit.stdout
 
 
 def test_a_robot_is_driven_with_tls_and_a_token(guarded: Guarded) -> None:

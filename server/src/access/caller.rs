@@ -5,7 +5,7 @@ use std::sync::Arc;
 use gleaner_edge::ConnectionState;
 
 use super::{
-    table::Need,
+    table::{Need, SESSIONS},
     token_cache::{LiveToken, TokenEnd},
 };
 use crate::{
@@ -67,6 +67,14 @@ impl Caller {
         self.permit(Need::Least(least))
     }
 
+    /// Checks that the caller may open sessions, whatever protocol they come by.
+    ///
+    /// # Errors
+    /// Forbidden, naming the role.
+    pub(crate) fn may_open_sessions(&self) -> Result<()> {
+        self.permit(SESSIONS)
+    }
+
     /// The displayed name of the caller.
     pub(crate) fn name(&self) -> &str {
         match self {
@@ -84,7 +92,7 @@ impl Caller {
     }
 
     /// The id of the caller's token, if it has one.
-    pub(super) fn token_id(&self) -> Option<TokenId> {
+    pub(crate) fn token_id(&self) -> Option<TokenId> {
         match self {
             Self::Known(live) => Some(live.token.id.clone()),
             Self::Anyone => None,

@@ -21,6 +21,9 @@ pub(super) enum Need {
     Job,
 }
 
+/// What opening a session needs, by gRPC or another protocol.
+pub(super) const SESSIONS: Need = Need::LeastOrRobot(Role::Contributor);
+
 /// A row of the table.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rule {
@@ -118,7 +121,7 @@ fn of(rpc: Rpc) -> Rule {
 
         Rpc::PolicyServiceAct | Rpc::GRPCInferenceServiceModelInfer => serves(Role::Contributor),
         // A session may be stored as an episode.
-        Rpc::PolicyServiceSession => Rule { audited: true, ..serves(Role::Contributor) },
+        Rpc::PolicyServiceSession => Rule { need: SESSIONS, audited: true },
 
         Rpc::SnapshotServiceCreateSnapshot
         | Rpc::JobServiceSubmitJob

@@ -58,7 +58,7 @@ pub(crate) async fn serve(
     stop: impl Future<Output = ()> + Send,
 ) -> Result<()> {
     let connections = connections(&services.config.connections);
-    let Listeners { calls, tls, workers, worker_tls, pages: _ } = listeners;
+    let Listeners { calls, tls, workers, worker_tls, pages: _, openpi: _ } = listeners;
     let guard = guard(services, tokens, tls.is_some(), &connections);
     let follow = |tls: &Arc<Tls>| {
         let tls = Arc::clone(tls);
