@@ -176,7 +176,7 @@ def test_openpi_needs_the_certificate_and_the_key_of_a_robot(guarded: Guarded) -
     for key, status in [(None, "401"), ("wrong", "401"), (viewer, "403")]:
         with pytest.raises(InvalidStatus, match=status):
             metadata(key)
-    # A robot is told nothing of deployments that it is not bound to.
+    # A robot learns nothing about deployments that it is not bound to.
     with pytest.raises(InvalidStatus, match="403"):
         metadata(guarded.robot, "other@prod")
     audit = subprocess.run(

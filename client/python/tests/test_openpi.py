@@ -135,7 +135,7 @@ def test_messages_that_are_not_of_the_protocol_are_refused(openpi: str) -> None:
         assert refused.value.response.status_code == status
 
 
-def test_health_is_answered_and_other_requests_are_told_to_upgrade(openpi: str) -> None:
+def test_health_is_answered_and_other_requests_must_upgrade(openpi: str) -> None:
     from urllib.error import HTTPError
     from urllib.request import urlopen
 

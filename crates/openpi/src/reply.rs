@@ -7,7 +7,7 @@ use rmpv::Value;
 
 use crate::array::numbers;
 
-/// What a client is told when it connects.
+/// What a client receives when it connects.
 #[derive(Debug, Clone)]
 pub struct Metadata<'a> {
     /// The deployment that acts.

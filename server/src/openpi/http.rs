@@ -4,7 +4,7 @@
 
 use std::{convert::Infallible, sync::Arc};
 
-use gleaner_edge::{Call, Connection, ConnectionState, Transport};
+use gleaner_edge::{Connection, ConnectionState, Transport};
 use http::{
     HeaderMap, Method, Request, Response, StatusCode,
     header::{AUTHORIZATION, CONNECTION, CONTENT_TYPE, ORIGIN, SEC_WEBSOCKET_ACCEPT, SEC_WEBSOCKET_KEY, UPGRADE},
@@ -19,23 +19,15 @@ use tokio_tungstenite::{
     },
 };
 
-use super::{Shared, session};
+use super::{
+    Shared,
+    session::{self, Wanted},
+};
 use crate::{
-    access::{Caller, token_hash},
-    domain::task::Task,
+    access::token_hash,
     error::{Error, Kind, Result},
     wire::policy::deployment_name,
 };
-
-/// The deployment that a connection asks for, with its task.
-pub(super) struct Wanted {
-    pub(super) deployment: String,
-    pub(super) task: Task,
-    pub(super) caller: Caller,
-    /// Counts as a call of the client until it is dropped.
-    pub(super) _counted: Call,
-    pub(super) peer: String,
-}
 
 /// Serves one connection: one request, which may become a WebSocket.
 pub(super) async fn serve(connection: Connection<Transport>, shared: Arc<Shared>) {

@@ -5,6 +5,7 @@
 use std::time::Instant;
 
 use futures::{SinkExt as _, StreamExt as _};
+use gleaner_edge::Call;
 use gleaner_openpi::{Metadata, Reply, Request};
 use tokio::{
     io::{AsyncRead, AsyncWrite},
@@ -19,20 +20,31 @@ use tokio_tungstenite::{
     },
 };
 
-use super::{READ_WITHIN, http::Wanted};
+use super::READ_WITHIN;
 use crate::{
-    access,
+    access::{self, Caller},
     domain::{
         access::AuditEntry,
         episode::Outcome,
         observation::{Observation, SessionInput, SessionOutput, SessionSettings},
+        task::Task,
         time::Millis,
     },
     error::{Error, Result},
     service::Services,
 };
 
-/// Serves a client until it leaves. A failure is told in one text message before the close, as openpi's server does.
+/// The deployment that a connection asks for, with its task.
+pub(super) struct Wanted {
+    pub(super) deployment: String,
+    pub(super) task: Task,
+    pub(super) caller: Caller,
+    /// Counts as a call of the client until it is dropped.
+    pub(super) _counted: Call,
+    pub(super) peer: String,
+}
+
+/// Serves a client until it leaves. A failure is one text message before the close, as by openpi's own server.
 pub(super) async fn run<S>(mut socket: WebSocketStream<S>, wanted: Wanted, services: &Services)
 where
     S: AsyncRead + AsyncWrite + Unpin,
