@@ -134,6 +134,10 @@ pub struct LimitConfig {
     /// one. More inspections at once use more processors and memory (0: as 1).
     #[arg(long, env = "GLEANER_INSPECT_PARALLEL", default_value_t = 3, value_name = "N")]
     pub inspect_parallel: usize,
+    /// Threads that decode the images of one inspection (0: the processors, shared between `--inspect-parallel`). More
+    /// threads shorten the inspection of a recording with images; all count towards its processor time.
+    #[arg(long, env = "GLEANER_INSPECT_THREADS", default_value_t = 0, value_name = "N")]
+    pub inspect_threads: usize,
     /// Maximum number of concurrent calls on one connection; further ones wait in the client.
     #[arg(long, env = "GLEANER_MAX_STREAMS", default_value_t = 256, value_name = "N")]
     pub max_streams: u32,

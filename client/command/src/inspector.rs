@@ -173,6 +173,7 @@ fn basic_order(recording: &Path, folder: &TempDir, spec: Option<&TaskSpec>) -> R
         pictures: None,
         memory_bytes: MEMORY_BYTES,
         seconds: SECONDS.saturating_add(size / BYTES_PER_SECOND),
+        threads: 1,
         limits: RecordingsConfig::from(Limits::default()),
     })
 }

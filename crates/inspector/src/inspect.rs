@@ -4,9 +4,12 @@
 
 use std::io::ErrorKind;
 
-use gleaner_recording::{RecordingError, Report, Survey, TaskSpec, cache_episode, salvage, survey};
+use gleaner_recording::{ImageThreads, RecordingError, Report, Survey, TaskSpec, cache_episode, salvage, survey};
 
 use crate::{InspectError, Order, limits};
+
+/// The part of an inspection's memory that messages and pictures under way may take is one over this.
+const UNDER_WAY: u64 = 8;
 
 /// The result of an inspection.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
@@ -57,7 +60,9 @@ fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> 
         return Ok(found.map(Verdict::Surveyed));
     }
     let spec = spec(order)?;
-    let cached = cache_episode(&order.recording, &spec, &order.limits.limits(), &order.frames);
+    let bytes = usize::try_from(order.memory_bytes / UNDER_WAY).unwrap_or(usize::MAX);
+    let threads = ImageThreads { count: order.threads, bytes };
+    let cached = cache_episode(&order.recording, &spec, (&order.limits.limits(), threads), &order.frames);
     Ok(cached.map(Verdict::Usable))
 }
 

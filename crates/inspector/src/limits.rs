@@ -9,6 +9,10 @@ use crate::{InspectError, Order};
 
 /// For the recording, the spec, the frames, the verdict, the standard streams and the runtime.
 const OPEN_FILES: u64 = 64;
+/// The stack of a thread.
+const STACK: u64 = 4 << 20;
+/// Address space that the C library reserves for the memory of each thread; unused parts of it are no memory.
+const THREAD_SPACE: u64 = 160 << 20;
 
 /// Limits memory, processor time, file size and open files of this process, which ends with its parent.
 ///
@@ -18,9 +22,11 @@ pub fn apply(order: &Order) -> Result<(), InspectError> {
     let fault = InspectError::when::<Errno>("limiting this process");
     set_parent_process_death_signal(Some(Signal::KILL)).map_err(&fault)?;
     let used = used().map_err(InspectError::when("reading the memory of this process"))?;
-    // The memory of the program and its libraries is not caused by the recording.
-    let data = used.data.saturating_add(order.memory_bytes);
-    let address_space = used.size.saturating_add(order.memory_bytes);
+    // The memory of the program, its libraries and its threads' stacks is not caused by the recording.
+    let threads = u64::try_from(order.threads).unwrap_or(u64::MAX);
+    let data = used.data.saturating_add(order.memory_bytes).saturating_add(threads.saturating_mul(STACK));
+    let address_space =
+        used.size.saturating_add(order.memory_bytes).saturating_add(threads.saturating_mul(STACK + THREAD_SPACE));
     for (resource, limit) in [
         (Resource::Data, data),
         (Resource::As, address_space),

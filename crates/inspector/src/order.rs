@@ -36,6 +36,9 @@ pub struct Order {
     /// Maximum processor time in seconds.
     #[arg(long)]
     pub seconds: u64,
+    /// Threads that decode images.
+    #[arg(long, default_value_t = 1)]
+    pub threads: usize,
     /// Limits on the content of the recording.
     #[command(flatten)]
     pub limits: RecordingsConfig,
@@ -59,7 +62,8 @@ impl Order {
 
     /// The arguments of the program.
     pub fn arguments(&self) -> Vec<OsString> {
-        let Self { recording, spec, report, frames, salvage, survey, pictures, memory_bytes, seconds, limits } = self;
+        let Self { recording, spec, report, frames, salvage, survey, pictures, memory_bytes, seconds, threads, limits } =
+            self;
         let paths = [
             ("--recording", Some(recording)),
             ("--spec", Some(spec)),
@@ -69,7 +73,8 @@ impl Order {
             ("--pictures", pictures.as_ref()),
         ];
         let paths = paths.into_iter().filter_map(|(flag, path)| Some([flag.into(), path?.into()])).flatten();
-        let numbers = [("--memory-bytes", memory_bytes), ("--seconds", seconds)];
+        let threads = u64::try_from(*threads).unwrap_or(u64::MAX);
+        let numbers = [("--memory-bytes", *memory_bytes), ("--seconds", *seconds), ("--threads", threads)];
         let numbers = numbers.into_iter().flat_map(|(flag, number)| [flag.into(), number.to_string().into()]);
         let survey = survey.then(|| "--survey".into());
         paths.chain(survey).chain(numbers).chain(limits.flags().into_iter().map(Into::into)).collect()
@@ -100,6 +105,7 @@ mod tests {
             pictures: None,
             memory_bytes: 7,
             seconds: 1,
+            threads: 2,
             limits: RecordingsConfig { max_records: 3, ..gleaner_recording::Limits::ADMITTED.into() },
         };
         let salvage = Order { salvage: Some("repaired".into()), ..order.clone() };

@@ -1,4 +1,5 @@
-//! Long recordings under a low limit on memory: an inspection holds no more than one picture of a camera at a time.
+//! Long recordings under a low limit on memory: an inspection holds a few pictures of a camera at a time, and writes the same
+//! cache with any number of threads.
 
 #![allow(clippy::unwrap_used)]
 
@@ -8,5 +9,5 @@ use long::Long;
 
 #[test]
 fn memory_of_an_inspection_does_not_follow_the_pictures() {
-    Long { cameras: 2, height: 64, width: 64, rate_hz: 30, steps: 3000 }.passes_within(24 << 20);
+    Long { cameras: 2, height: 64, width: 64, rate_hz: 30, steps: 3000 }.passes_within(24 << 20, &[1, 4]);
 }

@@ -21,6 +21,7 @@ use codec::Unpacker;
 use gleaner_core::TaskSpec;
 use layout::{Head, Place, Row};
 
+pub(crate) use codec::Packer;
 pub(crate) use write::{CacheWriter, Steps};
 
 /// A frame cache whose head was checked. The file is opened for each read and held by none, so that any number of

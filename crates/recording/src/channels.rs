@@ -4,7 +4,7 @@
 //! channel's declaration in a damaged file; a second pass after [`Channels::rewind`] decodes them.
 
 use std::collections::{BTreeMap, HashMap};
-use std::rc::Rc;
+use std::sync::Arc;
 
 use crate::container::Record;
 use crate::dialect::{ChannelSchema, Decoder};
@@ -30,17 +30,17 @@ struct Schema {
     encoding: String,
     data: Vec<u8>,
     /// By the messages' encoding. Channels of one schema share them: thousands may name one that takes long to parse.
-    decoders: HashMap<String, Rc<Readable>>,
+    decoders: HashMap<String, Arc<Readable>>,
 }
 
 /// A decoder, or the reason why the schema is unusable.
-type Readable = Result<Decoder, String>;
+pub(crate) type Readable = Result<Decoder, String>;
 
 #[derive(Debug)]
 struct Channel {
     /// Index into the topics; several channels may share one.
     topic: usize,
-    decoder: Rc<Readable>,
+    decoder: Arc<Readable>,
 }
 
 impl Channels {
@@ -56,7 +56,7 @@ impl Channels {
 
     /// For the next message of a channel: its topic, its index in the topic, and the decoder. `None` for a
     /// channel that is not declared so far; its messages are counted.
-    pub(crate) fn next(&mut self, channel: u16) -> Option<(&str, usize, &Readable)> {
+    pub(crate) fn next(&mut self, channel: u16) -> Option<(&str, usize, &Arc<Readable>)> {
         let Some(declared) = self.channels.get(&channel) else {
             *self.undeclared.entry(channel).or_default() += 1;
             return None;
@@ -108,7 +108,7 @@ impl Channels {
                 let decoder = if wanted(topic) {
                     schema.decoder(encoding, &self.limits)
                 } else {
-                    Rc::new(Err("not read".to_owned()))
+                    Arc::new(Err("not read".to_owned()))
                 };
                 let schema = schema.name.clone();
                 let at = self.topics.iter().position(|known| known.topic == *topic).unwrap_or(self.topics.len());
@@ -137,14 +137,14 @@ impl Channels {
 }
 
 impl Schema {
-    fn decoder(&mut self, message_encoding: &str, limits: &Limits) -> Rc<Readable> {
+    fn decoder(&mut self, message_encoding: &str, limits: &Limits) -> Arc<Readable> {
         if let Some(known) = self.decoders.get(message_encoding) {
-            return Rc::clone(known);
+            return Arc::clone(known);
         }
         let described =
             ChannelSchema { message_encoding, schema_encoding: &self.encoding, name: &self.name, data: &self.data };
-        let decoder = Rc::new(Decoder::new(described, limits));
-        self.decoders.insert(message_encoding.to_owned(), Rc::clone(&decoder));
+        let decoder = Arc::new(Decoder::new(described, limits));
+        self.decoders.insert(message_encoding.to_owned(), Arc::clone(&decoder));
         decoder
     }
 }

@@ -127,7 +127,8 @@ mod tests {
         let (path, cache) = (folder.path().join("a.mcap"), folder.path().join("frames"));
         std::fs::write(&path, crate::write::tests::written(40)).unwrap();
         let found = estimate(&summarize(&path).unwrap().unwrap(), &spec);
-        let report = crate::cache_episode(&path, &spec, &crate::Limits::default(), &cache).unwrap();
+        let report =
+            crate::cache_episode(&path, &spec, (&crate::Limits::default(), crate::ImageThreads::NONE), &cache).unwrap();
         assert_eq!((found.steps, report.steps), (40, 40));
         let rows = 1000 + 40 * 100;
         let bytes = std::fs::metadata(&cache).unwrap().len();

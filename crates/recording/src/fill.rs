@@ -1,6 +1,10 @@
 //! The second pass over a recording: the pixels of the images that the steps use.
 //!
-//! Each image is decoded once, in the order of the file, and handed on at once: memory holds one picture a stream.
+//! Each image is decoded once, on one of several threads, and handed on in the order of the file: memory holds one picture
+//! a stream and those under way.
+
+mod look;
+mod order;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -9,38 +13,51 @@ use crate::channels::Channels;
 use crate::container::{Record, scan};
 use crate::error::RecordingError;
 use crate::inspect;
-use crate::limits::Limits;
-use crate::picture;
-use crate::plan::{ImageStream, Plan};
-use crate::video::{self, Packet, Shown, Video};
+use crate::limits::{ImageThreads, Limits};
+use crate::plan::Plan;
+use crate::video::Shown;
 use gleaner_core::TaskSpec;
 use gleaner_core::{FindingCode, Severity};
+use look::{Looking, Message, Uses};
 
-/// Receives the next picture of a stream, by the stream's number in the plan.
-pub(crate) type Keep<'a> = &'a mut dyn FnMut(usize, &[u8]) -> Result<(), RecordingError>;
+/// Receives the next picture of a stream, by the stream's number in the plan, and the picture as a cache has it if it was
+/// packed on a thread of its own.
+pub(crate) type Keep<'a> = &'a mut dyn FnMut(usize, &[u8], Option<&[u8]>) -> Result<(), RecordingError>;
 
-/// Decodes the images of all steps; those that can't be decoded become findings. Hands on each picture that differs from
-/// the one before it in its stream, and returns for each stream and step the number of its picture, from 1 on: 0 for a
-/// step whose image is broken.
+/// Decodes the images of all steps on this many threads; those that can't be decoded become findings. Hands on each
+/// picture that differs from the one before it in its stream, and returns for each stream and step the number of its
+/// picture, from 1 on: 0 for a step whose image is broken. The result does not depend on the number of threads.
 ///
 /// # Errors
-/// The errors of the container and of `keep`.
+/// The errors of the container and of `keep`, and of starting a thread.
 pub(crate) fn fill(
     path: &Path,
     spec: &TaskSpec,
-    limits: &Limits,
+    (limits, threads): (&Limits, ImageThreads),
     plan: &mut Plan,
     keep: Keep<'_>,
 ) -> Result<Vec<Vec<u32>>, RecordingError> {
     let mut channels = std::mem::replace(&mut plan.channels, Channels::new(limits));
-    let mut filler = Filler::new(spec, plan, keep);
+    let uses: Vec<Uses> = plan.images.iter().map(Uses::new).collect();
+    let looking = Looking { spec, images: &plan.images, uses: &uses };
+    let mut filler = Filler { streams: plan.images.iter().map(|image| Stream::new(image.picks.len())).collect(), keep };
     if !filler.streams.is_empty() {
-        scan(path, limits, &mut |record| {
-            let Record::Message { header, data } = record else { return Ok(()) };
-            filler.message(channels.next(header.channel_id), data)
-        })?;
+        let (places, topics) = topics(plan);
+        let messages = |give: order::Give<'_>| {
+            scan(path, limits, &mut |record| {
+                let Record::Message { header, data } = record else { return Ok(()) };
+                let Some((topic, at, decoder)) = channels.next(header.channel_id) else { return Ok(()) };
+                let Some(&place) = places.get(topic) else { return Ok(()) };
+                let message = Message { at, streams: &topics[place], decoder, data };
+                if looking.needs(&message) { give(&message) } else { Ok(()) }
+            })
+            .map(|_| ())
+        };
+        let show = &mut |stream, shown: Shown, packed: Option<&[u8]>| {
+            filler.show(stream, looking.steps(stream, shown.message), (shown, packed))
+        };
+        order::in_order(&looking, threads, &topics, messages, show)?;
     }
-    filler.end()?;
     let (mut problems, mut held, mut shown) = (Vec::new(), Vec::new(), Vec::new());
     for stream in filler.streams {
         problems.push(stream.problem);
@@ -70,19 +87,27 @@ pub(crate) fn fill(
     Ok(shown)
 }
 
+/// The streams of each topic with images, and the place of each topic among them.
+fn topics(plan: &Plan) -> (HashMap<&str, usize>, Vec<Vec<usize>>) {
+    let (mut places, mut topics) = (HashMap::new(), Vec::<Vec<usize>>::new());
+    for (at, stream) in plan.images.iter().enumerate() {
+        let place = *places.entry(stream.topic.as_str()).or_insert(topics.len());
+        if place == topics.len() {
+            topics.push(Vec::new());
+        }
+        topics[place].push(at);
+    }
+    (places, topics)
+}
+
 struct Filler<'a> {
-    spec: &'a TaskSpec,
-    plan: &'a Plan,
-    /// The streams of each topic.
-    topics: HashMap<&'a str, Vec<usize>>,
     streams: Vec<Stream>,
     keep: Keep<'a>,
 }
 
 /// What is known of one stream of images.
+#[derive(Default)]
 struct Stream {
-    /// The steps, by the message that they use.
-    steps: Vec<u32>,
     /// The number of the picture of each step.
     shown: Vec<u32>,
     /// The last picture and its number.
@@ -92,8 +117,6 @@ struct Stream {
     problem: Option<Problem>,
     /// The first damage of video; its count is of steps.
     held: Option<Problem>,
-    /// The decoder of video.
-    video: Option<Video>,
 }
 
 struct Problem {
@@ -102,93 +125,16 @@ struct Problem {
     count: u64,
 }
 
-impl<'a> Filler<'a> {
-    fn new(spec: &'a TaskSpec, plan: &'a Plan, keep: Keep<'a>) -> Self {
-        let mut topics: HashMap<&str, Vec<usize>> = HashMap::new();
-        for (at, stream) in plan.images.iter().enumerate() {
-            topics.entry(&stream.topic).or_default().push(at);
-        }
-        let streams = plan.images.iter().map(Stream::new).collect();
-        Self { spec, plan, topics, streams, keep }
-    }
-
-    fn message(
-        &mut self,
-        channel: Option<(&str, usize, &Result<crate::dialect::Decoder, String>)>,
-        data: &[u8],
-    ) -> Result<(), RecordingError> {
-        let Some((topic, at, Ok(decoder))) = channel else {
-            return Ok(());
-        };
-        let Some(streams) = self.topics.get(topic) else {
-            return Ok(());
-        };
-        let used = |at: usize, stream: &usize| !self.streams[*stream].uses(&self.plan.images[*stream], at).is_empty();
-        let video = streams.iter().any(|&stream| self.streams[stream].video.is_some());
-        let uses: Vec<usize> = streams.iter().copied().filter(|stream| used(at, stream)).collect();
-        if !video && uses.is_empty() {
-            return Ok(());
-        }
-        // A message that can't be decoded was found in the first pass.
-        let Ok(message) = decoder.decode(data) else {
-            return Ok(());
-        };
-        if video && let Some(packet) = video::packet(&message) {
-            let streams = streams.clone();
-            return self.video(&streams, at, packet);
-        }
-        for stream in uses {
-            let image = &self.plan.images[stream];
-            let pixels = picture::decode(&message, image.channel, &self.spec.cameras[image.camera]);
-            self.show(stream, Shown { message: at, pixels, held: None })?;
-        }
-        Ok(())
-    }
-
-    /// Decodes a message of video for each camera that has its topic.
-    fn video(
-        &mut self,
-        streams: &[usize],
-        message: usize,
-        packet: Result<Packet<'_>, RecordingError>,
-    ) -> Result<(), RecordingError> {
-        let packet = packet.map_err(|error| error.to_string());
-        for &at in streams {
-            let image = &self.plan.images[at];
-            let stream = &mut self.streams[at];
-            let Some(mut video) = stream.video.take() else { continue };
-            let used = |message| !stream.uses(image, message).is_empty();
-            let shown = match &packet {
-                Ok(packet) => video.push(message, packet, &self.spec.cameras[image.camera], &used),
-                Err(problem) => {
-                    let error = RecordingError::BrokenImage { problem: problem.clone() };
-                    vec![Shown { message, pixels: Err(error), held: None }]
-                }
-            };
-            stream.video = Some(video);
-            shown.into_iter().try_for_each(|shown| self.show(at, shown))?;
-        }
-        Ok(())
-    }
-
-    /// Ends every stream of video.
-    fn end(&mut self) -> Result<(), RecordingError> {
-        for at in 0..self.streams.len() {
-            let image = &self.plan.images[at];
-            let stream = &mut self.streams[at];
-            let Some(mut video) = stream.video.take() else { continue };
-            let used = |message| !stream.uses(image, message).is_empty();
-            let shown = video.end(&self.spec.cameras[image.camera], &used);
-            shown.into_iter().try_for_each(|shown| self.show(at, shown))?;
-        }
-        Ok(())
-    }
-
+impl Filler<'_> {
     /// Puts the pixels of a message into the steps that use it.
-    fn show(&mut self, at: usize, shown: Shown) -> Result<(), RecordingError> {
-        let Shown { message, pixels, held } = shown;
+    fn show(
+        &mut self,
+        at: usize,
+        steps: &[u32],
+        (shown, packed): (Shown, Option<&[u8]>),
+    ) -> Result<(), RecordingError> {
+        let Shown { pixels, held, .. } = shown;
         let stream = &mut self.streams[at];
-        let steps = stream.uses(&self.plan.images[at], message).to_vec();
         let Some(first) = steps.iter().min().copied() else { return Ok(()) };
         let problem = |error| Problem { step: first.into(), error, count: 0 };
         if let Some(error) = held {
@@ -197,7 +143,7 @@ impl<'a> Filler<'a> {
         match pixels {
             Ok(pixels) => {
                 if stream.number == 0 || pixels != stream.last {
-                    (self.keep)(at, &pixels)?;
+                    (self.keep)(at, &pixels, packed)?;
                     (stream.last, stream.number) = (pixels, stream.number + 1);
                 }
                 steps.iter().for_each(|&step| stream.shown[step as usize] = stream.number);
@@ -209,36 +155,7 @@ impl<'a> Filler<'a> {
 }
 
 impl Stream {
-    fn new(image: &ImageStream) -> Self {
-        let picks = &image.picks;
-        // A topic has at most ten million messages, and so an episode has as many steps.
-        let mut steps: Vec<u32> = (0..u32::try_from(picks.len()).unwrap_or(u32::MAX)).collect();
-        steps.sort_by_key(|&step| picks[step as usize]);
-        let video = image.video.then(Video::default);
-        Self { steps, shown: vec![0; picks.len()], last: Vec::new(), number: 0, problem: None, held: None, video }
-    }
-
-    /// The steps that use message `at` of the topic of this image.
-    fn uses(&self, image: &ImageStream, at: usize) -> &[u32] {
-        let begin = self.steps.partition_point(|&step| image.picks[step as usize] < at);
-        let count = self.steps[begin..].partition_point(|&step| image.picks[step as usize] == at);
-        &self.steps[begin..begin + count]
-    }
-}
-
-#[cfg(test)]
-mod tests {
-
-    use super::*;
-    use crate::picture::Channel;
-
-    #[test]
-    fn each_message_has_its_steps() {
-        let picks = vec![4, 2, 2, 9, 4];
-        let image = ImageStream { topic: "/front".into(), camera: 0, channel: Channel::Color, video: false, picks };
-        let stream = Stream::new(&image);
-        let found: Vec<&[u32]> = [0, 2, 3, 4, 5, 9].map(|at| stream.uses(&image, at)).into();
-        let expected: [&[u32]; 6] = [&[], &[1, 2], &[], &[0, 4], &[], &[3]];
-        assert_eq!(found, expected);
+    fn new(steps: usize) -> Self {
+        Self { shown: vec![0; steps], ..Self::default() }
     }
 }

@@ -99,7 +99,7 @@ pub fn sums(path: &std::path::Path, spec: &TaskSpec, mapping: &str) -> Result<Su
         entry.unordered = entry.unordered.wrapping_add(crc(0, &[&time, data]).into());
         let camera = spec.mappings.iter().flat_map(|mapping| &mapping.cameras);
         if camera.flat_map(|source| [Some(&source.color), source.depth.as_ref()]).flatten().any(|known| known == topic)
-            && let Ok(Ok(message)) = decoder.as_ref().map(|decoder| decoder.decode(data))
+            && let Ok(Ok(message)) = decoder.as_ref().as_ref().map(|decoder| decoder.decode(data))
             && let Ok(image) = picture::data(&message)
         {
             entry.images = crc(entry.images, &[&image]);

@@ -41,7 +41,8 @@ impl StepJpegs {
         let (mut channels, mut end) = (plan.channels, 0);
         scan(path, &Limits::ADMITTED, &mut |record| {
             let Record::Message { header, data: bytes } = record else { return Ok(()) };
-            let Some((topic, at, Ok(decoder))) = channels.next(header.channel_id) else { return Ok(()) };
+            let Some((topic, at, decoder)) = channels.next(header.channel_id) else { return Ok(()) };
+            let Ok(decoder) = decoder.as_ref() else { return Ok(()) };
             for color in colors.iter().filter(|color| color.topic == topic) {
                 let Some(shown) = color.steps.get(&at) else { continue };
                 let Ok(message) = decoder.decode(bytes) else { continue };

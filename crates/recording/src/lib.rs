@@ -95,7 +95,7 @@ pub use frames::{Episode, FrameBytes, frame_bytes_per_step};
 pub use image::{PixelFormat, decode_color, decode_depth, encode_depth_png, encode_jpeg, encode_png};
 pub use join::join;
 pub use jpegs::StepJpegs;
-pub use limits::{Limits, MOST_JSON_DEPTH};
+pub use limits::{ImageThreads, Limits, MOST_JSON_DEPTH};
 pub use read::{Reading, cache_episode, memory_per_step, read_episode, read_episode_within};
 pub use salvage::salvage;
 pub use survey::survey;

@@ -50,3 +50,17 @@ impl Limits {
 
 /// Beyond this the JSON reader itself stops.
 pub const MOST_JSON_DEPTH: usize = 127;
+
+/// The threads that decode images.
+#[derive(Clone, Copy, Debug)]
+pub struct ImageThreads {
+    /// Their number, beside the caller's thread; below 2, the caller's decodes all.
+    pub count: usize,
+    /// The most memory in bytes of messages and pictures under way, apart from one that takes more.
+    pub bytes: usize,
+}
+
+impl ImageThreads {
+    /// The caller's thread alone.
+    pub const NONE: Self = Self { count: 0, bytes: 0 };
+}

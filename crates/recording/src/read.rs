@@ -6,7 +6,7 @@ use crate::cache::{CacheWriter, Steps};
 use crate::error::RecordingError;
 use crate::fill::fill;
 use crate::frames::{Episode, frame_bytes_per_step, pictures};
-use crate::limits::Limits;
+use crate::limits::{ImageThreads, Limits};
 use crate::plan::Plan;
 use crate::planner::plan;
 use crate::validate::validate_within;
@@ -30,18 +30,25 @@ pub struct Reading {
 }
 
 /// Reads a recording as an episode of this task and writes it as a frame cache, which appears under its name once it is
-/// whole. Memory follows the messages by a few dozen bytes each, and not their pictures.
+/// whole. Memory follows the messages by a few dozen bytes each, and not their pictures. The cache has the same bytes for
+/// any number of threads.
 ///
 /// # Errors
 /// [`RecordingError::Rejected`] with the whole report if a finding forbids the use; the other variants are the reasons why
 /// the file cannot be read or the cache cannot be written.
-pub fn cache_episode(path: &Path, spec: &TaskSpec, limits: &Limits, cache: &Path) -> Result<Report, RecordingError> {
+pub fn cache_episode(
+    path: &Path,
+    spec: &TaskSpec,
+    (limits, threads): (&Limits, ImageThreads),
+    cache: &Path,
+) -> Result<Report, RecordingError> {
     validate_within(spec, limits)?;
     let mut plan = plan(path, spec, limits)?;
     let mut report = Report::default();
     write_whole(cache, |out| {
         let mut writer = CacheWriter::begin(out, cache, spec, plan.stamps.len())?;
-        let shown = fill(path, spec, limits, &mut plan, &mut |stream, pixels| writer.picture(stream, pixels))?;
+        let keep = &mut |stream, pixels: &[u8], packed: Option<&[u8]>| writer.picture(stream, pixels, packed);
+        let shown = fill(path, spec, (limits, threads), &mut plan, keep)?;
         report = usable(&mut plan)?;
         let Plan { stamps, proprioception, action, .. } = &plan;
         writer.finish(&Steps { stamps, proprioception, action, shown: &shown })
@@ -73,7 +80,7 @@ pub fn read_episode_within(path: &Path, spec: &TaskSpec, limits: &Limits) -> Res
     validate_within(spec, limits)?;
     let mut plan = plan(path, spec, limits)?;
     let mut kept = vec![Vec::new(); plan.images.len()];
-    let shown = fill(path, spec, limits, &mut plan, &mut |stream, pixels| {
+    let shown = fill(path, spec, (limits, ImageThreads::NONE), &mut plan, &mut |stream, pixels, _| {
         kept[stream].push(pixels.to_vec());
         Ok(())
     })?;

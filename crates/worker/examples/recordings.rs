@@ -12,7 +12,7 @@ use std::{
 
 use gleaner_data_folder::{blobs::Blobs, frames_path};
 use gleaner_recording::{
-    CameraRef, EpisodeWriter, ImageRef, Limits, ObservationRef, PixelFormat, TaskSpec, cache_episode,
+    CameraRef, EpisodeWriter, ImageRef, ImageThreads, Limits, ObservationRef, PixelFormat, TaskSpec, cache_episode,
 };
 
 fn main() {
@@ -34,7 +34,8 @@ fn main() {
         std::fs::create_dir_all(place.parent().expect("a blob lies in a folder")).expect("the folder can be made");
         std::fs::write(&place, &recording).expect("the disk has room");
         let decoded = scratch.join("decoded");
-        cache_episode(&place, &spec, &Limits::ADMITTED, &decoded).expect("the recording is sound and SCRATCH has room");
+        cache_episode(&place, &spec, (&Limits::ADMITTED, ImageThreads::NONE), &decoded)
+            .expect("the recording is sound and SCRATCH has room");
         std::fs::copy(&decoded, frames_path(data_dir, &id, &spec)).expect("the disk has room");
         writeln!(out, "{id} {}", recording.len()).expect("standard output can be written");
     }

@@ -12,7 +12,7 @@ use std::{
 use gleaner_learn::{
     LearnError, Numbers, SourceError, StepSource, StepWidths, TaskShape, Trajectory, WeightedSegments,
 };
-use gleaner_recording::{FrameCache, Limits, RecordingError, TaskSpec};
+use gleaner_recording::{FrameCache, ImageThreads, Limits, RecordingError, TaskSpec};
 
 use super::failure::Failure;
 use gleaner_core::work::{InputEpisode, KeptInput};
@@ -20,6 +20,9 @@ use gleaner_data_folder::{FramePaths, blobs::Blobs, caches::note_use};
 
 /// Threads that open episodes: most of their time they wait for the disk, 0.1 ms for each of 100,000 files.
 const OPENING: usize = 8;
+
+/// The most memory of images that are decoded ahead while a cache is rebuilt.
+const REBUILDING: usize = 64 << 20;
 
 /// Opens the episodes of one task. An open episode takes a few hundred bytes, and no file.
 pub(crate) struct Episodes(Arc<Folder>);
@@ -125,7 +128,10 @@ impl Folder {
         self.blobs.make_cache_room(std::fs::metadata(&recording).map_or(0, |file| file.len()))?;
         let cache = self.paths.of(&input.recording);
         // The recording was accepted, possibly under wider limits than the present ones.
-        gleaner_recording::cache_episode(&recording, &self.task, &Limits::ADMITTED, &cache).map_err(fault)?;
+        let count = thread::available_parallelism().map_or(1, |processors| processors.get().min(OPENING));
+        let threads = ImageThreads { count, bytes: REBUILDING };
+        gleaner_recording::cache_episode(&recording, &self.task, (&Limits::ADMITTED, threads), &cache)
+            .map_err(fault)?;
         Ok(())
     }
 }

@@ -4,6 +4,7 @@ mod failure;
 
 use std::{
     ffi::OsString,
+    num::NonZero,
     path::{Path, PathBuf},
     process::{ExitStatus, Stdio},
     time::Duration,
@@ -30,6 +31,9 @@ const STDERR_BYTES: u64 = 16 << 10;
 /// JPEG images are decoded and compressed, because compressed video takes more time a byte.
 const BYTES_PER_SECOND: u64 = 512 << 10;
 
+/// More threads would wait for the one that reads the recording.
+const MOST_THREADS: usize = 16;
+
 /// Starts inspections.
 #[derive(Debug)]
 pub(super) struct Inspector {
@@ -39,6 +43,7 @@ pub(super) struct Inspector {
     /// Memory of one inspection.
     pub(super) memory_bytes: u64,
     seconds: u64,
+    threads: usize,
     /// The limits on a recording's content.
     pub(super) limits: RecordingsConfig,
     pub(super) slots: Slots,
@@ -58,6 +63,7 @@ impl Inspector {
             tmp: data_dir.join("tmp"),
             memory_bytes: limits.inspect_memory_bytes,
             seconds: limits.inspect_seconds,
+            threads: threads(limits),
             limits: limits.recordings.clone(),
             slots: Slots::new(limits.inspect_parallel),
         })
@@ -143,6 +149,7 @@ impl Inspector {
             pictures: None,
             memory_bytes: self.memory_bytes,
             seconds: self.seconds.saturating_add(size / BYTES_PER_SECOND),
+            threads: self.threads,
             limits: self.limits.clone(),
         })
     }
@@ -203,6 +210,16 @@ impl Inspector {
             }
         }
     }
+}
+
+/// Threads of one inspection, at most as many as are of use.
+fn threads(limits: &LimitConfig) -> usize {
+    let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
+    let threads = match limits.inspect_threads {
+        0 => processors.div_ceil(limits.inspect_parallel.max(1)),
+        threads => threads,
+    };
+    threads.min(MOST_THREADS)
 }
 
 const SPEC: &str = "spec.json";

@@ -1,7 +1,10 @@
 //! A long recording, and its inspection under a limit on memory.
 
+use std::fs::File;
+use std::io::Write;
 use std::path::Path;
 use std::process::{Command, ExitStatus};
+use std::time::Instant;
 
 use gleaner_inspector::{Order, RecordingsConfig, Verdict};
 use gleaner_recording::{
@@ -76,7 +79,7 @@ impl Long {
     }
 
     /// Inspects the recording in `folder` with this much memory.
-    fn inspect(&self, folder: &Path, memory_bytes: u64) -> (ExitStatus, Option<Verdict>) {
+    fn inspect(&self, folder: &Path, memory_bytes: u64, threads: usize) -> (ExitStatus, Option<Verdict>) {
         let order = Order {
             recording: folder.join("recording.mcap"),
             spec: folder.join("spec.json"),
@@ -87,6 +90,7 @@ impl Long {
             pictures: None,
             memory_bytes,
             seconds: 7200,
+            threads,
             limits: RecordingsConfig::from(Limits::default()),
         };
         std::fs::write(&order.spec, serde_json::to_vec(&self.spec()).unwrap()).unwrap();
@@ -95,17 +99,44 @@ impl Long {
         (status, verdict)
     }
 
-    /// Checks that the recording is accepted with this much memory, far less than its pictures take.
-    pub(crate) fn passes_within(&self, memory_bytes: u64) {
+    /// Checks that the recording is accepted with this much memory, far less than its pictures take, with each of these
+    /// numbers of threads, and that all write the same cache. Returns the seconds of each inspection.
+    pub(crate) fn passes_within(&self, memory_bytes: u64, threads: &[usize]) -> Vec<f64> {
         let folder = tempfile::tempdir().unwrap();
         self.write(&folder.path().join("recording.mcap"));
-        let (status, verdict) = self.inspect(folder.path(), memory_bytes);
-        let Some(Verdict::Usable(report)) = verdict else { unreachable!("{status}: {verdict:?}") };
-        assert_eq!((report.steps, report.findings.as_slice()), (self.steps.into(), &[][..]));
+        let (mut seconds, mut digests) = (Vec::new(), Vec::new());
+        for &threads in threads {
+            let begun = Instant::now();
+            let (status, verdict) = self.inspect(folder.path(), memory_bytes, threads);
+            seconds.push(begun.elapsed().as_secs_f64());
+            let Some(Verdict::Usable(report)) = verdict else {
+                unreachable!("{threads} threads, {status}: {verdict:?}")
+            };
+            assert_eq!((report.steps, report.findings.as_slice()), (self.steps.into(), &[][..]));
+            let mut digest = crc32fast::Hasher::new();
+            std::io::copy(&mut File::open(folder.path().join("frames")).unwrap(), &mut Sink(&mut digest)).unwrap();
+            digests.push(digest.finalize());
+        }
+        assert!(digests.iter().all(|digest| *digest == digests[0]), "{digests:?}");
         let cache = FrameCache::open(&folder.path().join("frames"), &self.spec()).unwrap();
         let last = cache.steps() - 1;
         let decoded = cache.frames(last..last + 1).unwrap();
         assert!((cache.steps() * decoded.len()) as u64 > 2 * memory_bytes, "the pictures would fit into memory");
         assert!(decoded.iter().any(|value| *value != decoded[0]));
+        seconds
+    }
+}
+
+/// Writes to a checksum.
+struct Sink<'a>(&'a mut crc32fast::Hasher);
+
+impl Write for Sink<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.update(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
     }
 }

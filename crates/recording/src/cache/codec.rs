@@ -10,19 +10,19 @@ use zstd::bulk::{Compressor, Decompressor};
 const LEVEL: i32 = 1;
 
 /// Compresses pictures one after the other; its memory is reused.
-pub(super) struct Packer {
+pub(crate) struct Packer {
     compressor: Compressor<'static>,
     differences: Vec<u8>,
     packed: Vec<u8>,
 }
 
 impl Packer {
-    pub(super) fn new() -> io::Result<Self> {
+    pub(crate) fn new() -> io::Result<Self> {
         Ok(Self { compressor: Compressor::new(LEVEL)?, differences: Vec::new(), packed: Vec::new() })
     }
 
     /// The packed bytes of a picture with rows of `row_bytes`, valid until the next call.
-    pub(super) fn pack(&mut self, pixels: &[u8], row_bytes: usize) -> io::Result<&[u8]> {
+    pub(crate) fn pack(&mut self, pixels: &[u8], row_bytes: usize) -> io::Result<&[u8]> {
         self.differences.clear();
         self.differences.extend_from_slice(pixels.get(..row_bytes).unwrap_or(pixels));
         let below = pixels.iter().skip(row_bytes).zip(pixels);

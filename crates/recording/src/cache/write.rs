@@ -56,12 +56,20 @@ impl<'a> CacheWriter<'a> {
         Ok(Self { path, out, head, places: vec![Vec::new(); forms.len()], forms, offset, packer })
     }
 
-    /// Adds the next picture of a stream.
+    /// Adds the next picture of a stream, and packs it unless it is packed already.
     ///
     /// # Errors
     /// [`RecordingError::Io`].
-    pub(crate) fn picture(&mut self, stream: usize, pixels: &[u8]) -> Result<(), RecordingError> {
-        let packed = self.packer.pack(pixels, self.forms[stream].row_bytes).map_err(io_error(self.path))?;
+    pub(crate) fn picture(
+        &mut self,
+        stream: usize,
+        pixels: &[u8],
+        packed: Option<&[u8]>,
+    ) -> Result<(), RecordingError> {
+        let packed = match packed {
+            Some(packed) => packed,
+            None => self.packer.pack(pixels, self.forms[stream].row_bytes).map_err(io_error(self.path))?,
+        };
         self.out.write_all(packed).map_err(io_error(self.path))?;
         // A step's images have at most 1 GiB.
         let length = u32::try_from(packed.len()).unwrap_or(u32::MAX);
@@ -116,7 +124,7 @@ impl Episode {
                 let mut number = 0;
                 for step in 0..self.steps() {
                     if step == 0 || image(step) != image(step - 1) {
-                        writer.picture(stream, image(step))?;
+                        writer.picture(stream, image(step), None)?;
                         number += 1;
                     }
                     shown[stream].push(number);
