@@ -1,6 +1,7 @@
 //! Tests of the whole crate: real recordings, each finding, and damaged files.
 
 mod bombs;
+mod caches;
 mod corpus;
 mod damage;
 mod findings;

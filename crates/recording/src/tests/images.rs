@@ -142,3 +142,38 @@ fn an_image_that_is_held_is_a_gap_and_not_a_frozen_camera() {
     let report = read_bytes(&held.mcap(), &task()).unwrap().report;
     check(&report, Severity::Warning, FindingCode::Gap, "/front/color");
 }
+
+#[test]
+fn a_size_that_changes_in_the_middle_is_one_finding_at_its_first_step() {
+    let half = |step: usize| {
+        let small = json!({
+            "frame_id": "front", "width": 8, "height": 8, "encoding": "rgb8", "step": 24,
+            "data": STANDARD.encode([7; 8 * 8 * 3]),
+        });
+        (if step < 4 { raw("rgb8", 3, &color(step)) } else { small }, raw("16UC1", 2, &depth(step)))
+    };
+    let finding = check(&scene(9, half).report(&task()), Severity::Error, FindingCode::WrongSize, "/front/color");
+    assert_eq!(finding.first_step, Some(4));
+    assert!(finding.detail.contains("8×8") && finding.detail.contains("5 images alike"), "{}", finding.detail);
+}
+
+#[test]
+fn odd_sizes_are_read_in_every_form() {
+    let (height, width) = (7, 13);
+    let mut spec = task();
+    (spec.cameras[0].height, spec.cameras[0].width) = (height, width);
+    let rgb: Vec<u8> = (0..7 * 13 * 3).map(|at| u8::try_from(at % 200).unwrap()).collect();
+    let far = 700_u16.to_le_bytes().repeat(7 * 13);
+    let of = |encoding: &str, pixel_bytes: usize, data: &[u8]| {
+        let step = 13 * pixel_bytes;
+        let data = STANDARD.encode(data);
+        json!({"frame_id": "f", "width": 13, "height": 7, "encoding": encoding, "step": step, "data": data})
+    };
+    let jpeg = encode_jpeg(&rgb, height, width, 92).unwrap();
+    let colors = [of("rgb8", 3, &rgb), json!({"format": "jpeg", "data": STANDARD.encode(&jpeg)})];
+    let reading = scene(2, |step| (colors[step].clone(), of("16UC1", 2, &far))).read(&spec).unwrap();
+    assert_eq!(reading.report.findings, []);
+    let sizes = spec.cameras[0].sizes();
+    let shown = decode_color(&jpeg, PixelFormat::Auto, &sizes).unwrap();
+    assert!(reading.episode.frames().as_ref() == [&rgb[..], &far, &shown, &far].concat());
+}

@@ -55,7 +55,12 @@ impl Scene {
     }
 
     pub(crate) fn mcap(&self) -> Vec<u8> {
-        let mut writer = mcap::WriteOptions::new().use_chunks(false).create(Cursor::new(Vec::new())).unwrap();
+        self.written(mcap::WriteOptions::new().use_chunks(false))
+    }
+
+    /// The recording as a writer with these options leaves it.
+    pub(super) fn written(&self, options: mcap::WriteOptions) -> Vec<u8> {
+        let mut writer = options.create(Cursor::new(Vec::new())).unwrap();
         for (topic, stamp, log, content) in &self.messages {
             let channel = writer.add_channel(0, topic, "json", &BTreeMap::new()).unwrap();
             let mut content = content.clone();

@@ -1,5 +1,6 @@
 //! Video in recordings: streams of `gleaner-video`'s fixtures as messages.
 
+mod oddities;
 mod stretches;
 
 use std::path::Path;

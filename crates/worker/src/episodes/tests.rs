@@ -82,6 +82,12 @@ fn an_episode_is_read_again_after_its_cache_is_evicted_or_damaged() {
         assert!((frames(&stored), stored.numbers(0..12).unwrap()) == before, "byte {at}");
         assert!(fs::read(lab.cache()).unwrap() == whole);
     }
+    // A file of an earlier version.
+    let mut earlier = whole.clone();
+    earlier[8] -= 1;
+    fs::write(lab.cache(), earlier).unwrap();
+    assert!(frames(&lab.episodes().stored(&lab.input).unwrap()) == before.0);
+    assert!(fs::read(lab.cache()).unwrap() == whole);
     fs::write(lab.cache(), &whole[..whole.len() / 3]).unwrap();
     assert!(frames(&lab.episodes().stored(&lab.input).unwrap()) == before.0);
 }
