@@ -22,6 +22,9 @@ use gleaner_data_folder::{FEATURES, blobs::Blobs, caches, frames_path};
 /// cannot be rebuilt.
 const SPARE: u64 = 2 << 30;
 
+/// The level of compression: values of features are used about equally often, which every level finds.
+const LEVEL: i32 = 1;
+
 /// The features of a job's episodes under one encoder.
 pub(crate) struct KeptFeatures<'a> {
     blobs: &'a Blobs,
@@ -51,8 +54,10 @@ impl<'a> KeptFeatures<'a> {
         Self { blobs, unfinished: data_dir.join("tmp"), places, full: Cell::new(false) }
     }
 
-    /// Writes a digest of the key and the bytes, then the bytes; the file gets its name once it is complete.
+    /// Writes a digest of the key and of the compressed bytes, then these; the file gets its name once it is complete.
     fn write(&self, place: &Place, bytes: &[u8]) -> Result<()> {
+        let bytes =
+            &*zstd::bulk::compress(bytes, LEVEL).map_err(|error| Error::internal("compressing features", error))?;
         self.blobs.expect_room(SPARE.saturating_add(bytes.len() as u64))?;
         self.blobs.caches().fit(bytes.len() as u64)?;
         let fault = |error: std::io::Error| Error::internal(format!("keeping {}", place.path.display()), error);
@@ -83,15 +88,14 @@ impl FeatureStore for KeptFeatures<'_> {
     fn get(&self, episode: &str) -> Option<Vec<u8>> {
         let place = self.places.get(episode)?;
         // In most cases there is no file.
-        let mut bytes = std::fs::read(&place.path).ok()?;
+        let bytes = std::fs::read(&place.path).ok()?;
         caches::note_use(&place.path);
         let (digest, features) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>()?;
         if place.digest(features) != *digest {
             tracing::warn!(episode.id = episode, "its kept features are damaged; computing them again");
             return None;
         }
-        bytes.drain(..blake3::OUT_LEN);
-        Some(bytes)
+        zstd::stream::decode_all(features).ok()
     }
 
     fn put(&self, episode: &str, bytes: &[u8]) {

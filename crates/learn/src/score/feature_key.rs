@@ -7,8 +7,8 @@ use super::scorer;
 use crate::error::LearnError;
 
 /// To be raised with every change of this program or of libtorch that changes the features of the same encoder, episode
-/// and settings.
-const VERSION: u32 = 1;
+/// and settings, and of their form in a store.
+const VERSION: u32 = 2;
 
 /// The values that, besides the encoder and the episode, decide a segment's features to the last bit; `None` where
 /// storing features costs no less than computing them.

@@ -7,7 +7,8 @@ use gleaner_search::{Index, Match, Metric};
 
 use super::base::Known;
 use super::comparison::Comparison;
-use super::features::{Encoder, FeatureStore, Features, episode_features, kept, widths};
+use super::features::kept::{self, Kept};
+use super::features::{Encoder, FeatureStore, Features, Rough, episode_features, widths};
 use super::similarity::metric;
 use super::{EpisodeScores, local};
 use crate::error::LearnError;
@@ -102,7 +103,7 @@ impl Run<'_> {
         }
         let mut features = Vec::with_capacity(self.experts.len());
         for expert in self.experts {
-            features.push(self.features(expert)?);
+            features.push(self.exact(expert)?);
         }
         let metric = metric(self.comparison.similarity, self.comparison.scale);
         let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
@@ -160,7 +161,24 @@ impl Run<'_> {
             self.progress.advance(matches.len())?;
             return Ok(self.describe(&episode.id, Role::Imperfect, &matches));
         }
-        let features = self.features(episode)?;
+        let kept = self.kept_features(episode);
+        if let (Some(known), Some(new), Some(Kept::Rough(rough))) = (&known, &indexes.new, &kept)
+            && self.stay(episode, new, rough, known)?
+        {
+            let matches: Vec<Match> = known.iter().flatten().copied().collect();
+            self.progress.advance(matches.len())?;
+            return Ok(self.describe(&episode.id, Role::Imperfect, &matches));
+        }
+        let features = match kept {
+            Some(Kept::Exact(features)) => features,
+            Some(Kept::Rough(_)) => self.encoded(episode)?,
+            None => {
+                let features = self.encoded(episode)?;
+                self.keep(episode, kept::rough_bytes(&features));
+                features
+            }
+        };
+        self.progress.advance(features.count())?;
         self.nearest((&episode.id, Role::Imperfect), &features, indexes, known)?.ok_or_else(|| {
             LearnError::invalid(
                 format!("episode {}", episode.id),
@@ -177,8 +195,7 @@ impl Run<'_> {
         indexes: &Indexes,
         known: Option<Vec<Option<Match>>>,
     ) -> Result<Option<EpisodeScores>, LearnError> {
-        let own = self.experts.binary_search_by(|expert| expert.id.as_str().cmp(id)).ok();
-        let own = own.and_then(|number| u32::try_from(number).ok());
+        let own = self.number(id);
         let matches = match (known, &indexes.new) {
             (None, _) => indexes.all.nearest(queries, own)?,
             (Some(mut known), new) => {
@@ -191,27 +208,52 @@ impl Run<'_> {
         Ok(matches.map(|matches| self.describe(id, role, &matches)))
     }
 
-    fn features(&mut self, trajectory: &Trajectory) -> Result<Features, LearnError> {
-        let features = match self.kept_features(trajectory) {
-            Some(features) => features,
-            None => self.encoded(trajectory)?,
+    /// Whether all segments of an episode keep their known matches, by its rounded features.
+    fn stay(
+        &self,
+        episode: &Trajectory,
+        new: &Index,
+        rough: &Rough,
+        known: &[Option<Match>],
+    ) -> Result<bool, LearnError> {
+        let metric = metric(self.comparison.similarity, self.comparison.scale);
+        let nearest = new.nearest(rough.points(), self.number(&episode.id))?;
+        Ok(nearest.is_none_or(|nearest| rough.stay(known, &nearest, &metric)))
+    }
+
+    /// The number of the expert of this id.
+    fn number(&self, id: &str) -> Option<u32> {
+        let own = self.experts.binary_search_by(|expert| expert.id.as_str().cmp(id)).ok();
+        own.and_then(|number| u32::try_from(number).ok())
+    }
+
+    /// The features of an expert, which all others are compared with, so they are kept as they are.
+    fn exact(&mut self, expert: &Trajectory) -> Result<Features, LearnError> {
+        let features = if let Some(Kept::Exact(features)) = self.kept_features(expert) {
+            features
+        } else {
+            let features = self.encoded(expert)?;
+            self.keep(expert, kept::exact_bytes(&features));
+            features
         };
         self.progress.advance(features.count())?;
         Ok(features)
     }
 
-    fn kept_features(&self, trajectory: &Trajectory) -> Option<Features> {
+    fn kept_features(&self, trajectory: &Trajectory) -> Option<Kept> {
         let network = self.encoder.network;
         let bytes = self.kept?.get(&trajectory.id)?;
         kept::from_bytes(&bytes, trajectory.steps(), widths(network, self.comparison))
     }
 
     fn encoded(&self, trajectory: &Trajectory) -> Result<Features, LearnError> {
-        let features = sound(episode_features(self.encoder, trajectory, self.comparison)?, &trajectory.id)?;
-        if let (Some(store), Ok(bytes)) = (self.kept, kept::to_bytes(&features)) {
+        sound(episode_features(self.encoder, trajectory, self.comparison)?, &trajectory.id)
+    }
+
+    fn keep(&self, trajectory: &Trajectory, bytes: Result<Vec<u8>, LearnError>) {
+        if let (Some(store), Ok(bytes)) = (self.kept, bytes) {
             store.put(&trajectory.id, &bytes);
         }
-        Ok(features)
     }
 
     fn describe(&self, id: &str, role: Role, matches: &[Match]) -> EpisodeScores {

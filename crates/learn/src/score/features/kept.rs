@@ -6,10 +6,13 @@ use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 
 use super::Features;
+use super::rough::{Codes, Rough};
 use crate::error::LearnError;
 
 /// The modalities' names in the bytes.
 const NAMES: [&str; 3] = ["o", "m", "a"];
+/// The names of the values of a code of 1, and of the longest distances between features and their codes.
+const BOUNDS: [&str; 2] = ["steps", "moved"];
 
 /// Stores features from one run to the next. One store is for one encoder and one
 /// [`features_kind`](crate::features_kind).
@@ -34,12 +37,18 @@ impl FeatureStore for Forgetful {
     fn put(&self, _: &str, _: &[u8]) {}
 }
 
-/// The features as bytes.
+/// Kept features.
+pub(in crate::score) enum Kept {
+    Exact(Features),
+    Rough(Rough),
+}
+
+/// The features as bytes, exactly: four bytes a value.
 ///
 /// # Errors
 /// [`LearnError::Checkpoint`] when they do not fit the format, which does not happen.
-pub(in crate::score) fn to_bytes(features: &Features) -> Result<Vec<u8>, LearnError> {
-    let bytes = [0, 1, 2].map(|i| features.values(i).iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>());
+pub(in crate::score) fn exact_bytes(features: &Features) -> Result<Vec<u8>, LearnError> {
+    let bytes = [0, 1, 2].map(|i| little_endian(features.values(i)));
     let views =
         NAMES.iter().zip(&bytes).zip(features.widths()).map(|((name, bytes), width)| {
             Ok((*name, TensorView::new(Dtype::F32, vec![features.count(), width], bytes)?))
@@ -47,41 +56,98 @@ pub(in crate::score) fn to_bytes(features: &Features) -> Result<Vec<u8>, LearnEr
     Ok(serialize(views.collect::<Result<Vec<_>, LearnError>>()?, None::<HashMap<String, String>>)?)
 }
 
-/// The features in the result of [`to_bytes`]; `None` unless they are `count` comparable rows of these widths.
-pub(in crate::score) fn from_bytes(bytes: &[u8], count: usize, widths: [usize; 3]) -> Option<Features> {
-    let tensors = SafeTensors::deserialize(bytes).ok()?;
-    let mut values: [Vec<f32>; 3] = Default::default();
-    for ((name, width), values) in NAMES.iter().zip(widths).zip(&mut values) {
-        let view = tensors.tensor(name).ok()?;
-        if view.dtype() != Dtype::F32 || view.shape() != [count, width] {
-            return None;
-        }
-        let (floats, _) = view.data().as_chunks::<4>();
-        *values = floats.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+/// The features as bytes, rounded: one byte a value.
+///
+/// # Errors
+/// As [`exact_bytes`].
+pub(in crate::score) fn rough_bytes(features: &Features) -> Result<Vec<u8>, LearnError> {
+    let Codes { codes, steps, moved } = Codes::of(features);
+    let bytes = codes.map(|codes| codes.iter().map(|code| code.to_le_bytes()[0]).collect::<Vec<u8>>());
+    let bounds = [little_endian(&steps), little_endian(&moved)];
+    let mut views = Vec::new();
+    for ((name, bytes), width) in NAMES.iter().zip(&bytes).zip(features.widths()) {
+        views.push((*name, TensorView::new(Dtype::I8, vec![features.count(), width], bytes)?));
     }
-    Features::new(values, widths).ok()
+    for (name, bytes) in BOUNDS.iter().zip(&bounds) {
+        views.push((*name, TensorView::new(Dtype::F32, vec![3], bytes)?));
+    }
+    Ok(serialize(views, None::<HashMap<String, String>>)?)
+}
+
+/// The features in the result of [`exact_bytes`] or [`rough_bytes`]; `None` unless they are `count` comparable rows of
+/// these widths.
+pub(in crate::score) fn from_bytes(bytes: &[u8], count: usize, widths: [usize; 3]) -> Option<Kept> {
+    let tensors = SafeTensors::deserialize(bytes).ok()?;
+    let data = |name: &str, kind: Dtype, shape: &[usize]| {
+        let view = tensors.tensor(name).ok()?;
+        (view.dtype() == kind && view.shape() == shape).then(|| view.data().to_vec())
+    };
+    let parts = |kind: Dtype| -> Option<Vec<Vec<u8>>> {
+        NAMES.iter().zip(widths).map(|(name, width)| data(name, kind, &[count, width])).collect()
+    };
+    if let Some(values) = parts(Dtype::F32) {
+        let values: Vec<Vec<f32>> = values.iter().map(|bytes| floats(bytes)).collect();
+        return Features::new(values.try_into().ok()?, widths).ok().map(Kept::Exact);
+    }
+    let codes =
+        parts(Dtype::I8)?.into_iter().map(|bytes| bytes.into_iter().map(|byte| i8::from_le_bytes([byte])).collect());
+    let codes: [Vec<i8>; 3] = codes.collect::<Vec<_>>().try_into().ok()?;
+    let bound = |name| -> Option<[f32; 3]> { floats(&data(name, Dtype::F32, &[3])?).try_into().ok() };
+    let codes = Codes { codes, steps: bound(BOUNDS[0])?, moved: bound(BOUNDS[1])? };
+    codes.rough(count, widths).map(Kept::Rough)
+}
+
+fn little_endian(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+}
+
+fn floats(bytes: &[u8]) -> Vec<f32> {
+    bytes.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn exact(kept: Option<Kept>) -> Option<Features> {
+        kept.and_then(|kept| if let Kept::Exact(features) = kept { Some(features) } else { None })
+    }
+
     #[test]
     fn bytes_give_the_features_back_and_others_nothing() {
         let values = [vec![1.0, -0.0, 1e-40, 3.5], vec![2.0, f32::MIN_POSITIVE], vec![0.1, 0.2, 0.3, 0.4, 0.5, 0.6]];
         let features = Features::new(values, [2, 1, 3]).unwrap();
-        let bytes = to_bytes(&features).unwrap();
-        let read = from_bytes(&bytes, 2, [2, 1, 3]).unwrap();
+        let bytes = exact_bytes(&features).unwrap();
+        let read = exact(from_bytes(&bytes, 2, [2, 1, 3])).unwrap();
         let bits =
             |features: &Features| (0..3).flat_map(|i| features.values(i)).map(|x| x.to_bits()).collect::<Vec<u32>>();
         assert_eq!((bits(&read), read.widths()), (bits(&features), features.widths()));
-        for (count, widths) in [(1, [2, 1, 3]), (2, [2, 3, 1]), (2, [4, 2, 6]), (3, [2, 1, 3])] {
-            assert!(from_bytes(&bytes, count, widths).is_none(), "{count} {widths:?}");
+        let rough = rough_bytes(&features).unwrap();
+        for bytes in [&bytes, &rough] {
+            for (count, widths) in [(1, [2, 1, 3]), (2, [2, 3, 1]), (2, [4, 2, 6]), (3, [2, 1, 3])] {
+                assert!(from_bytes(bytes, count, widths).is_none(), "{count} {widths:?}");
+            }
+            assert!(from_bytes(&bytes[..bytes.len() - 1], 2, [2, 1, 3]).is_none());
         }
-        assert!(from_bytes(&bytes[..bytes.len() - 1], 2, [2, 1, 3]).is_none());
         assert!(from_bytes(b"features", 2, [2, 1, 3]).is_none());
         let mut unsound = Features::empty([1; 3]);
         unsound.extend([[f32::NAN], [0.0], [0.0]]);
-        assert!(from_bytes(&to_bytes(&unsound).unwrap(), 1, [1; 3]).is_none());
+        assert!(from_bytes(&exact_bytes(&unsound).unwrap(), 1, [1; 3]).is_none());
+    }
+
+    #[test]
+    fn rough_features_take_a_byte_a_value() {
+        let values = [vec![1.0, -2.54, 0.5, 3.0], vec![2.0, 0.3], vec![0.1, 0.2, 0.3, 0.4, 0.5, 0.6]];
+        let features = Features::new(values, [2, 1, 3]).unwrap();
+        let bytes = rough_bytes(&features).unwrap();
+        let Some(Kept::Rough(rough)) = from_bytes(&bytes, 2, [2, 1, 3]) else { panic!("not rough") };
+        for part in 0..3 {
+            for (found, exact) in rough.points().values(part).iter().zip(features.values(part)) {
+                assert!((found - exact).abs() <= 3.0 / 127.0 / 2.0, "{found} for {exact}");
+            }
+        }
+        let many = Features::new([vec![0.5; 128_000], vec![0.5; 128_000], vec![0.5; 128_000]], [128; 3]).unwrap();
+        let (rough, exact) = (rough_bytes(&many).unwrap().len(), exact_bytes(&many).unwrap().len());
+        assert!(rough * 4 < exact + 2000, "{rough} of {exact}");
     }
 }

@@ -4,6 +4,7 @@
 pub(super) mod kept;
 mod learned;
 pub(super) mod raw;
+mod rough;
 mod states;
 
 use crate::batch::{Segment, Windows, int, rows, values};
@@ -16,6 +17,7 @@ use crate::trajectory::Trajectory;
 use tch::Tensor;
 
 pub use kept::{FeatureStore, Forgetful};
+pub(super) use rough::Rough;
 pub(super) use states::states;
 
 /// Number of steps encoded, and of windows passed, at a time. It bounds memory; being fixed, it makes an episode's

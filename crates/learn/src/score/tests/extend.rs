@@ -168,8 +168,10 @@ impl FeatureStore for Memory {
 }
 
 #[test]
-fn kept_features_give_the_same_bits_and_are_not_encoded_again() {
-    let (experts, imperfect) = (toy::experts(4, 8), failures(3));
+fn kept_features_give_the_same_bits_and_are_not_encoded_again_without_need() {
+    let (experts, mut imperfect) = (toy::experts(4, 8), failures(3));
+    // So near to the first expert that no further one is nearer.
+    imperfect[0] = Trajectory { id: imperfect[0].id.clone(), ..experts[0].clone() };
     for spec in specs() {
         let kept = Memory::default();
         let inputs = ScoreInputs { encoder: &encoder(), experts: &experts[..3], imperfect: &imperfect, kept: &kept };
