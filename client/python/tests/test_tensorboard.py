@@ -9,9 +9,7 @@ from conftest import Lab
 from programs import cli
 
 
-def test_tensorboard_reads_the_curves_of_a_job(
-    server: str, client: gleaner.Client, lab: Lab, tmp_path: Path
-) -> None:
+def test_tensorboard_reads_the_curves_of_a_job(server: str, client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:
     cli("--server", server, "metrics", lab.pretrain.id, "--tensorboard", str(tmp_path))
     events = EventAccumulator(str(tmp_path))
     events.Reload()
