@@ -49,7 +49,9 @@ def sizes(task: Any, state: int | None, action: int | None) -> None:
         expected = sum(field.size for field in fields)
         if found is not None and found != expected:
             listed = ", ".join(f"{field.name} ({field.size})" for field in fields)
-            raise ValueError(f"{key}: the robot has {found} values, {name} of task {task.name} has {expected}: {listed}")
+            raise ValueError(
+                f"{key}: the robot has {found} values, {name} of task {task.name} has {expected}: {listed}"
+            )
 
 
 def _list(names: Mapping[str, object]) -> str:
