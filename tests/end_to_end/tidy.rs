@@ -120,7 +120,7 @@ fn crates_are_named_in_their_place_only() {
 }
 
 /// Every crate of the workspace but its tests and benches, and the others that it may name.
-const CRATES: [(&str, &[&str]); 17] = [
+const CRATES: [(&str, &[&str]); 18] = [
     ("proto", &[]),
     ("crates/core", &["proto"]),
     ("crates/data-folder", &["core"]),
