@@ -44,7 +44,9 @@ fn scores(path: &Path, fields: &[&str]) -> Vec<(String, u64, String)> {
     let mut found = Vec::new();
     scan(path, &Limits::default(), &mut |record| {
         let Record::Message { header, data } = record else { return channels.declare(&record, &scores::is_own) };
-        if let Some((topic, _, Ok(decoder))) = channels.next(header.channel_id) {
+        if let Some((topic, _, decoder)) = channels.next(header.channel_id)
+            && let Ok(decoder) = &**decoder
+        {
             let value = decoder.decode(data).unwrap();
             let shown = |name: &&str| match (value.number(name), value.text(name)) {
                 (Some(number), _) => format!("{number}"),
