@@ -38,6 +38,8 @@ pub const NAMES: [&str; 63] = [
     "result.blob_kept",
     "result.committed",
     "result.rows_written",
+    "process.committed",
+    "process.row_written",
     "rollout.committed",
     "rollout.kept",
     "rollout.linked",

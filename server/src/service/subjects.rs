@@ -77,7 +77,7 @@ messages! {
     SubmitPipelineResponse { dataset_id }
     CancelJobRequest { job_id }
     CancelJobResponse { job }
-    Job { id, task_id, spec, result_id }
+    Job { id, task_id, spec, result_id, engine_id }
     JobSpec { ; spec }
     PretrainSpec { snapshot_id }
     ScoreSpec { encoder_id, snapshot_id }

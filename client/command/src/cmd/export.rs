@@ -36,7 +36,7 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_name = "EPISODE", requires = "scores", conflicts_with_all = ["dataset", "format", "depth"])]
     episode: Option<String>,
     /// Id of the score run of the episode.
-    #[arg(long, value_name = "RUN", requires = "episode")]
+    #[arg(long, value_name = "RUN", requires = "episode", conflicts_with = "dataset")]
     scores: Option<String>,
     /// Threshold above which a step of the episode is marked as kept, 0 to 1.
     #[arg(long, default_value_t = DEFAULT_BETA, requires = "episode")]
