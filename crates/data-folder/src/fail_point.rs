@@ -3,7 +3,7 @@
 //! Only the feature `fail-points`, which the tests alone enable, compiles them in. Must not depend on other modules.
 
 /// Every fail point. Each is at one place of the sources.
-pub const NAMES: [&str; 63] = [
+pub const NAMES: [&str; 65] = [
     "attempt.committed",
     "attempt.row_written",
     "blob.folder_synced",
@@ -33,13 +33,13 @@ pub const NAMES: [&str; 63] = [
     "jobs.rows_written",
     "label.committed",
     "label.rows_written",
+    "process.committed",
+    "process.row_written",
     "progress.committed",
     "progress.rows_written",
     "result.blob_kept",
     "result.committed",
     "result.rows_written",
-    "process.committed",
-    "process.row_written",
     "rollout.committed",
     "rollout.kept",
     "rollout.linked",

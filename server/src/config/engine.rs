@@ -28,7 +28,7 @@ pub struct EngineConfig {
     /// certificate of --tls-cert; each call needs the token of a running attempt.
     #[arg(long, env = "GLEANER_WORKER_LISTEN", value_name = "ADDRESS")]
     pub worker_listen: Option<SocketAddr>,
-    /// URL at which the nodes reach `--worker-listen`, such as https://gleaner.lab:7402. Default: that address itself.
+    /// URL at which the nodes reach `--worker-listen`, such as `https://gleaner.lab:7402`. Default: that address itself.
     #[arg(long, env = "GLEANER_WORKER_URL", value_name = "URL")]
     pub worker_url: Option<String>,
     /// Authority that signed the certificate of --tls-cert: a PEM file on this machine, whose content is sent to the
