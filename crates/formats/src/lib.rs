@@ -1,8 +1,8 @@
 //! Datasets as files that other programs read: steps in, files out.
 //!
-//! [`write`] is the one way in. An [`Export`] has the pieces of a dataset (experts whole, each kept stretch of an imperfect
+//! [`write()`] is the one way in. An [`Export`] has the pieces of a dataset (experts whole, each kept stretch of an imperfect
 //! episode), reads their steps, and takes each finished file. A format is one file here, or a folder, and a line in
-//! [`write`]. It must not depend on servers, jobs or learning. The same pieces give the same bytes.
+//! [`write()`]. It must not depend on servers, jobs or learning. The same pieces give the same bytes.
 
 mod export;
 mod lerobot;

@@ -39,7 +39,7 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_name = "RUN", requires = "episode", conflicts_with = "dataset")]
     scores: Option<String>,
     /// Threshold above which a step of the episode is marked as kept, 0 to 1.
-    #[arg(long, default_value_t = DEFAULT_BETA, requires = "episode")]
+    #[arg(long, default_value_t = DEFAULT_BETA, requires = "episode", conflicts_with = "dataset")]
     beta: f64,
     /// Format of the files.
     #[arg(long, value_enum, default_value = "mcap")]
