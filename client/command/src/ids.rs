@@ -149,7 +149,7 @@ pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
 /// The arguments with full ids.
 ///
 /// # Errors
-/// A beginning that several ids have, and `latest` where there is none.
+/// An ambiguous beginning of ids, and `latest` in an empty list, are refused.
 pub(crate) async fn complete(
     context: &Context,
     words: Vec<OsString>,

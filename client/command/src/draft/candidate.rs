@@ -38,7 +38,7 @@ pub(super) struct Order {
     pub(super) reason: &'static str,
 }
 
-/// Something that is no field, and why.
+/// A value that cannot be a field, and the reason.
 #[derive(Clone, Debug)]
 pub(super) struct LeftOut {
     pub(super) what: String,

@@ -157,7 +157,7 @@ fn add_field(field: &mut SurveyedField, other: &SurveyedField) {
     field.shortest = field.shortest.min(other.shortest);
     field.longest = field.longest.max(other.longest);
     field.not_finite += other.not_finite;
-    // No values are more than two, unless there are none at all.
+    // An empty list stands for more than two values, if the field has any.
     let many = |field: &SurveyedField| field.values.is_empty() && field.longest > 0;
     if many(field) || many(other) {
         field.values.clear();

@@ -167,7 +167,7 @@ impl Execution for SlurmJob {
     async fn kill(&mut self, reason: String) -> End {
         self.cancel();
         self.following.end();
-        // A worker on another machine is silent when the machine or the network fails, which is no fault of the job.
+        // A worker on another machine is silent when the machine or the network fails, and the job is not at fault.
         End::Interrupted(reason)
     }
 }
