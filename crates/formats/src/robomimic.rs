@@ -3,6 +3,8 @@
 //! robomimic's policies act within [-1, 1], so actions beyond that are rescaled by the range of the dataset, which is kept
 //! as attributes. Demonstrations are added to the file some at a time, so that memory does not grow with the dataset.
 
+mod action_range;
+
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -11,6 +13,7 @@ use gleaner_core::snapshot::Role;
 use gleaner_core::{FieldSpec, TaskSpec};
 use hdf5_pure::{AttrValue, File, Group};
 
+use self::action_range::ActionRange;
 use crate::export::{Export, Numbers};
 use crate::piece::Piece;
 use crate::problem::Problem;
@@ -44,40 +47,6 @@ pub(crate) fn write<E: Export>(export: &mut E, depth: bool) -> Result<(), E::Err
     }
     out.finish()?;
     export.finished(FILE)
-}
-
-/// The least and greatest value of each action; [-1, 1] for one that does not leave it.
-struct ActionRange {
-    low: Vec<f32>,
-    high: Vec<f32>,
-}
-
-impl ActionRange {
-    fn of<E: Export>(export: &mut E, size: usize) -> Result<Self, E::Error> {
-        let (mut low, mut high) = (vec![f32::INFINITY; size], vec![f32::NEG_INFINITY; size]);
-        for at in 0..export.pieces().len() {
-            for row in export.numbers(at)?.action.chunks_exact(size.max(1)) {
-                for ((low, high), &value) in low.iter_mut().zip(&mut high).zip(row) {
-                    (*low, *high) = (low.min(value), high.max(value));
-                }
-            }
-        }
-        for (low, high) in low.iter_mut().zip(&mut high) {
-            if *low >= -1.0 && *high <= 1.0 || low >= high {
-                (*low, *high) = (low.min(-1.0), high.max(1.0));
-            }
-        }
-        Ok(Self { low, high })
-    }
-
-    fn rescaled(&self, actions: &[f32]) -> Vec<f32> {
-        let rescale = |((&value, &low), &high): ((&f32, &f32), &f32)| {
-            let within = if (low, high) == (-1.0, 1.0) { value } else { (value - low) / (high - low) * 2.0 - 1.0 };
-            within.clamp(-1.0, 1.0)
-        };
-        let rows = actions.chunks_exact(self.low.len().max(1));
-        rows.flat_map(|row| row.iter().zip(&self.low).zip(&self.high).map(rescale)).collect()
-    }
 }
 
 /// One demonstration.
@@ -305,53 +274,4 @@ fn count(length: usize) -> u64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use gleaner_core::dataset::{ExportFormat, ExportSpec};
-
-    use super::*;
-    use crate::testing::Lab;
-
-    fn exported(depth: bool) -> Lab {
-        let mut lab = Lab::new();
-        crate::write(ExportSpec { format: ExportFormat::Robomimic, depth }, &mut lab).unwrap();
-        lab
-    }
-
-    #[test]
-    fn each_piece_is_a_demonstration_with_its_steps() {
-        let lab = exported(true);
-        assert_eq!(lab.files, [FILE]);
-        let file = File::open(lab.out.path().join(FILE)).unwrap();
-        let floats = |path: &str| file.dataset(path).unwrap().read_f32().unwrap();
-        for (demo, steps) in [("demo_0", 8), ("demo_1", 6), ("demo_2", 3), ("demo_3", 2)] {
-            let shape = |name: &str| file.dataset(&format!("data/{demo}/{name}")).unwrap().shape().unwrap();
-            assert_eq!(shape("actions"), [steps, 2], "{demo}");
-            assert_eq!(shape("obs/front_image"), [steps, 12, 16, 3], "{demo}");
-            assert_eq!(shape("next_obs/front_depth"), [steps, 12, 16, 1], "{demo}");
-        }
-        assert_eq!(floats("data/demo_2/obs/joints"), [2.0, -2.0, 3.0, -3.0, 4.0, -4.0]);
-        assert_eq!(floats("data/demo_2/next_obs/joints"), [3.0, -3.0, 4.0, -4.0, 4.0, -4.0]);
-        assert_eq!(floats("data/demo_2/weights"), [0.9, 0.8, 0.95]);
-        assert_eq!(floats("data/demo_3/weights"), [0.0, 0.7]);
-        assert_eq!(floats("data/demo_0/rewards")[6..], [0.0, 1.0]);
-        assert_eq!(floats("data/demo_2/rewards"), [0.0; 3]);
-        let step = gleaner_recording::frame_bytes_per_step(lab.task());
-        let image = file.dataset("data/demo_2/obs/front_image").unwrap().read_u8().unwrap();
-        assert!(image[..12 * 16 * 3] == lab.episode(2).frames().as_ref()[2 * step..2 * step + 12 * 16 * 3]);
-        let mask = |key: &str| file.dataset(&format!("mask/{key}")).unwrap().read_string().unwrap();
-        assert_eq!(mask("experts"), ["demo_0", "demo_1"]);
-        assert_eq!(mask("kept"), ["demo_2", "demo_3"]);
-        assert!(file.dataset("mask/valid").is_err());
-    }
-
-    #[test]
-    fn actions_beyond_one_are_rescaled_by_their_range() {
-        let range = ActionRange { low: vec![-1.0, 0.0], high: vec![1.0, 4.0] };
-        assert_eq!(range.rescaled(&[0.5, 0.0, -0.25, 4.0, 0.0, 1.0]), [0.5, -1.0, -0.25, 1.0, 0.0, -0.5]);
-    }
-
-    #[test]
-    fn the_same_dataset_gives_the_same_file() {
-        assert!(exported(false).read(FILE) == exported(false).read(FILE));
-    }
-}
+mod tests;
