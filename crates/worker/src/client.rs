@@ -32,20 +32,24 @@ pub(crate) const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 
 /// The metadata that identifies this process; the server accepts one process for each attempt.
 const PROCESS: &str = "worker-process";
+/// The metadata that names the node of a cluster where this process runs.
+const NODE: &str = "worker-node";
 /// The metadata of every error that the server itself returns.
 const REQUEST_ID: &str = "request-id";
 
-/// Adds the token and the process to every call.
+/// Adds the token, the process and its node to every call.
 #[derive(Clone)]
 struct Bearer {
     token: MetadataValue<Ascii>,
     process: MetadataValue<Ascii>,
+    node: MetadataValue<Ascii>,
 }
 
 impl Interceptor for Bearer {
     fn call(&mut self, mut request: Request<()>) -> std::result::Result<Request<()>, Status> {
         request.metadata_mut().insert("authorization", self.token.clone());
         request.metadata_mut().insert(PROCESS, self.process.clone());
+        request.metadata_mut().insert(NODE, self.node.clone());
         Ok(request)
     }
 }
@@ -78,7 +82,8 @@ impl Client {
             .map_err(|_| Error::invalid("GLEANER_JOB_TOKEN", "is not a token"))?;
         token.set_sensitive(true);
         let process = process_name().parse().map_err(|error| Error::internal("naming this process", error))?;
-        let client = WorkerServiceClient::with_interceptor(channel, Bearer { token, process })
+        let node = config.node.parse().map_err(|error| Error::invalid("--node", error))?;
+        let client = WorkerServiceClient::with_interceptor(channel, Bearer { token, process, node })
             .max_decoding_message_size(config.max_message_bytes)
             .max_encoding_message_size(config.max_message_bytes);
         Ok(Self(client))

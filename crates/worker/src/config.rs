@@ -29,6 +29,9 @@ pub struct WorkerConfig {
     /// Id of the server's process; the worker ends with it. Without it, the worker outlives a restart of the server.
     #[arg(long)]
     pub parent: Option<u32>,
+    /// Name of the cluster's node where this program runs, shown with the job.
+    #[arg(long, default_value = "")]
+    pub node: String,
     /// Maximum size of a gRPC message in bytes.
     #[arg(long, default_value_t = 32 << 20)]
     pub max_message_bytes: usize,

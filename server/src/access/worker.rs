@@ -11,7 +11,9 @@ use crate::{
 
 /// The metadata with which a worker identifies its process: random characters, the same in each of its calls.
 const PROCESS: &str = "worker-process";
-const LONGEST_PROCESS: usize = 64;
+/// The metadata with which a worker names its node of a cluster; empty elsewhere.
+const NODE: &str = "worker-node";
+const LONGEST_NAME: usize = 255;
 
 /// A worker, as the guard has authenticated it.
 #[derive(Debug, Clone)]
@@ -41,11 +43,16 @@ impl Worker {
             )
         };
         let token = secret::bearer(headers)?.ok_or_else(not_this_job)?;
-        let process = headers.get(PROCESS).and_then(|process| process.to_str().ok()).unwrap_or_default();
-        if process.len() > LONGEST_PROCESS {
-            return Err(Error::invalid(PROCESS, format!("must be at most {LONGEST_PROCESS} characters")));
-        }
-        let (attempt, job) = jobs.authenticate(token, process).await?.ok_or_else(not_this_job)?;
+        let (process, node) = (name(headers, PROCESS)?, name(headers, NODE)?);
+        let (attempt, job) = jobs.authenticate(token, process, node).await?.ok_or_else(not_this_job)?;
         Ok(Self { attempt, job })
     }
+}
+
+fn name<'a>(headers: &'a HeaderMap, key: &'static str) -> Result<&'a str> {
+    let name = headers.get(key).and_then(|name| name.to_str().ok()).unwrap_or_default();
+    if name.len() > LONGEST_NAME {
+        return Err(Error::invalid(key, format!("must be at most {LONGEST_NAME} characters")));
+    }
+    Ok(name)
 }

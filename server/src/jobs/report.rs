@@ -14,13 +14,13 @@ use crate::{
 
 impl Jobs {
     /// The running attempt that a token proves, with its job; `None` for any other token, and for every process but the
-    /// first that presents it. Counts as a sign of life.
+    /// first that presents it. Counts as a sign of life. The first call of an attempt records the worker's node.
     ///
     /// # Errors
     /// When the database fails.
-    pub(crate) async fn authenticate(&self, token: &str, process: &str) -> Result<Option<(Attempt, Job)>> {
+    pub(crate) async fn authenticate(&self, token: &str, process: &str, node: &str) -> Result<Option<(Attempt, Job)>> {
         let Some(attempt) = token::attempt(token) else { return Ok(None) };
-        match self.0.store.claimant(&attempt, process).await? {
+        match self.0.store.claimant(&attempt, process, node).await? {
             Claimant::Worker(job) => {
                 self.0.leases.renew(&attempt);
                 Ok(Some((attempt, *job)))

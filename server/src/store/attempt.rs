@@ -51,12 +51,12 @@ pub(super) async fn running(tx: &mut Transaction<'_, Sqlite>, attempt: &Attempt)
 
 impl Store {
     /// Whether `process` may speak for an attempt. The first process that asks is bound to the attempt, also across
-    /// restarts of the server.
-    pub(crate) async fn claimant(&self, attempt: &Attempt, process: &str) -> Result<Claimant> {
+    /// restarts of the server, and its node is recorded unless its name is empty.
+    pub(crate) async fn claimant(&self, attempt: &Attempt, process: &str, node: &str) -> Result<Claimant> {
         let bound = match self.bound_process(attempt).await? {
             None => return Ok(Claimant::Over),
             Some(None) => {
-                self.bind_process(attempt, process).await?;
+                self.bind_process(attempt, process, node).await?;
                 // Another process may have been faster.
                 self.bound_process(attempt).await?.flatten()
             }
@@ -79,13 +79,14 @@ impl Store {
             .map_err(fault("looking for an attempt"))
     }
 
-    async fn bind_process(&self, attempt: &Attempt, process: &str) -> Result<()> {
+    async fn bind_process(&self, attempt: &Attempt, process: &str, node: &str) -> Result<()> {
         let mut tx = self.write().await?;
         sqlx::query(
-            "update jobs set process = ?, waiting = '' \
+            "update jobs set process = ?, waiting = '', node = coalesce(nullif(?, ''), node) \
              where id = ? and token_hash = ? and state = 'running' and process is null",
         )
         .bind(process)
+        .bind(node)
         .bind(attempt.job_id.param())
         .bind(&attempt.token_hash)
         .execute(&mut *tx)
@@ -97,11 +98,11 @@ impl Store {
         Ok(())
     }
 
-    /// Stores where a running attempt runs.
+    /// Stores where a running attempt runs; an unknown node keeps the recorded one.
     pub(crate) async fn place_attempt(&self, attempt: &Attempt, placement: &Placement) -> Result<()> {
         let mut tx = self.write().await?;
         sqlx::query(
-            "update jobs set engine = ?, engine_id = ?, node = ?, waiting = ? \
+            "update jobs set engine = ?, engine_id = ?, node = coalesce(nullif(?, ''), node), waiting = ? \
              where id = ? and token_hash = ? and state = 'running'",
         )
         .bind(&placement.engine)

@@ -39,17 +39,17 @@ async fn the_first_process_that_calls_is_the_only_one() {
     let attempt = claimed(&store).await;
     assert!(!store.running_attempts().await.unwrap()[0].bound);
     assert!(
-        matches!(store.claimant(&attempt, "one").await.unwrap(), Claimant::Worker(job) if job.id == attempt.job_id)
+        matches!(store.claimant(&attempt, "one", "").await.unwrap(), Claimant::Worker(job) if job.id == attempt.job_id)
     );
-    assert_eq!(store.claimant(&attempt, "two").await.unwrap(), Claimant::Other);
-    assert!(matches!(store.claimant(&attempt, "one").await.unwrap(), Claimant::Worker(_)));
+    assert_eq!(store.claimant(&attempt, "two", "").await.unwrap(), Claimant::Other);
+    assert!(matches!(store.claimant(&attempt, "one", "").await.unwrap(), Claimant::Worker(_)));
     assert!(store.running_attempts().await.unwrap()[0].bound);
 
     store.end_attempt(&attempt, &AttemptEnd::Stopped).await.unwrap();
-    assert_eq!(store.claimant(&attempt, "one").await.unwrap(), Claimant::Over);
+    assert_eq!(store.claimant(&attempt, "one", "").await.unwrap(), Claimant::Over);
     let next = again(&store).await;
-    assert!(matches!(store.claimant(&next, "two").await.unwrap(), Claimant::Worker(_)), "the next attempt is free");
-    assert_eq!(store.claimant(&attempt, "two").await.unwrap(), Claimant::Over, "of the earlier attempt");
+    assert!(matches!(store.claimant(&next, "two", "").await.unwrap(), Claimant::Worker(_)), "the next attempt is free");
+    assert_eq!(store.claimant(&attempt, "two", "").await.unwrap(), Claimant::Over, "of the earlier attempt");
 }
 
 #[tokio::test]
@@ -59,7 +59,7 @@ async fn one_of_many_concurrent_processes_is_bound() {
     let mut calls = tokio::task::JoinSet::new();
     for process in 0..16 {
         let (store, attempt) = (store.clone(), attempt.clone());
-        calls.spawn(async move { store.claimant(&attempt, &process.to_string()).await.unwrap() });
+        calls.spawn(async move { store.claimant(&attempt, &process.to_string(), "").await.unwrap() });
     }
     let bound = calls.join_all().await.into_iter().filter(|claimant| matches!(claimant, Claimant::Worker(_))).count();
     assert_eq!(bound, 1);
@@ -77,10 +77,10 @@ async fn the_place_of_an_attempt_stays_with_its_job_until_the_next_attempt() {
     };
     store.place_attempt(&attempt, &place).await.unwrap();
     assert_eq!(store.running_attempts().await.unwrap()[0].placement, place);
-    store.claimant(&attempt, "one").await.unwrap();
-    assert_eq!(store.job(&attempt.job_id).await.unwrap().placement.waiting, "", "a worker that calls has begun");
-
-    store.place_attempt(&attempt, &Placement { node: "node1".to_owned(), ..place }).await.unwrap();
+    store.claimant(&attempt, "one", "node1").await.unwrap();
+    let begun = store.job(&attempt.job_id).await.unwrap().placement;
+    assert_eq!((begun.node.as_str(), begun.waiting.as_str()), ("node1", ""), "a worker that calls has begun");
+    store.place_attempt(&attempt, &place).await.unwrap();
     store.end_attempt(&attempt, &AttemptEnd::Stopped).await.unwrap();
     let ended = store.job(&attempt.job_id).await.unwrap().placement;
     assert_eq!((ended.engine_id.as_str(), ended.node.as_str(), ended.waiting.as_str()), ("17", "node1", ""));

@@ -200,11 +200,11 @@ async fn reports_of_an_old_attempt_are_refused() {
     let task = testing::task(&store).await;
     let id = queue(&store, export(&task, 0, &[])).await.unwrap();
     let (old, _) = claim(&store).await.unwrap();
-    assert!(matches!(store.claimant(&old, "one").await.unwrap(), Claimant::Worker(job) if job.id == id));
+    assert!(matches!(store.claimant(&old, "one", "").await.unwrap(), Claimant::Worker(job) if job.id == id));
     store.end_attempt(&old, &AttemptEnd::Stopped).await.unwrap();
     let (new, _) = claim(&store).await.unwrap();
     let blob = BlobId::from(blake3::hash(b"checkpoint"));
-    assert_eq!(store.claimant(&old, "one").await.unwrap(), Claimant::Over);
+    assert_eq!(store.claimant(&old, "one", "").await.unwrap(), Claimant::Over);
     assert_eq!(store.report_progress(&old, &Progress::default()).await.unwrap_err().kind(), Kind::Precondition);
     assert_eq!(store.save_checkpoint(&old, 1, &blob).await.unwrap_err().kind(), Kind::Precondition);
     assert!(store.end_attempt(&old, &AttemptEnd::Stopped).await.unwrap().is_none());

@@ -109,7 +109,7 @@ impl Course {
                 if !self.over.is_empty() {
                     let ended_attempt = &self.over[at % self.over.len()];
                     assert!(self.store.end_attempt(ended_attempt, &AttemptEnd::Stopped).await.unwrap().is_none());
-                    assert_eq!(self.store.claimant(ended_attempt, "ghost").await.unwrap(), Claimant::Over);
+                    assert_eq!(self.store.claimant(ended_attempt, "ghost", "").await.unwrap(), Claimant::Over);
                 }
             }
         }

@@ -86,7 +86,9 @@ impl Template {
         if let Some(most) = config.maintenance.max_cache_bytes {
             option("max-cache-bytes", most.to_string());
         }
-        words.iter().map(|word| format!(" '{}'", word.replace('\'', r"'\''"))).collect()
+        let words: String = words.iter().map(|word| format!(" '{}'", word.replace('\'', r"'\''"))).collect();
+        // The shell of the node knows its name.
+        format!("{words} --node \"$SLURMD_NODENAME\"")
     }
 }
 
