@@ -6,6 +6,7 @@ mod connections;
 mod engine;
 mod maintenance;
 mod openpi;
+mod plan;
 mod policies;
 mod telemetry;
 mod tls;
@@ -26,6 +27,7 @@ pub use self::{
     engine::{EngineConfig, EngineKind},
     maintenance::{BackupConfig, CheckConfig, MaintenanceCommand, MaintenanceConfig, RebuildConfig, RestoreConfig},
     openpi::OpenpiConfig,
+    plan::PlanConfig,
     policies::PoliciesConfig,
     telemetry::TelemetryConfig,
     tls::{TlsClientConfig, TlsCommand, TlsConfig, TlsFolderConfig, TlsServerConfig},
@@ -62,6 +64,8 @@ pub enum Command {
     Tls(TlsConfig),
     /// Print the audit log: changes with their time, caller and result.
     Audit(AuditConfig),
+    /// Compute what a lab needs of a server: network, disk, processors and memory, and which gives out first.
+    Plan(PlanConfig),
 }
 
 /// What `serve` needs.

@@ -1,7 +1,7 @@
 //! The `gleaner-server` binary: parse, start logging, run, exit code. Must not depend on the inside of modules.
 
 use std::{
-    io::{Stdout, stdout},
+    io::{Stdout, Write as _, stdout},
     process::ExitCode,
     time::Duration,
 };
@@ -10,7 +10,7 @@ use clap::Parser as _;
 use gleaner_recording::printable::{self, Escape, EscapingWriter};
 use gleaner_server::{
     Listeners,
-    config::{AuditConfig, Cli, Command, MaintenanceCommand, ServeConfig, TlsConfig, TokenConfig},
+    config::{AuditConfig, Cli, Command, MaintenanceCommand, PlanConfig, ServeConfig, TlsConfig, TokenConfig},
     data_folder,
     error::{Error, Result},
     file_limit,
@@ -66,6 +66,7 @@ fn main() -> ExitCode {
         Command::Token(config) => token(config),
         Command::Tls(config) => tls(&config),
         Command::Audit(config) => audit(config),
+        Command::Plan(config) => plan(&config),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -103,6 +104,11 @@ fn tls(config: &TlsConfig) -> Result<()> {
     gleaner_server::access::tls::command::run(config, &mut output(Escape::Lines))
 }
 
+fn plan(config: &PlanConfig) -> Result<()> {
+    let escape = if config.json { Escape::Json } else { Escape::Lines };
+    writeln!(output(escape), "{}", config.report()).map_err(|error| Error::internal("writing the plan", error))
+}
+
 /// The output of commands, escaped because it has names from recordings and callers.
 fn output(escape: Escape) -> EscapingWriter<Stdout> {
     EscapingWriter::new(stdout(), escape)
@@ -125,7 +131,7 @@ impl Stage {
     fn set(cli: &Cli) -> std::result::Result<Self, String> {
         let serving = match &cli.command {
             Command::Serve(config) => Some(config),
-            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) => None,
+            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) | Command::Plan(_) => None,
         };
         let runtime = serving
             .map(|config| threads(config))

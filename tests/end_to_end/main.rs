@@ -41,6 +41,7 @@ mod method;
 mod modules;
 mod operator;
 mod pages;
+mod plan;
 mod prose;
 mod real_recordings;
 mod refusals;

@@ -120,8 +120,9 @@ fn crates_are_named_in_their_place_only() {
 }
 
 /// Every crate of the workspace but its tests and benches, and the others that it may name.
-const CRATES: [(&str, &[&str]); 18] = [
+const CRATES: [(&str, &[&str]); 19] = [
     ("proto", &[]),
+    ("crates/capacity", &[]),
     ("crates/core", &["proto"]),
     ("crates/data-folder", &["core"]),
     ("crates/edge", &[]),
@@ -140,7 +141,20 @@ const CRATES: [(&str, &[&str]); 18] = [
     ("client/command", &["client", "core", "inspector", "proto", "recording", "sim"]),
     (
         "server",
-        &["core", "data-folder", "edge", "inspector", "learn", "logs", "openpi", "proto", "recording", "sim", "web"],
+        &[
+            "capacity",
+            "core",
+            "data-folder",
+            "edge",
+            "inspector",
+            "learn",
+            "logs",
+            "openpi",
+            "proto",
+            "recording",
+            "sim",
+            "web",
+        ],
     ),
 ];
 
