@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading load-test peers peers-serving fuzz kinds task-file
+.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -186,11 +186,21 @@ bench-lab: .libtorch $(PYTHON_ENV)
 
 # Samples a second that reach a training, beside PyTorch's DataLoader and LeRobot. Fetches both (about 8 GB) the first time.
 bench-loading: .libtorch
-	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/loading/run.sh $(LOADING_ARGS)
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/loading/run.sh loading.py $(LOADING_ARGS)
+
+# Samples a second of the client's `torch_dataset`, beside LeRobot's dataset of the same steps. Fetches what bench-loading
+# fetches.
+bench-torch: .libtorch
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/loading/run.sh torch_dataset.py $(LOADING_ARGS)
 
 # The same load on servers in Python that run the same network. Fetches PyTorch (about 3 GB) the first time.
 peers-serving: .libtorch
 	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/peers/serving.sh
+
+# Round trips of openpi's own client, with gleaner and with openpi's server loop around the same network. Fetches PyTorch
+# (about 3 GB) the first time.
+peers-openpi: .libtorch
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/peers/openpi.sh $(OPENPI_ARGS)
 
 # Every fuzz target for half a minute; `fuzz/run.sh 1200` is the long form. Needs the nightly toolchain and cargo-fuzz.
 fuzz: .libtorch

@@ -1,4 +1,5 @@
-"""What a user would load the same steps with: PyTorch's DataLoader over JPEG files, and over LeRobot's video dataset.
+"""What a user would load the same steps with: PyTorch's DataLoader over JPEG files, over LeRobot's datasets of videos
+and of images, and gleaner's `torch_dataset`.
 
 A program of its own, so that nothing of it runs beside gleaner: prints one line of JSON with the samples a second of one
 worker process. A sample is a window of steps with the pictures of all cameras as floats of 128 × 128.
@@ -8,6 +9,7 @@ import argparse
 import json
 import pathlib
 import time
+from collections.abc import Iterable
 
 import numpy as np
 import torch
@@ -18,6 +20,8 @@ from torchvision.transforms import v2
 from scenes import CAMERAS, RATE_HZ, SIDE
 
 BATCH = 64
+# One process that prepares batches, on one thread.
+WORKER = {"num_workers": 1, "persistent_workers": True, "worker_init_fn": lambda _: torch.set_num_threads(1)}
 # Batches before the clock runs: those that the worker assembles ahead.
 WARM_UP = 2
 
@@ -46,8 +50,8 @@ class Files(Dataset):
         return torch.stack(decoded).float() / 255
 
 
-def videos(folder: pathlib.Path, window: int) -> Dataset:
-    """Windows of steps from LeRobot's dataset, resized by its own hook."""
+def recorded(folder: pathlib.Path, window: int) -> Dataset:
+    """Windows of steps from LeRobot's dataset, resized by its own hook where they are not of that size."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     before = [step / RATE_HZ for step in range(1 - window, 1)]
@@ -57,11 +61,28 @@ def videos(folder: pathlib.Path, window: int) -> Dataset:
     return LeRobotDataset("loading/scenes", root=folder, delta_timestamps=wanted, image_transforms=resize)
 
 
-def rate(dataset: Dataset, seconds: float) -> float:
-    """Samples a second of one worker, over at least two batches."""
+def segments(folder: pathlib.Path, window: int) -> Iterable[dict[str, torch.Tensor]]:
+    """Batches of gleaner's segments from their cache, converted by the worker as the others' are."""
+    from gleaner._segment_cache import SegmentCache
+    from gleaner.torch import SegmentDataset, SegmentLoader
+
+    dataset = SegmentDataset(SegmentCache(folder), steps=window)
+    return SegmentLoader(dataset, BATCH, drop_last=True, collate_fn=floats, **WORKER)
+
+
+def floats(batch: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    planes = lambda images: images.permute(0, 1, 4, 2, 3).float() / 255
+    return {name: planes(values) if name.startswith("images.") else values for name, values in batch.items()}
+
+
+def samples(dataset: Dataset) -> Iterable[dict[str, torch.Tensor]]:
+    """Batches of a dataset's items at random."""
     generator = torch.Generator().manual_seed(0)
-    options = {"num_workers": 1, "persistent_workers": True, "drop_last": True, "generator": generator}
-    loader = DataLoader(dataset, BATCH, shuffle=True, worker_init_fn=lambda _: torch.set_num_threads(1), **options)
+    return DataLoader(dataset, BATCH, shuffle=True, drop_last=True, generator=generator, **WORKER)
+
+
+def rate(loader: Iterable[dict[str, torch.Tensor]], seconds: float) -> float:
+    """Samples a second, over at least two batches."""
     count, begun = -WARM_UP, time.perf_counter()
     while True:
         for _ in loader:
@@ -74,17 +95,20 @@ def rate(dataset: Dataset, seconds: float) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("kind", choices=["files", "small-files", "videos"])
+    parser.add_argument("kind", choices=["files", "small-files", "videos", "images", "segments"])
     parser.add_argument("folder", type=pathlib.Path)
     parser.add_argument("--window", type=int, required=True, help="steps of a sample")
     parser.add_argument("--seconds", type=float, default=10, help="to measure")
     given = parser.parse_args()
     torch.set_num_threads(1)
-    if given.kind == "videos":
-        dataset = videos(given.folder, given.window)
-    else:
-        dataset = Files(given.folder, given.window, given.kind == "small-files")
-    print(json.dumps({"samples_per_second": rate(dataset, given.seconds)}))
+    match given.kind:
+        case "segments":
+            loader = segments(given.folder, given.window)
+        case "videos" | "images":
+            loader = samples(recorded(given.folder, given.window))
+        case _:
+            loader = samples(Files(given.folder, given.window, given.kind == "small-files"))
+    print(json.dumps({"samples_per_second": rate(loader, given.seconds)}))
 
 
 if __name__ == "__main__":

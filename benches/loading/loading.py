@@ -4,10 +4,8 @@ Takes turns in one run and prints medians and ratios; ends with 1 if a target is
 """
 
 import argparse
-import json
 import pathlib
 import statistics
-import subprocess
 import sys
 import tempfile
 
@@ -15,6 +13,7 @@ import gleaner
 from process import Server
 
 import scenes
+from peer import peer
 
 TASK = "loading"
 BATCH = 64
@@ -66,13 +65,6 @@ class Gleaner:
         self.server.stop()
 
 
-def peer(kind: str, folder: pathlib.Path, window: int, seconds: float) -> float:
-    program = pathlib.Path(__file__).parent / "loaders.py"
-    words = [sys.executable, "-B", program, kind, folder / kind.removeprefix("small-"), "--window", str(window)]
-    done = subprocess.run([*words, "--seconds", str(seconds)], stdout=subprocess.PIPE, check=True, text=True)
-    return json.loads(done.stdout.splitlines()[-1])["samples_per_second"]
-
-
 def measured(ours: Gleaner, folder: pathlib.Path, window: int, given: argparse.Namespace) -> bool:
     """Prints the table of one kind of sample; whether the target was met."""
     stretches = {"": 1} if window == 1 else {"": 1, ", stretches of 8": 8}
@@ -83,7 +75,7 @@ def measured(ours: Gleaner, folder: pathlib.Path, window: int, given: argparse.N
             for what, value in ours.take(window, stretch).items():
                 add(f"{what}{name}", value)
         for name, kind in PEERS.items():
-            add(kind, peer(kind, folder, window, given.seconds))
+            add(kind, peer(kind, folder / kind.removeprefix("small-"), window, given.seconds))
     median = {name: statistics.median(values) for name, values in rates.items()}
     print(f"\nSamples of {window} step{'s' if window > 1 else ''}, {len(scenes.CAMERAS)} cameras; one thread each:\n")
     print("| | samples a second | gleaner's batches over it |\n|---|---:|---:|")

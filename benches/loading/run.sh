@@ -1,9 +1,12 @@
 #!/usr/bin/env bash
-# Loading of batches beside PyTorch's DataLoader and LeRobot, in one run. Arguments go to loading.py; see README.md.
+# Loading of batches beside PyTorch's DataLoader and LeRobot, in one run: run.sh PROGRAM ARGUMENTS… runs loading.py or
+# torch_dataset.py; see README.md.
 #
 # BENCH_PROFILE is cargo's profile (bench), LOADING_VENV where the virtual environment is or shall be.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
+program="${1:?name loading.py or torch_dataset.py}"
+shift
 
 profile="${BENCH_PROFILE:-bench}"
 "${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-worker
@@ -22,4 +25,4 @@ $pip --no-deps client/python
 
 # Other load on the machine affects times more than ratios.
 uptime
-PYTHONPATH=benches/lab exec "$venv/bin/python" -B benches/loading/loading.py --bin "$folder" "$@"
+PYTHONPATH=benches/lab exec "$venv/bin/python" -B "benches/loading/$program" --bin "$folder" "$@"

@@ -167,3 +167,24 @@ def test_an_export_does_not_leave_its_folder(tmp_path: Path) -> None:
     for name in ("", "/etc/passwd", "../up", "a/../../up", "a//b", "a/"):
         with pytest.raises(gleaner.Damaged, match="outside the folder"):
             below(tmp_path, name)
+
+
+def test_export_is_not_written_into_a_folder_with_files(
+    client: gleaner.Client, exported: dict[str, Path], lab: Lab, tmp_path: Path
+) -> None:
+    del exported
+    spec = {"export": {"dataset_id": lab.dataset, "format": "robomimic"}}
+    export = client.jobs.submit(TASK, spec, key="export robomimic").result_id
+    other = tmp_path / "other"
+    other.write_text("another file")
+    for folder in (tmp_path, other):
+        with pytest.raises(gleaner.errors.InvalidArgument, match=r"folder: .* is not an empty folder"):
+            client.datasets.download_export(export, folder)
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]
+    # An empty folder, and one whose parents do not exist yet, are taken.
+    for folder in (tmp_path / "empty", tmp_path / "new" / "deep"):
+        (tmp_path / "empty").mkdir(exist_ok=True)
+        files = client.datasets.download_export(export, folder)
+        assert [path.relative_to(folder).as_posix() for path in files] == ["dataset.hdf5"]
+        assert [*folder.iterdir()] == files
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "new", "other"]

@@ -30,7 +30,7 @@ class Client:
         self.snapshots = Snapshots(self._rpc)
         self.jobs = Jobs(self._rpc)
         self.scores = Scores(self._rpc)
-        self.datasets = Datasets(self._rpc, endpoint)
+        self.datasets = Datasets(self._rpc)
         self.policies = Policies(self._rpc)
         self._scoring = Scoring(self._rpc)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gleaner._download import below, save
-from gleaner._endpoint import Endpoint
 from gleaner._messages import build, word
 from gleaner._proto.v1 import dataset_pb2 as pb
 from gleaner._proto.v1 import task_pb2
 from gleaner._proto.v1.selection_pb2 import Selection
 from gleaner._rpc import Rpc
+from gleaner.errors import invalid
 from gleaner.types import Dataset, ExportFile, TaskSpec
 
 if TYPE_CHECKING:
@@ -42,9 +43,8 @@ class Segment:
 class Datasets:
     """`client.datasets`."""
 
-    def __init__(self, rpc: Rpc, endpoint: Endpoint) -> None:
+    def __init__(self, rpc: Rpc) -> None:
         self._rpc = rpc
-        self._endpoint = endpoint
 
     def create(
         self,
@@ -70,28 +70,46 @@ class Datasets:
         request = pb.GetDatasetRequest(dataset_id=dataset_id)
         return self._rpc.safe("DatasetService/GetDataset", request, pb.GetDatasetResponse).dataset
 
+    def task_of(self, dataset: Dataset) -> TaskSpec:
+        """The specification of a dataset's task."""
+        task = task_pb2.GetTaskRequest(task=dataset.task_id)
+        return self._rpc.safe("TaskService/GetTask", task, task_pb2.GetTaskResponse).task.spec
+
     def stream(self, dataset_id: str, *, frames: bool = False, kept_only: bool = False) -> Iterator[Segment]:
         """Every segment with its weight, experts first; with `frames` the cameras' images too.
 
         `kept_only` leaves the experts out. A connection that breaks ends the stream with `Unavailable`.
         """
-        task = task_pb2.GetTaskRequest(task=self.get(dataset_id).task_id)
-        spec = self._rpc.safe("TaskService/GetTask", task, task_pb2.GetTaskResponse).task.spec
+        spec = self.task_of(self.get(dataset_id))
         request = pb.StreamSegmentsRequest(dataset_id=dataset_id, include_frames=frames, kept_only=kept_only)
         for reply in self._rpc.stream("DatasetService/StreamSegments", request, pb.StreamSegmentsResponse):
             yield _segment(reply.segment, spec)
 
     def torch_dataset(
-        self, dataset_id: str, *, steps: int | None = None, frames: bool = False, kept_only: bool = False
+        self,
+        dataset_id: str,
+        *,
+        steps: int | None = None,
+        frames: bool = False,
+        kept_only: bool = False,
+        cache: str | os.PathLike[str] | None = None,
+        progress: Callable[[int, int], object] = lambda done, total: None,
     ) -> SegmentDataset:
-        """The same stream as a PyTorch `IterableDataset`, distributed over a `DataLoader`'s workers.
+        """The same segments as a PyTorch dataset with random access; `gleaner.torch.SegmentLoader` makes its batches.
+
+        The first use fetches them into a folder of `cache`, each step once and with `frames` uncompressed; later uses
+        and other processes read it from there. Without `cache` it is the user's (`$XDG_CACHE_HOME/gleaner/datasets`).
+        `progress` is called with the segments fetched so far and their number.
 
         With `steps` every item has this many: steps before an episode's beginning repeat its first step, and
-        `mask` is false there; the default collation needs that. Needs `torch`.
+        `mask` is false there; batches need that. Needs `torch`. Raises `ResourceExhausted` when the disk has no room.
         """
+        from gleaner._segment_cache import default_folder, fetch
         from gleaner.torch import SegmentDataset
 
-        return SegmentDataset(self._endpoint, dataset_id, steps=steps, frames=frames, kept_only=kept_only)
+        folder = default_folder() if cache is None else Path(cache)
+        found = fetch(self, dataset_id, frames=frames, kept_only=kept_only, folder=folder, progress=progress)
+        return SegmentDataset(found, steps=steps)
 
     def export_files(self, export_id: str) -> Sequence[ExportFile]:
         """The files of a finished export; `client.jobs.submit` makes one. Raises `FailedPrecondition` before."""
@@ -99,10 +117,26 @@ class Datasets:
         return [*self._rpc.safe("DatasetService/ListExportFiles", request, pb.ListExportFilesResponse).files]
 
     def download_export(self, export_id: str, folder: str | os.PathLike[str]) -> Sequence[Path]:
-        """Fetches every file of a finished export into a folder. Raises `Damaged` when a digest differs."""
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        return [self._download(export_id, file, folder) for file in self.export_files(export_id)]
+        """Fetches every file of a finished export into a folder, which must be new or empty.
+
+        Files appear in it once all of them are there. Raises `InvalidArgument` when it has files
+        already, since readers would take those for a part of the export, and `Damaged` when a digest differs.
+        """
+        folder = Path(folder).resolve()
+        if folder.exists() and not (folder.is_dir() and next(folder.iterdir(), None) is None):
+            raise invalid("folder", f"{folder} is not an empty folder; name a new one, or empty it first")
+        files = self.export_files(export_id)
+        part = folder.with_name(f".{folder.name}.{export_id}.part")
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        try:
+            found = [self._download(export_id, file, part) for file in files]
+            folder.mkdir(exist_ok=True)
+            for entry in part.iterdir():
+                entry.replace(folder / entry.name)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+        return [folder / path.relative_to(part) for path in found]
 
     def _download(self, export_id: str, file: ExportFile, folder: Path) -> Path:
         request = pb.DownloadExportFileRequest(export_id=export_id, name=file.name)
