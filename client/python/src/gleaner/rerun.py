@@ -1,0 +1,78 @@
+"""Exports in Rerun: a view of every camera, and q and w drawn over time. Only this module needs rerun-sdk.
+
+`python -m gleaner.rerun FILE` opens the viewer. Rerun draws numbers of unknown messages only through a view of the
+blueprint, and applies a blueprint only to the file whose name it has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+try:
+    import rerun as rr
+    import rerun.blueprint as rrb
+    from rerun.blueprint import encodings
+except ImportError as error:
+    raise ImportError("gleaner.rerun needs Rerun 0.41 or newer; pip install 'rerun-sdk>=0.41'") from error
+
+from gleaner._topics import Number, topics
+
+# What a blueprint says of the topics of a view.
+Overrides = Mapping[Any, Any]
+
+
+def blueprint(path: str | os.PathLike[str], into: str | os.PathLike[str] | None = None) -> Path:
+    """Writes the blueprint of an exported MCAP file: beside it with the ending `.rbl`, or to the path `into`.
+
+    Raises `InvalidArgument` when the file is no MCAP file or has nothing to show.
+    """
+    path = Path(path)
+    found = topics(path)
+    views = [rrb.Spatial2DView(origin=topic, name=topic) for topic in found.pictures]
+    parts: list[rrb.Grid | rrb.TimeSeriesView] = [rrb.Grid(*views)] if views else []
+    if found.scores:
+        by_topic: dict[str, list[Number]] = {}
+        for number in found.scores:
+            by_topic.setdefault(number.topic, []).append(number)
+        lines: Overrides = {topic: [_line(number) for number in numbers] for topic, numbers in by_topic.items()}
+        parts.append(rrb.TimeSeriesView(origin="/gleaner", name="scores", contents=[*lines], overrides=lines))
+    saved = path.with_suffix(".rbl") if into is None else Path(into)
+    # The viewer applies a blueprint to the recording of this application, which is the file's name.
+    rrb.Blueprint(rrb.Vertical(*parts)).save(path.stem, os.fspath(saved))
+    return saved
+
+
+def show(path: str | os.PathLike[str]) -> subprocess.Popen[bytes]:
+    """Writes the blueprint of an exported MCAP file beside it and opens both in the viewer; returns its process."""
+    return subprocess.Popen([sys.executable, "-m", "rerun", os.fspath(path), os.fspath(blueprint(path))])
+
+
+def _line(number: Number) -> rrb.Visualizer:
+    component = f"{number.schema.replace('/', '.')}:message"
+    source = encodings.ComponentSourceKind.SourceComponent
+    mapping = encodings.VisualizerComponentMapping(
+        "Scalars:scalars", source, source_component=component, selector=f".{number.path}"
+    )
+    return rr.SeriesLines(names=number.name).visualizer(mappings=[mapping])
+
+
+def main() -> int:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="python -m gleaner.rerun", description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path, help="exported MCAP file")
+    parser.add_argument("--blueprint-only", action="store_true", help="write the blueprint beside it, open no viewer")
+    given = parser.parse_args()
+    if given.blueprint_only:
+        print(blueprint(given.file))
+        return 0
+    return show(given.file).wait()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,106 @@
+"""What Rerun and Foxglove are given beside an export: its pictures, and q and w as curves."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.writer import Writer as Ros2Writer
+
+import gleaner
+from conftest import TASK, Lab
+from gleaner import foxglove
+
+
+@pytest.fixture(scope="module")
+def exported(client: gleaner.Client, lab: Lab, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A kept stretch as MCAP."""
+    spec = {"export": {"dataset_id": lab.dataset, "format": "mcap"}}
+    job = client.jobs.submit(TASK, spec, key="export mcap")
+    client.jobs.wait(job, timeout=120)
+    folder = tmp_path_factory.mktemp("viewers") / "mcap"
+    client.datasets.download_export(job.result_id, folder)
+    lines = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]
+    name: str = next(line["file"] for line in lines if line["role"] == "imperfect")
+    return folder / name
+
+
+@pytest.fixture
+def ros(tmp_path: Path) -> Path:
+    """A ROS 2 file with q and no picture."""
+    path = tmp_path / "ros.mcap"
+    with path.open("wb") as file:
+        writer = Ros2Writer(file)
+        schema = writer.register_msgdef("std_msgs/msg/Float64", "float64 data\n")
+        for step in range(3):
+            writer.write_message("/gleaner/q", schema, {"data": step / 2}, log_time=step, publish_time=step)
+        writer.finish()
+    return path
+
+
+def panels_of(node: Any) -> list[str]:
+    """The panels of a layout's tree, from left to right."""
+    return [node] if isinstance(node, str) else panels_of(node["first"]) + panels_of(node["second"])
+
+
+def test_foxglove_layout_has_a_panel_for_each_camera_and_a_plot(exported: Path) -> None:
+    saved = foxglove.write_layout(exported)
+    assert saved == exported.with_suffix(".layout.json")
+    layout = json.loads(saved.read_text())
+    panels = layout["configById"]
+    assert sorted(panels_of(layout["layout"])) == sorted(panels)
+    with exported.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    topics = {channel.topic for channel in summary.channels.values()}
+    pictures = [panel["imageMode"]["imageTopic"] for name, panel in panels.items() if name.startswith("Image!")]
+    assert set(pictures) == {topic for topic in topics if topic.startswith("/camera/")}
+    assert [path["value"] for path in panels["Plot!scores"]["paths"]] == ["/gleaner/quality.q", "/gleaner/quality.w"]
+
+
+def test_foxglove_layout_of_ros_scores_alone_is_one_plot(ros: Path) -> None:
+    layout = foxglove.layout(ros)
+    assert layout["layout"] == "Plot!scores"
+    assert [path["value"] for path in layout["configById"]["Plot!scores"]["paths"]] == ["/gleaner/q.data"]
+
+
+def test_files_without_anything_to_show_are_refused(tmp_path: Path) -> None:
+    other = tmp_path / "other.mcap"
+    other.write_bytes(b"no recording")
+    with pytest.raises(gleaner.errors.InvalidArgument, match="cannot be read as MCAP"):
+        foxglove.layout(other)
+    with pytest.raises(gleaner.errors.InvalidArgument, match="cannot be read as MCAP"):
+        foxglove.layout(tmp_path / "missing.mcap")
+    with other.open("wb") as file:
+        Ros2Writer(file).finish()
+    with pytest.raises(gleaner.errors.InvalidArgument, match="has neither pictures nor scores"):
+        foxglove.layout(other)
+
+
+@pytest.mark.parametrize("kind", ["exported", "ros"])
+def test_rerun_blueprint_is_read_by_rerun_for_that_file(kind: str, request: pytest.FixtureRequest) -> None:
+    pytest.importorskip("rerun")
+    path: Path = request.getfixturevalue(kind)
+
+    def run(*words: str | Path) -> str:
+        done = subprocess.run([sys.executable, "-m", *words], check=True, capture_output=True, text=True)
+        return done.stdout
+
+    saved = Path(run("gleaner.rerun", path, "--blueprint-only").strip())
+    assert saved == path.with_suffix(".rbl")
+    run("rerun", "rrd", "verify", saved)
+    printed = run("rerun", "rrd", "print", "-vvv", saved)
+    # The viewer names the application of a file after it.
+    assert f'"{path.stem}"' in printed
+    # What the blueprint draws is what Rerun makes of the file.
+    recording = path.with_suffix(".rrd")
+    run("rerun", "mcap", "convert", path, "-o", recording)
+    components = run("rerun", "rrd", "print", recording)
+    expected = {"exported": "gleaner.Quality:message", "ros": "std_msgs.msg.Float64:message"}[kind]
+    assert expected in components
+    assert expected in printed
