@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy check-mlflow lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -63,16 +63,23 @@ test-python: .libtorch $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install -q --no-deps openpi-client==0.1.2
 	cd client/python && ../../$(PYTHON_ENV)/bin/pytest
 
+# Jobs sent to MLflow's own server. Installs MLflow (0.9 GB) the first time.
+MLFLOW_ENV = target/mlflow
+check-mlflow: .libtorch $(MLFLOW_ENV)
+	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
+	$(MLFLOW_ENV)/bin/pip install -q client/python 'mlflow==3.17.2' 'pytest>=8'
+	cd client/python && ../../$(MLFLOW_ENV)/bin/pytest tests/test_track.py
+
 # LeRobot drives a deployment through the policy plug-in, with its own evaluation loop. Needs Python 3.12 or newer
 # (LEROBOT_PYTHON) and installs LeRobot the first time (about 6 GB).
 LEROBOT_PYTHON ?= $(PYTHON)
-LEROBOT_ENV = target/lerobot-policy-python
+LEROBOT_POLICY_ENV = target/lerobot-policy-python
 check-lerobot-policy: .libtorch
 	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
-	test -d $(LEROBOT_ENV) || $(LEROBOT_PYTHON) -m venv $(LEROBOT_ENV)
-	$(LEROBOT_ENV)/bin/pip install -q 'lerobot[dataset,evaluation,pusht]==0.6.1' 'torch==2.11.0' 'pytest>=8'
-	$(LEROBOT_ENV)/bin/pip install -q client/python client/lerobot
-	cd client/lerobot && HF_HUB_OFFLINE=1 ../../$(LEROBOT_ENV)/bin/pytest
+	test -d $(LEROBOT_POLICY_ENV) || $(LEROBOT_PYTHON) -m venv $(LEROBOT_POLICY_ENV)
+	$(LEROBOT_POLICY_ENV)/bin/pip install -q 'lerobot[dataset,evaluation,pusht]==0.6.1' 'torch==2.11.0' 'pytest>=8'
+	$(LEROBOT_POLICY_ENV)/bin/pip install -q client/python client/lerobot
+	cd client/lerobot && HF_HUB_OFFLINE=1 ../../$(LEROBOT_POLICY_ENV)/bin/pytest
 
 # Scripts outside the package, by their paths from there.
 LONE_SCRIPTS = ../../scripts/convert_resnet.py ../../crates/learn/src/model/image_encoder/resnet/reference.py
@@ -137,7 +144,7 @@ metaworld maniskill: .libtorch
 	target/$(SIMULATOR)/bin/python client/python/examples/simulators.py $(STAGE) --simulator $(SIMULATOR) --task $(TASK) \
 		--server-bin target/debug/gleaner-server $(ARGS)
 
-$(PYTHON_ENV) $(DIFFERENTIAL_ENV) $(LEROBOT_ENV) $(ROBOMIMIC_ENV):
+$(PYTHON_ENV) $(DIFFERENTIAL_ENV) $(LEROBOT_ENV) $(ROBOMIMIC_ENV) $(MLFLOW_ENV):
 	$(PYTHON) -m venv $@
 
 fmt:

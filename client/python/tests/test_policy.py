@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -248,6 +249,14 @@ def test_an_evaluation_runs_in_any_environment_and_is_kept(client: gleaner.Clien
     assert client.policies.evaluation(kept.id).seeds[0].mean_steps == 4.0
 
 
+class Blind(gleaner.Adapter):
+    def cameras(self, env: Any, observation: Any) -> Mapping[str, NDArray[np.uint8] | bytes]:
+        return {}
+
+    def proprioception(self, env: Any, observation: Any) -> list[float]:
+        return []
+
+
 def test_an_evaluation_takes_any_controller_and_a_limit() -> None:
     class Still:
         def __call__(self, observation: gleaner.Observation, /) -> NDArray[np.float32]:
@@ -256,19 +265,14 @@ def test_an_evaluation_takes_any_controller_and_a_limit() -> None:
         def reset(self) -> None:
             pass
 
-    class Blind(gleaner.Adapter):
-        def cameras(self, env: Any, observation: Any) -> dict[str, NDArray[np.uint8]]:
-            return {}
-
-        def proprioception(self, env: Any, observation: Any) -> list[float]:
-            return []
-
     trials = gleaner.evaluate(Reach(), Still(), Blind(), episodes=2, max_steps=2)
     assert [(trial.success, trial.steps) for trial in trials.trials] == [(False, 2), (False, 2)]
     with pytest.raises(NotImplementedError, match=r"Adapter\.cameras"):
         gleaner.evaluate(Reach(), Still(), gleaner.Adapter(), episodes=1)
     with pytest.raises(gleaner.InvalidArgument, match="episodes"):
         gleaner.evaluate(Reach(), Still(), Blind(), episodes=0)
+    with pytest.raises(gleaner.InvalidArgument, match="execute: the policy has no method `chunk`"):
+        gleaner.evaluate(Reach(), Still(), Blind(), episodes=1, execute=2)
 
 
 def test_wilson_matches_the_published_example() -> None:

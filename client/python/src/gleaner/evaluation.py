@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import Any, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gleaner._client import Client
+from gleaner._open_loop import OpenLoop, Planner
 from gleaner.errors import invalid
 from gleaner.observation import Observation
 from gleaner.policy import Policy
 from gleaner.statistics import wilson
 from gleaner.types import Evaluation, SeedResult, TaskSpec
+
+if TYPE_CHECKING:
+    from gleaner._video import Video
 
 
 class Env(Protocol):
@@ -129,6 +136,8 @@ def evaluate(
     seed: int = 0,
     *,
     max_steps: int | None = None,
+    execute: int = 1,
+    video: str | os.PathLike[str] | None = None,
     on_trial: Callable[[Trial], object] = lambda trial: None,
 ) -> Trials:
     """Runs episodes one after the other; episode i starts from seed + i, so that policies are evaluated on equal ones.
@@ -136,18 +145,28 @@ def evaluate(
     An episode ends solved as soon as the adapter's `success` returns true, else when the environment ends it, or
     unsolved after `max_steps`. An exception of the policy, including a missed deadline, ends the evaluation. A
     recording `Policy` labels each episode by its result.
+
+    `execute` is the number of actions of each chunk to execute before the next chunk counts (open loop).
+    `video` is a folder for a video of each episode with the cameras that the policy saw, named by seed and result;
+    it needs `gleaner-client[video]`.
     """
     if episodes < 1:
         raise invalid("episodes", "must be at least 1")
     if max_steps is not None and max_steps < 1:
         raise invalid("max_steps", "must be at least 1")
+    if execute < 1:
+        raise invalid("execute", "must be at least 1")
     spec = getattr(policy, "spec", None)
     if spec is not None:
         adapter.spec = spec
+    films = None if video is None else _Films(Path(video), spec)
     trials = []
     ids = set()
     for index in range(episodes):
-        trial = _trial(env, policy, adapter, seed + index, max_steps)
+        with nullcontext() if films is None else films.episode(seed + index) as film:
+            trial = _trial(env, policy, adapter, seed + index, max_steps=max_steps, execute=execute, film=film)
+        if films is not None:
+            films.name(trial)
         ids.add(getattr(policy, "policy_id", ""))
         if len(ids) > 1:
             raise invalid(
@@ -158,8 +177,18 @@ def evaluate(
     return Trials(seed, tuple(trials), ids.pop())
 
 
-def _trial(env: Env, policy: Acting, adapter: Adapter, seed: int, max_steps: int | None) -> Trial:
-    policy.reset()
+def _trial(
+    env: Env,
+    policy: Acting,
+    adapter: Adapter,
+    seed: int,
+    *,
+    max_steps: int | None,
+    execute: int,
+    film: Video | None,
+) -> Trial:
+    acting = policy if execute == 1 else OpenLoop(_planner(policy), execute)
+    acting.reset()
     observed, info = env.reset(seed=seed)
     steps, success, over = 0, adapter.success(env, info), False
     while not (success or over):
@@ -168,7 +197,9 @@ def _trial(env: Env, policy: Acting, adapter: Adapter, seed: int, max_steps: int
             depth=adapter.depth(env, observed),
             proprioception=adapter.proprioception(env, observed),
         )
-        observed, _, terminated, truncated, info = env.step(adapter.action(env, policy(observation)))
+        if film is not None:
+            film.add(observation.images)
+        observed, _, terminated, truncated, info = env.step(adapter.action(env, acting(observation)))
         steps += 1
         success = adapter.success(env, info)
         over = bool(terminated) or bool(truncated) or steps == max_steps
@@ -176,3 +207,31 @@ def _trial(env: Env, policy: Acting, adapter: Adapter, seed: int, max_steps: int
         return Trial(seed, success, steps, policy.close("success" if success else "failure"))
     policy.reset()
     return Trial(seed, success, steps)
+
+
+def _planner(policy: Acting) -> Planner:
+    if not callable(getattr(policy, "chunk", None)):
+        raise invalid("execute", "the policy has no method `chunk`, which open-loop execution needs")
+    return cast("Planner", policy)
+
+
+class _Films:
+    """A video of each episode, `seed-7-success.mp4` for example."""
+
+    def __init__(self, folder: Path, spec: TaskSpec | None) -> None:
+        from gleaner._video import Video
+
+        self._folder, self._video = folder, Video
+        self._rate = spec.rate_hz if spec is not None else 20.0
+
+    def episode(self, seed: int) -> Video:
+        return self._video(self._path(seed, "running"), self._rate)
+
+    def name(self, trial: Trial) -> None:
+        running = self._path(trial.seed, "running")
+        # An episode that was solved from the start has no step.
+        if running.exists():
+            running.replace(self._path(trial.seed, "success" if trial.success else "failure"))
+
+    def _path(self, seed: int, state: str) -> Path:
+        return self._folder / f"seed-{seed}-{state}.mp4"
