@@ -91,6 +91,8 @@ lint-python: $(PYTHON_ENV)
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check --config pyproject.toml ../../crates/formats/checks
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check --config pyproject.toml $(LONE_SCRIPTS)
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml $(LONE_SCRIPTS)
+	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml ../../examples/ros2
+	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check --config pyproject.toml ../../examples/ros2
 	cd client/lerobot && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy $(LONE_SCRIPTS)

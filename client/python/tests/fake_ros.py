@@ -1,0 +1,73 @@
+"""The surface of rclpy that the ROS 2 example uses, without ROS: topics are a dictionary, and tests call timers.
+
+Packages have no rclpy, so the node's logic is tested, not the middleware below it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+
+class Graph:
+    """Every topic: its type, its subscribers and what was published."""
+
+    def __init__(self, types: dict[str, str], classes: dict[str, type], parameters: dict[str, Any]) -> None:
+        self.types, self.classes, self.parameters = types, classes, parameters
+        self.subscribers: dict[str, Callable[[Any], None]] = {}
+        self.published: list[tuple[str, Any]] = []
+        self.log: list[str] = []
+        self.now_ns = 1_700_000_000_000_000_000
+
+    def send(self, topic: str, message: Any) -> None:
+        """A message arrives."""
+        self.subscribers[topic](message)
+
+    def install(self, monkeypatch: Any) -> None:
+        """Makes the modules importable."""
+        graph = self
+
+        class Node:
+            def __init__(self, name: str) -> None:
+                self.timers: list[tuple[float, Callable[[], None]]] = []
+
+            def declare_parameter(self, name: str, default: Any) -> SimpleNamespace:
+                return SimpleNamespace(value=graph.parameters.get(name, default))
+
+            def get_topic_names_and_types(self) -> list[tuple[str, list[str]]]:
+                return [(topic, [kind]) for topic, kind in graph.types.items()]
+
+            def create_subscription(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any) -> None:
+                assert kind is graph.classes[graph.types[topic]]
+                graph.subscribers[topic] = callback
+
+            def create_publisher(self, kind: type, topic: str, qos: Any) -> SimpleNamespace:
+                return SimpleNamespace(publish=lambda message: graph.published.append((topic, message)))
+
+            def create_timer(self, period: float, callback: Callable[[], None]) -> SimpleNamespace:
+                assert period > 0
+                self.timers.append((period, callback))
+                return SimpleNamespace(cancel=lambda: self.timers.remove((period, callback)))
+
+            def get_clock(self) -> SimpleNamespace:
+                return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=graph.now_ns))
+
+            def get_logger(self) -> SimpleNamespace:
+                return SimpleNamespace(info=graph.log.append, error=graph.log.append)
+
+        modules: dict[str, dict[str, Any]] = {
+            "rclpy": {"init": lambda: None, "spin": lambda node: None},
+            "rclpy.executors": {"ExternalShutdownException": type("ExternalShutdownException", (Exception,), {})},
+            "rclpy.node": {"Node": Node},
+            "rclpy.qos": {"qos_profile_sensor_data": object()},
+            "rosidl_runtime_py": {},
+            "rosidl_runtime_py.utilities": {"get_message": self.classes.__getitem__},
+            "std_msgs": {},
+            "std_msgs.msg": {"Bool": SimpleNamespace},
+        }
+        for name, content in modules.items():
+            module = ModuleType(name)
+            vars(module).update(content)
+            monkeypatch.setitem(sys.modules, name, module)

@@ -1,0 +1,256 @@
+"""The ROS 2 example drives a deployment by the task's mapping: its node over a stand-in for rclpy (`fake_ros`)."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+import threading
+from collections.abc import Iterator
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gleaner
+from conftest import DEPLOYMENT
+from fake_ros import Graph
+from gleaner._proto.v1.task_pb2 import CameraSource, FieldSource, Mapping
+from gleaner.observation import size
+from programs import ROOT
+from test_policy import observation
+
+EXAMPLE = ROOT / "examples" / "ros2"
+JOINTS = [f"joint{number}" for number in range(64)]
+
+
+class JointState:
+    def __init__(self) -> None:
+        self.name: list[str] = []
+        self.position: list[float] = []
+
+
+class Array:
+    def __init__(self) -> None:
+        self.data: list[float] = []
+
+
+class Image:
+    pass
+
+
+@pytest.fixture
+def modules(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, ModuleType]]:
+    """The example's own modules."""
+    monkeypatch.syspath_prepend(str(EXAMPLE))
+    names = ("messages", "control")
+    yield {name: importlib.import_module(name) for name in names}
+    for name in (*names, "gleaner_node"):
+        sys.modules.pop(name, None)
+
+
+class Robot:
+    """A node with a real deployment, and the topics of a mapping in which everything has a topic of its own."""
+
+    def __init__(self, client: gleaner.Client, monkeypatch: pytest.MonkeyPatch, **parameters: Any) -> None:
+        self.policy = gleaner.Policy(client, DEPLOYMENT)
+        spec = self.spec = self.policy.spec
+        # The first field and the action are joints by name, others plain arrays.
+        first = spec.proprioception[0]
+        fields = [FieldSource(field=first.name, topic="/joints", paths=["position"], names=JOINTS[: first.size])]
+        for field in spec.proprioception[1:]:
+            fields.append(FieldSource(field=field.name, topic=f"/{field.name}", paths=[f"data[0:{field.size}]"]))
+        at = 0
+        for field in spec.action:
+            fields.append(FieldSource(field=field.name, topic="/command", paths=[f"data[{at}:{at + field.size}]"]))
+            at += field.size
+        cameras = [
+            CameraSource(
+                camera=camera.name, color=f"/{camera.name}", depth=f"/{camera.name}/depth" if camera.depth else ""
+            )
+            for camera in spec.cameras
+        ]
+        del spec.mappings[:]
+        spec.mappings.append(Mapping(name="ros", cameras=cameras, fields=fields))
+        types = {"/joints": "JointState"}
+        types |= {source.topic: "Array" for source in fields[1:]}
+        types |= {topic: "Image" for source in cameras for topic in (source.color, source.depth) if topic}
+        classes: dict[str, type] = {"JointState": JointState, "Array": Array, "Image": Image}
+        self.graph = Graph(types, classes, parameters)
+        self.graph.install(monkeypatch)
+        self.node: Any = importlib.import_module("gleaner_node").GleanerNode(self.policy)
+
+    def see(self, seen: dict[str, Any]) -> None:
+        """Sends an observation as ROS messages; joints in another order than the task's, images with padded rows."""
+        values = np.asarray(seen["proprioception"], np.float64)
+        for field in self.spec.proprioception:
+            part, values = values[: field.size], values[field.size :]
+            if field.name == self.spec.proprioception[0].name:
+                order = list(reversed(range(field.size)))
+                message: Any = SimpleNamespace(
+                    name=[JOINTS[joint] for joint in order], position=[part[joint] for joint in order]
+                )
+                self.graph.send("/joints", message)
+            else:
+                self.graph.send(f"/{field.name}", SimpleNamespace(data=[*part, 99.0]))
+        for name, image in seen["images"].items():
+            self.graph.send(f"/{name}", picture(image[..., ::-1], "bgr8"))
+        for name, depth in seen["depth"].items():
+            self.graph.send(f"/{name}/depth", picture(depth[..., None], "16UC1"))
+
+    def commands(self) -> list[list[float]]:
+        return [message.data for topic, message in self.graph.published if topic == "/command"]
+
+    def active(self) -> bool:
+        self.node.check()
+        found: bool = [message.data for topic, message in self.graph.published if topic == "~/active"][-1]
+        return found
+
+
+def picture(pixels: np.ndarray[Any, Any], encoding: str) -> SimpleNamespace:
+    rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(pixels), -1)
+    padded = np.pad(rows, ((0, 0), (0, 5)))
+    return SimpleNamespace(
+        height=len(pixels),
+        width=pixels.shape[1],
+        step=padded.shape[1],
+        encoding=encoding,
+        is_bigendian=0,
+        data=padded.tobytes(),
+    )
+
+
+@pytest.fixture
+def monotonic(modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time that the node reads, set by tests."""
+    del modules
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    return now
+
+
+def test_actions_are_those_of_a_session(
+    client: gleaner.Client, deployment: str, modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = Robot(client, monkeypatch)
+    robot.node.discover()
+    spec = robot.spec
+    steps = [observation(spec, seed) for seed in range(3)]
+    for seen in steps:
+        robot.see(seen)
+        robot.node.step()
+    with gleaner.Policy(client, deployment) as session:
+        expected = [session(seen) for seen in steps]
+    np.testing.assert_allclose(robot.commands(), expected, atol=1e-6)
+    assert robot.graph.log[-1] == "acting"
+    assert robot.active()
+    robot.node.end()
+
+
+def test_stale_and_unfit_messages_give_no_action(
+    client: gleaner.Client, deployment: str, monotonic: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del deployment
+    robot = Robot(client, monkeypatch, max_age=0.5)
+    robot.node.step()
+    assert robot.commands() == []
+    robot.node.discover()
+    robot.node.step()
+    assert robot.graph.log[-1].startswith("no action: no message on /")
+    robot.see(observation(robot.spec))
+    robot.node.step()
+    assert len(robot.commands()) == 1
+    monotonic[0] += 0.6
+    robot.node.step()
+    assert robot.graph.log[-1].endswith("is 0.60 s old")
+    robot.see(observation(robot.spec))
+    robot.graph.send("/joints", SimpleNamespace(name=["other"], position=[0.0]))
+    robot.node.step()
+    assert robot.graph.log[-1] == "no action: position: the message has no joint0; it names other"
+    assert len(robot.commands()) == 1
+    # The session is still the one of the first action.
+    robot.see(observation(robot.spec))
+    robot.node.step()
+    assert len(robot.commands()) == 2
+    robot.node.end()
+
+
+def test_watchdog_stops_the_robot_once_and_recovers(
+    client: gleaner.Client, deployment: str, monotonic: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del deployment
+    still = [0.0] * size(gleaner.Policy(client, DEPLOYMENT).spec.action)
+    robot = Robot(client, monkeypatch, watchdog=0.5, stop_action=still)
+    robot.node.discover()
+    assert not robot.active()
+    robot.see(observation(robot.spec))
+    robot.node.step()
+    assert robot.active()
+    monotonic[0] += 0.51
+    assert not robot.active()
+    assert not robot.active()
+    assert robot.commands()[1:] == [still]
+    assert robot.graph.log[-1] == "watchdog: no action in time"
+    robot.see(observation(robot.spec))
+    robot.node.step()
+    assert robot.active()
+    robot.node.end()
+    assert robot.commands()[-1] == still
+
+
+def test_ticks_are_served_by_a_thread_until_the_end(
+    client: gleaner.Client, deployment: str, modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del deployment
+    robot = Robot(client, monkeypatch, max_age=60.0)
+    acted = threading.Event()
+    step = robot.node.step
+
+    def noted() -> None:
+        step()
+        acted.set()
+
+    monkeypatch.setattr(robot.node, "step", noted)
+    robot.node.start()
+    robot.see(observation(robot.spec))
+    period = 1 / robot.policy.rate_hz
+    tick = next(callback for seconds, callback in robot.node.timers if seconds == period)
+    tick()
+    assert acted.wait(60)
+    robot.node.end()
+    assert len(robot.commands()) == 1
+    assert not robot.node._thread.is_alive()
+
+
+def test_values_and_pictures_of_messages(modules: dict[str, ModuleType]) -> None:
+    messages = modules["messages"]
+    pose = SimpleNamespace(pose=SimpleNamespace(position=SimpleNamespace(x=1, y=2, z=3)), data=[4, 5, 6])
+    assert messages.read(pose, ["pose.position.z", "data[1]", "data[0:2]"], []) == [3, 5, 4, 5]
+    for path, problem in {"pose.speed": "has no speed", "data[9]": "has 3 values", "data[": "expected a.b"}.items():
+        with pytest.raises(messages.Unfit, match=problem):
+            messages.read(pose, [path], [])
+    command = SimpleNamespace(twist=SimpleNamespace(linear=SimpleNamespace(x=0, y=0)), data=0.0)
+    messages.write(command, ["twist.linear.x", "twist.linear.y", "data"], [], [1, 2, 3])
+    assert (command.twist.linear.x, command.twist.linear.y, command.data) == (1, 2, 3)
+    joints = JointState()
+    messages.write(joints, ["position"], ["a", "b"], [1, 2])
+    assert (joints.name, joints.position) == (["a", "b"], [1, 2])
+    with pytest.raises(messages.Unfit, match="1 values more"):
+        messages.write(command, ["data"], [], [1, 2])
+    metres = np.array([[0.5, np.nan], [np.inf, 70.0]], np.float32)[..., None]
+    assert messages.picture(picture(metres, "32FC1")).tolist() == [[500, 0], [0, 65535]]
+    packed = SimpleNamespace(format="16UC1; compressedDepth png", data=b"123456789012PNG")
+    assert messages.picture(packed) == b"PNG"
+    assert messages.picture(SimpleNamespace(format="jpeg", data=b"JPEG")) == b"JPEG"
+    with pytest.raises(messages.Unfit, match="encoding yuv422 is unknown; supported: rgb8"):
+        messages.picture(SimpleNamespace(encoding="yuv422"))
+
+
+def test_readme_names_every_parameter_of_the_node() -> None:
+    code = (EXAMPLE / "gleaner_node.py").read_text()
+    readme = (EXAMPLE / "README.md").read_text()
+    parameters = re.findall(r'given\(\s*"(\w+)"', code)
+    assert len(parameters) == 12
+    for name in parameters:
+        assert f"| `{name}` |" in readme

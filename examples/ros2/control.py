@@ -1,0 +1,103 @@
+"""What a robot sees and does by a task's mapping, and the watchdog of its actions. Depends on gleaner, not on ROS.
+
+Topics arrive at any rate and from any thread; a step takes the newest message of each.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import messages
+import numpy as np
+
+import gleaner
+
+Publish = Callable[[str, Any], None]
+
+
+class Scene:
+    """The newest message of each topic that the task's mapping names."""
+
+    def __init__(self, spec: gleaner.types.TaskSpec, mapping: str = "") -> None:
+        known = {one.name: one for one in spec.mappings}
+        if not known or (mapping and mapping not in known):
+            raise gleaner.InvalidArgument(f"mapping {mapping!r}: the task has {', '.join(known) or 'no mapping'}")
+        self.mapping = known[mapping] if mapping else spec.mappings[0]
+        self.spec = spec
+        self.fields = {source.field: source for source in self.mapping.fields}
+        seen = {field.name for field in spec.proprioception}
+        self.observed = {source.topic for source in self.mapping.fields if source.field in seen}
+        self.observed |= {topic for source in self.mapping.cameras for topic in (source.color, source.depth) if topic}
+        self.acted = {self.fields[field.name].topic for field in spec.action}
+        self._newest: dict[str, tuple[float, Any]] = {}
+        self._lock = threading.Lock()
+
+    def arrived(self, topic: str, message: Any, now: float) -> None:
+        """Keeps a message; `now` in seconds of a clock that never jumps."""
+        with self._lock:
+            self._newest[topic] = (now, message)
+
+    def stale(self, now: float, most: float) -> str:
+        """Why there is no step: a topic without a message within the last `most` seconds. Empty if there is one."""
+        with self._lock:
+            newest = dict(self._newest)
+        for topic in sorted(self.observed):
+            if topic not in newest:
+                return f"no message on {topic} yet"
+            if now - newest[topic][0] > most:
+                return f"the newest message on {topic} is {now - newest[topic][0]:.2f} s old"
+        return ""
+
+    def observation(self, stamp_ns: int) -> gleaner.Observation:
+        """The step of the newest messages. Raises `Unfit` when one is not what the mapping says."""
+        with self._lock:
+            newest = {topic: message for topic, (_, message) in self._newest.items()}
+        images, depth = {}, {}
+        for source in self.mapping.cameras:
+            images[source.camera] = messages.picture(newest[source.color])
+            if source.depth:
+                depth[source.camera] = messages.picture(newest[source.depth])
+        values: list[float] = []
+        for field in self.spec.proprioception:
+            source = self.fields[field.name]
+            values += messages.read(newest[source.topic], source.paths, source.names)
+        return gleaner.Observation(images=images, depth=depth, proprioception=values, stamp_ns=stamp_ns)
+
+    def commands(self, action: np.ndarray, made: Callable[[str], Any]) -> Mapping[str, Any]:
+        """The messages of an action by topic; `made` returns an empty message for a topic."""
+        found: dict[str, Any] = {}
+        at = 0
+        for field in self.spec.action:
+            source = self.fields[field.name]
+            message = found.setdefault(source.topic, made(source.topic))
+            messages.write(message, source.paths, source.names, action[at : at + field.size])
+            at += field.size
+        return found
+
+
+class Watchdog:
+    """Whether actions still come: after `seconds` without one it trips, until the next action."""
+
+    def __init__(self, seconds: float, now: float) -> None:
+        self._seconds, self._last, self._tripped = seconds, now, True
+        self._lock = threading.Lock()
+
+    def acted(self, now: float) -> None:
+        """An action was published."""
+        with self._lock:
+            self._last, self._tripped = now, False
+
+    def trips(self, now: float) -> bool:
+        """True once for each silence."""
+        with self._lock:
+            if self._tripped or now - self._last <= self._seconds:
+                return False
+            self._tripped = True
+            return True
+
+    @property
+    def active(self) -> bool:
+        """Whether actions come."""
+        return not self._tripped

@@ -1,0 +1,168 @@
+#!/usr/bin/env python3
+"""A ROS 2 node that drives a robot with a gleaner deployment, by the topics of the task's own mapping.
+
+    python3 gleaner_node.py --ros-args -p deployment:=pick_cube@prod -p server:=lab:7400
+
+The parameters are described in README.md beside this file.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from functools import partial
+from typing import Any
+
+import numpy as np
+import rclpy
+from control import Scene, Watchdog
+from messages import Unfit
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from rosidl_runtime_py.utilities import get_message
+from std_msgs.msg import Bool
+
+import gleaner
+
+# Seconds between looks for the types of topics that are not known yet.
+DISCOVERY = 0.5
+
+
+class GleanerNode(Node):
+    """One robot: newest messages in, an action each control period out.
+
+    The policy is called in a thread of its own, so that the watchdog's timer runs while a call waits for the server.
+    """
+
+    def __init__(self, policy: gleaner.Policy | None = None) -> None:
+        super().__init__("gleaner")
+
+        def given(name: str, default: Any) -> Any:
+            return self.declare_parameter(name, default).value
+
+        self._policy = policy or gleaner.Policy(
+            gleaner.connect(
+                given("server", "127.0.0.1:7400"), os.environ.get("GLEANER_TOKEN"), ca=given("ca", "") or None
+            ),
+            given("deployment", ""),
+            rate_hz=given("rate_hz", 0.0) or None,
+            deadline=given("deadline", 0.0) or None,
+            record=given("record", False),
+            cohort=given("cohort", ""),
+        )
+        self._scene = Scene(self._policy.spec, given("mapping", ""))
+        self._most = given("max_age", 0.5)
+        self._types = dict(pair.split("=", 1) for pair in given("types", [""]) if pair)
+        self._stop_action = np.array(given("stop_action", [float("nan")]), np.float32)
+        if np.isnan(self._stop_action).any():
+            self._stop_action = None
+        self._classes: dict[str, Any] = {}
+        self._command: dict[str, Any] = {}
+        self._active = self.create_publisher(Bool, "~/active", 1)
+        self._watchdog = Watchdog(given("watchdog", 0.5), time.monotonic())
+        self._due = threading.Event()
+        self._ending = threading.Event()
+        self._said = ""
+        period = 1.0 / self._policy.rate_hz
+        self._discovery = self.create_timer(DISCOVERY, self.discover)
+        self._ticks = self.create_timer(period, self._due.set)
+        self._checks = self.create_timer(min(period, 0.1), self.check)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def start(self) -> None:
+        """Begins to act."""
+        self.discover()
+        self._thread.start()
+
+    def discover(self) -> None:
+        """Subscribes to topics, and advertises actions, as soon as their types are known."""
+        known = {name: types[0] for name, types in self.get_topic_names_and_types()} | self._types
+        for topic in (self._scene.observed | self._scene.acted) - self._classes.keys():
+            if topic not in known:
+                continue
+            self._classes[topic] = kind = get_message(known[topic])
+            if topic in self._scene.observed:
+                self.create_subscription(kind, topic, partial(self._arrived, topic), qos_profile_sensor_data)
+            if topic in self._scene.acted:
+                self._command[topic] = self.create_publisher(kind, topic, 1)
+        missing = (self._scene.observed | self._scene.acted) - self._classes.keys()
+        if missing:
+            self._say(f"waiting for the types of {', '.join(sorted(missing))}; set them with the parameter `types`")
+        else:
+            self._discovery.cancel()
+
+    def _arrived(self, topic: str, message: Any) -> None:
+        self._scene.arrived(topic, message, time.monotonic())
+
+    def step(self) -> None:
+        """One control period: an action if every topic is fresh, else nothing."""
+        if self._command.keys() != self._scene.acted:
+            return
+        if why := self._scene.stale(time.monotonic(), self._most):
+            self._say(f"no action: {why}")
+            return
+        try:
+            observation = self._scene.observation(self.get_clock().now().nanoseconds)
+            self._publish(self._policy(observation))
+        except (gleaner.GleanerError, Unfit) as error:
+            # The watchdog stops the robot if this lasts; the next period tries again.
+            self._say(f"no action: {error}")
+            return
+        self._watchdog.acted(time.monotonic())
+        self._say("acting")
+
+    def check(self) -> None:
+        """Stops the robot when actions have not come for longer than the watchdog allows."""
+        if self._watchdog.trips(time.monotonic()):
+            self.get_logger().error("watchdog: no action in time")
+            if self._stop_action is not None:
+                self._publish(self._stop_action)
+        self._active.publish(Bool(data=self._watchdog.active))
+
+    def end(self, outcome: str = "unknown") -> str:
+        """Stops acting and ends the episode; returns the id of its recording, if any."""
+        self._ending.set()
+        self._due.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        if self._stop_action is not None and self._command.keys() == self._scene.acted:
+            self._publish(self._stop_action)
+        return self._policy.close(outcome)
+
+    def _run(self) -> None:
+        while True:
+            self._due.wait()
+            self._due.clear()
+            if self._ending.is_set():
+                return
+            self.step()
+
+    def _publish(self, action: np.ndarray) -> None:
+        for topic, message in self._scene.commands(action, lambda topic: self._classes[topic]()).items():
+            self._command[topic].publish(message)
+
+    def _say(self, state: str) -> None:
+        # Once for each change, not once a period.
+        if state != self._said:
+            self._said = state
+            self.get_logger().info(state)
+
+
+def main() -> None:
+    """Runs the node until it is interrupted."""
+    rclpy.init()
+    node = GleanerNode()
+    node.start()
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if recorded := node.end():
+            print(recorded)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""Values and pictures of ROS 2 messages, by the paths of a task's mapping. Depends on numpy alone, not on ROS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+PART = re.compile(r"(?P<name>[A-Za-z_]\w*)(?:\[(?P<first>\d+)(?::(?P<end>\d+))?\])?")
+# The header that image transport puts before the PNG of a compressed depth image.
+DEPTH_HEADER = 12
+
+
+class Unfit(ValueError):
+    """A message is not what the mapping says: names the path and what was expected."""
+
+
+def read(message: Any, paths: Sequence[str], names: Sequence[str]) -> list[float]:
+    """The numbers at some paths, one after the other; with names, those of arrays beside the message's `name`."""
+    found: list[float] = []
+    for path in paths:
+        values = _at(message, path)
+        if names:
+            known = [*message.name]
+            missing = [name for name in names if name not in known]
+            if missing:
+                raise Unfit(f"{path}: the message has no {missing[0]}; it names {', '.join(known) or 'nothing'}")
+            values = [values[known.index(name)] for name in names]
+        found += [float(value) for value in np.ravel(values)]
+    return found
+
+
+def write(message: Any, paths: Sequence[str], names: Sequence[str], values: Sequence[float]) -> None:
+    """The reverse of `read`: puts numbers into a message."""
+    left = [float(value) for value in values]
+    if names:
+        message.name = [*names]
+    for path in paths:
+        *way, last = path.split(".")
+        holder = message
+        for part in way:
+            holder = _part(holder, part)
+        match = _match(last)
+        if match["first"] is None:
+            whole = names or hasattr(getattr(holder, match["name"]), "__len__")
+            count = len(names) or (len(left) if whole else 1)
+            setattr(holder, match["name"], left[:count] if whole else left[0])
+        else:
+            first, end = int(match["first"]), int(match["end"] or int(match["first"]) + 1)
+            count = end - first
+            array = [*getattr(holder, match["name"])]
+            array += [0.0] * (end - len(array))
+            array[first:end] = left[:count]
+            setattr(holder, match["name"], array)
+        left = left[count:]
+    if left:
+        raise Unfit(f"{', '.join(paths)}: {len(left)} values more than the paths take")
+
+
+def picture(message: Any) -> np.ndarray | bytes:
+    """The picture of an Image or CompressedImage as gleaner takes it: RGB, 16-bit millimetres, or its bytes."""
+    if hasattr(message, "format"):
+        data = bytes(message.data)
+        return data[DEPTH_HEADER:] if "compressedDepth" in message.format else data
+    kinds = {"rgb8": ("u1", 3), "bgr8": ("u1", 3), "rgba8": ("u1", 4), "bgra8": ("u1", 4)}
+    kinds |= {"16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1)}
+    if message.encoding not in kinds:
+        raise Unfit(f"encoding {message.encoding} is unknown; supported: {', '.join(kinds)}")
+    kind, channels = kinds[message.encoding]
+    order = ">" if message.is_bigendian else "<"
+    rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, message.step)
+    width = message.width * channels * np.dtype(kind).itemsize
+    pixels = np.ascontiguousarray(rows[:, :width]).view(f"{order}{kind}")
+    pixels = pixels.reshape(message.height, message.width, channels)
+    if kind == "f4":
+        metres = np.nan_to_num(pixels[..., 0], nan=0.0, posinf=0.0, neginf=0.0)
+        return (metres * 1000).clip(0, 65535).astype(np.uint16)
+    if kind == "u2":
+        return pixels[..., 0].astype(np.uint16)
+    colors = pixels[..., :3]
+    return np.ascontiguousarray(colors[..., ::-1] if message.encoding.startswith("bgr") else colors)
+
+
+def _match(part: str) -> re.Match[str]:
+    match = PART.fullmatch(part)
+    if match is None:
+        raise Unfit(f"path {part!r}: expected a.b, a.b[2] or a.b[0:9]")
+    return match
+
+
+def _part(holder: Any, part: str) -> Any:
+    match = _match(part)
+    if not hasattr(holder, match["name"]):
+        raise Unfit(f"path {part!r}: {type(holder).__name__} has no {match['name']}")
+    value = getattr(holder, match["name"])
+    if match["first"] is None:
+        return value
+    first, end = int(match["first"]), match["end"]
+    if len(value) < (int(end) if end else first + 1):
+        raise Unfit(f"path {part!r}: the message has {len(value)} values")
+    return value[first : int(end)] if end else value[first]
+
+
+def _at(message: Any, path: str) -> Any:
+    for part in path.split("."):
+        message = _part(message, part)
+    return message
