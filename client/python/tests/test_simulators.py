@@ -1,0 +1,223 @@
+"""Deployments in simulators of others: the adapter with a made-up one, and each simulator where it is installed.
+
+`make check-simulators` installs them; rendering needs OSMesa or EGL.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+from numpy.typing import NDArray
+from PIL import Image
+
+import gleaner
+from gleaner.simulators import Camera, Seen, Simulator, SimulatorAdapter, make
+
+SIDE, STEPS = 24, 8
+# Of each simulator: an environment, a camera of it and values with their sizes, and the size of an action.
+ROBOSUITE = ("Lift", "robot0_eye_in_hand", {"robot0_eef_pos": 3, "robot0_gripper_qpos": 2}, 7)
+METAWORLD = ("reach-v3", "gripperPOV", {"hand": 3, "gripper": 1}, 4)
+LIBERO = ("libero_spatial/0", "agentview", {"state": 8, "robot0_gripper_qpos": 2}, 7)
+CASES = {"robosuite": ROBOSUITE, "metaworld": METAWORLD, "libero": LIBERO}
+
+
+def spec_of(name: str, camera: str, values: dict[str, int], action: int, *, depth: bool) -> gleaner.types.TaskSpec:
+    """A task with one camera, whose recordings are JSON."""
+    sources = [{"field": field, "topic": f"/{field}", "paths": ["data"]} for field in (*values, "action")]
+    cameras = [{"camera": camera, "color": f"/{camera}", "depth": f"/{camera}/depth" if depth else ""}]
+    return gleaner.types.TaskSpec(
+        name=name,
+        rate_hz=20.0,
+        cameras=[{"name": camera, "height": SIDE, "width": SIDE, "depth": depth}],
+        proprioception=[{"name": field, "size": size} for field, size in values.items()],
+        action=[{"name": "action", "size": action}],
+        mappings=[{"name": "json", "clock": "/action", "cameras": cameras, "fields": sources}],
+    )
+
+
+def record(path: Path, spec: gleaner.types.TaskSpec, seed: int) -> Path:
+    """Noise as a recording of a task."""
+    chance = np.random.default_rng(seed)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("lab", "jsonschema", b'{"type": "object"}')
+        mapping = spec.mappings[0]
+        topics = [source.topic for source in mapping.fields] + [mapping.cameras[0].color]
+        topics += [mapping.cameras[0].depth] if mapping.cameras[0].depth else []
+        channels = {topic: writer.register_channel(topic, "json", schema) for topic in topics}
+        sizes = {f"/{field.name}": field.size for field in (*spec.proprioception, *spec.action)}
+        for step in range(STEPS):
+            stamp = 10**18 + step * 50_000_000
+            for topic, channel in channels.items():
+                if topic in sizes:
+                    content: dict[str, Any] = {"data": chance.uniform(-1, 1, sizes[topic]).tolist()}
+                else:
+                    kind, shape = (np.uint16, (SIDE, SIDE)) if topic.endswith("/depth") else (np.uint8, (SIDE, SIDE, 3))
+                    content = {"format": "png", "data": png(chance.integers(0, 200, shape, kind))}
+                writer.add_message(channel, stamp, json.dumps(content).encode(), stamp)
+        writer.finish()
+    return path
+
+
+def png(pixels: NDArray[Any]) -> str:
+    data = io.BytesIO()
+    Image.fromarray(pixels).save(data, "PNG")
+    return base64.b64encode(data.getvalue()).decode()
+
+
+def deploy(client: gleaner.Client, spec: gleaner.types.TaskSpec, folder: Path) -> str:
+    """A policy of a task, trained on noise for two steps."""
+    client.tasks.create(spec)
+    for seed, outcome in enumerate(("success", "failure")):
+        client.episodes.push(record(folder / f"{seed}.mcap", spec, seed), task=spec.name, outcome=outcome)
+    encoder = client.jobs.pretrain(spec.name, steps=2, batch=4, segment_length=2)
+    policy = client.jobs.train(spec.name, experts_of=encoder.result_id, steps=2, batch=4)
+    client.jobs.wait(policy, timeout=300)
+    client.deploy(f"{spec.name}@test", policy.result_id)
+    return f"{spec.name}@test"
+
+
+class Counted(Simulator):
+    """Solved on the third step; its picture and values are the number of the step."""
+
+    name = "counted/one"
+    low, high = np.full(2, -0.5, np.float32), np.full(2, 0.5, np.float32)
+
+    def reset(self, *, seed: int | None = None) -> tuple[Seen, dict[str, Any]]:
+        self.steps, self.actions = 0, []  # type: int, list[NDArray[np.float32]]
+        return self.seen(), {"success": False}
+
+    def step(self, action: NDArray[np.float32], /) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+        self.steps += 1
+        self.actions.append(action)
+        return self.seen(), 0.0, False, False, {"success": self.steps == 3}
+
+    def seen(self) -> Seen:
+        picture = np.full((SIDE, SIDE, 3), self.steps, np.uint8)
+        return Seen({"arm": np.full((1, 3), self.steps), "other": np.zeros(2)}, {"eye": picture}, {})
+
+    def close(self) -> None:
+        pass
+
+
+class Far:
+    """Answers with an action beyond every bound."""
+
+    def __init__(self, spec: gleaner.types.TaskSpec) -> None:
+        self.spec = spec
+        self.seen: list[gleaner.Observation] = []
+
+    def __call__(self, observation: gleaner.Observation, /) -> NDArray[np.float32]:
+        self.seen.append(observation)
+        return np.array([-9.0, 9.0], np.float32)
+
+    def reset(self) -> None:
+        pass
+
+
+def test_names_of_a_simulator_become_those_of_a_task() -> None:
+    policy = Far(spec_of("counted", "front", {"arm_position": 3}, 2, depth=False))
+    adapter = SimulatorAdapter({"front": "eye"}, {"arm_position": "arm"})
+    assert adapter.wanted(policy.spec) == [Camera("eye", SIDE, SIDE)]
+    sim = Counted()
+    trials = gleaner.evaluate(sim, policy, adapter, episodes=1)
+    assert (trials.successes, trials.mean_steps) == (1, 3.0)
+    assert [np.asarray(seen.proprioception).tolist() for seen in policy.seen] == [[0] * 3, [1] * 3, [2] * 3]
+    assert [int(np.asarray(seen.images["front"]).max()) for seen in policy.seen] == [0, 1, 2]
+    assert [action.tolist() for action in sim.actions] == [[-0.5, 0.5]] * 3
+
+
+def test_cameras_are_rendered_at_the_size_of_recordings() -> None:
+    spec = spec_of("counted", "front", {"arm": 3}, 2, depth=True)
+    spec.cameras[0].recorded.height, spec.cameras[0].recorded.width = 48, 64
+    assert SimulatorAdapter().wanted(spec) == [Camera("front", 48, 64, depth=True)]
+
+
+@pytest.mark.parametrize(
+    ("fields", "values", "action", "problem"),
+    [
+        ({}, {"leg": 3}, 2, r"field leg: the simulator has no 'leg'; name one with --field leg=…: arm \[3\], other"),
+        ({"leg": "other"}, {"leg": 3}, 2, "field leg: other has 2 values, the task has 3"),
+        ({}, {"arm": 3}, 5, "action: counted/one takes 2 values, the task has 5"),
+    ],
+)
+def test_what_does_not_fit_is_named(fields: dict[str, str], values: dict[str, int], action: int, problem: str) -> None:
+    policy = Far(spec_of("counted", "eye", values, action, depth=False))
+    with pytest.raises(gleaner.InvalidArgument, match=problem):
+        gleaner.evaluate(Counted(), policy, SimulatorAdapter({}, fields), episodes=1)
+
+
+def test_unknown_names_are_refused() -> None:
+    spec = spec_of("counted", "eye", {"arm": 3}, 2, depth=False)
+    with pytest.raises(gleaner.InvalidArgument, match="camera rear: the task has none of this name; it has eye"):
+        SimulatorAdapter({"rear": "eye"}).wanted(spec)
+    with pytest.raises(gleaner.InvalidArgument, match="field leg: the task has none of this name; it has arm"):
+        SimulatorAdapter({}, {"leg": "arm"}).wanted(spec)
+    with pytest.raises(gleaner.InvalidArgument, match="simulator: 'gazebo' is unknown; supported: robosuite"):
+        make("gazebo", "x", [])
+
+
+@pytest.mark.parametrize("simulator", CASES)
+def test_a_seed_is_an_episode_of_a_real_simulator(simulator: str) -> None:
+    pytest.importorskip(simulator)
+    env_id, camera, values, action = CASES[simulator]
+    depth = simulator == "robosuite"
+    sim = make(simulator, env_id, [Camera(camera, SIDE, 2 * SIDE, depth=depth)])
+    first, again, other = (sim.reset(seed=seed)[0] for seed in (3, 3, 4))
+    assert first.images[camera].shape == (SIDE, 2 * SIDE, 3)
+    assert first.images[camera].std() > 1
+    np.testing.assert_array_equal(first.images[camera], again.images[camera])
+    state = {"robosuite": "cube_pos", "metaworld": "object", "libero": "akita_black_bowl_1_pos"}[simulator]
+    np.testing.assert_array_equal(first.values[state], again.values[state])
+    assert not np.array_equal(first.values[state], other.values[state])
+    assert {name: np.size(first.values[name]) for name in values} == values
+    assert (len(sim.low), len(sim.high)) == (action, action)
+    if depth:
+        # The hand looks at the table from above: between a hand's width and a metre.
+        assert 50 < np.median(first.depth[camera]) < 1000
+    sim.close()
+    with pytest.raises(gleaner.InvalidArgument, match=r"env: .* has no 'Nothing'; it has "):
+        make(simulator, "Nothing", [])
+
+
+@pytest.mark.parametrize("simulator", CASES)
+def test_the_command_evaluates_a_deployment_in_a_real_simulator(
+    simulator: str, client: gleaner.Client, server: str, tmp_path: Path
+) -> None:
+    pytest.importorskip(simulator)
+    env_id, camera, values, action = CASES[simulator]
+    deployment = deploy(
+        client, spec_of(f"{simulator}_task", camera, values, action, depth=simulator == "robosuite"), tmp_path
+    )
+    words = [sys.executable, "-m", "gleaner.simulators", simulator, env_id, "--server", server]
+
+    def run(*more: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([*words, *more], check=False, capture_output=True, text=True)
+
+    offered = run()
+    assert offered.returncode == 0, offered.stderr
+    assert all(f"{name}: {size}" in offered.stdout.splitlines() for name, size in values.items())
+    assert f"action: {action}, from [" in offered.stdout
+    video = tmp_path / "videos"
+    limits = ["--episodes", "2", "--seed", "5", "--max-steps", "4", "--execute", "2"]
+    done = run("--deployment", deployment, *limits, "--video", str(video), "--record", "--report")
+    assert done.returncode == 0, done.stderr
+    summary, evaluation = done.stdout.splitlines()[-2:]
+    assert " of 2 solved: " in summary
+    kept = client.policies.evaluation(evaluation)
+    assert (kept.simulation, kept.episodes) == (f"{simulator}/{env_id}", 2)
+    assert {path.name.split("-")[1] for path in video.iterdir()} == {"5", "6"}
+    recorded = [episode for episode in client.episodes.list(f"{simulator}_task") if episode.cohort == deployment]
+    assert [episode.steps for episode in recorded] == [4, 4]
+    refused = run("--deployment", deployment, "--field", f"{next(iter(values))}=nothing")
+    assert (refused.returncode, refused.stderr.splitlines()[-1][:13]) == (1, "error: field ")
