@@ -82,8 +82,8 @@ check-simulators: .libtorch $(SIMULATORS_ENV) $(LIBERO_ENV)
 	cd client/python && MUJOCO_GL=$(MUJOCO_GL) ../../$(SIMULATORS_ENV)/bin/pytest tests/test_simulators.py
 	cd client/python && MUJOCO_GL=$(MUJOCO_GL) ../../$(LIBERO_ENV)/bin/pytest tests/test_simulators.py -k libero
 
-# LeRobot drives a deployment through the policy plug-in, with its own evaluation loop. Needs Python 3.12 or newer
-# (LEROBOT_PYTHON) and installs LeRobot the first time (about 6 GB).
+# LeRobot drives a deployment through the policy plug-in, with its own evaluation loop; its PyTorch also reads
+# `torch_dataset`. Needs Python 3.12 or newer (LEROBOT_PYTHON) and installs LeRobot the first time (about 6 GB).
 LEROBOT_PYTHON ?= $(PYTHON)
 LEROBOT_POLICY_ENV = target/lerobot-policy-python
 check-lerobot-policy: .libtorch
@@ -92,6 +92,7 @@ check-lerobot-policy: .libtorch
 	$(LEROBOT_POLICY_ENV)/bin/pip install -q 'lerobot[dataset,evaluation,pusht]==0.6.1' 'torch==2.11.0' 'pytest>=8'
 	$(LEROBOT_POLICY_ENV)/bin/pip install -q client/python client/lerobot
 	cd client/lerobot && HF_HUB_OFFLINE=1 ../../$(LEROBOT_POLICY_ENV)/bin/pytest
+	cd client/python && ../../$(LEROBOT_POLICY_ENV)/bin/pytest tests/test_torch.py
 
 # Scripts outside the package, by their paths from there.
 LONE_SCRIPTS = ../../scripts/convert_resnet.py ../../crates/learn/src/model/image_encoder/resnet/reference.py

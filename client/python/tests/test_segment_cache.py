@@ -1,0 +1,68 @@
+"""The cache of a dataset's segments on the disk, without torch."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gleaner
+from conftest import Lab
+from gleaner._segment_cache import SegmentCache, fetch
+
+
+def cached(client: gleaner.Client, dataset: str, folder: Path, *, kept_only: bool = False) -> SegmentCache:
+    """The cache of a dataset with its pictures."""
+    return fetch(
+        client.datasets, dataset, frames=True, kept_only=kept_only, folder=folder, progress=lambda done, total: None
+    )
+
+
+@pytest.mark.parametrize("kept_only", [False, True])
+def test_windows_of_the_cache_are_the_segments_of_the_stream(
+    client: gleaner.Client, lab: Lab, tmp_path: Path, kept_only: bool
+) -> None:
+    cache = cached(client, lab.dataset, tmp_path, kept_only=kept_only)
+    segments = list(client.datasets.stream(lab.dataset, frames=True, kept_only=kept_only))
+    assert len(cache) == len(segments) > 0
+    for at, segment in enumerate(segments):
+        rows = slice(cache.end_row[at] + 1 - cache.length[at], cache.end_row[at] + 1)
+        np.testing.assert_array_equal(cache.steps["action"][rows], segment.action)
+        np.testing.assert_array_equal(cache.steps["proprioception"][rows], segment.proprioception)
+        for camera, images in segment.images.items():
+            np.testing.assert_array_equal(cache.steps[f"images.{camera}"][rows], images)
+        for camera, depth in segment.depth.items():
+            np.testing.assert_array_equal(cache.steps[f"depth.{camera}"][rows], depth)
+        assert cache.episodes[cache.episode[at]] == segment.episode_id
+        assert (cache.end_step[at], cache.expert[at]) == (segment.end_step, segment.role == "expert")
+        assert cache.weight[at] == np.float32(segment.weight)
+
+
+def test_a_step_is_stored_once(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:
+    cache = cached(client, lab.dataset, tmp_path)
+    segments = client.datasets.stream(lab.dataset)
+    steps = {(one.episode_id, step) for one in segments for step in range(one.first_step, one.end_step + 1)}
+    assert cache.rows == len(steps)
+    assert (cache.folder / "action").stat().st_size == len(steps) * cache.steps["action"][0].nbytes
+
+
+def test_another_process_maps_the_files_again(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:
+    cache = cached(client, lab.dataset, tmp_path)
+    packed = pickle.dumps(cache)
+    assert len(packed) < 1000
+    np.testing.assert_array_equal(pickle.loads(packed).steps["action"], cache.steps["action"])
+
+
+def fetched(address: str, dataset: str, folder: Path) -> int:
+    """What one process of several does: the inode of its file shows which fetch it reads."""
+    with gleaner.connect(address) as client:
+        return (cached(client, dataset, folder).folder / "action").stat().st_ino
+
+
+def test_processes_that_ask_at_once_fetch_once(server: str, lab: Lab, tmp_path: Path) -> None:
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        inodes = pool.starmap(fetched, [(server, lab.dataset, tmp_path)] * 2)
+    assert len(set(inodes)) == 1
