@@ -26,8 +26,9 @@ fn names(source: &str, word: &str) -> bool {
 
 #[test]
 fn crates_are_named_in_their_place_only() {
-    let rules: [(&str, &[&str]); 23] = [
-        ("tch", &["crates/learn/", "crates/search/"]),
+    let rules: [(&str, &[&str]); 24] = [
+        ("tch", &["crates/group/", "crates/learn/", "crates/search/"]),
+        ("gleaner_group", &["crates/group/", "crates/learn/", "crates/worker/"]),
         ("sqlx", &["server/src/store/"]),
         ("mcap", &["crates/recording/"]),
         ("image", &["crates/recording/"]),
@@ -127,8 +128,9 @@ const CRATES: [(&str, &[&str]); 19] = [
     ("crates/data-folder", &["core"]),
     ("crates/edge", &[]),
     ("crates/formats", &["core", "recording"]),
+    ("crates/group", &[]),
     ("crates/inspector", &["recording"]),
-    ("crates/learn", &["core", "search"]),
+    ("crates/learn", &["core", "group", "search"]),
     ("crates/logs", &["core"]),
     ("crates/openpi", &["core"]),
     ("crates/recording", &["core", "video"]),
@@ -136,7 +138,7 @@ const CRATES: [(&str, &[&str]); 19] = [
     ("crates/video", &[]),
     ("crates/web", &["core", "edge"]),
     ("crates/sim", &["recording"]),
-    ("crates/worker", &["core", "data-folder", "formats", "learn", "logs", "proto", "recording", "sim"]),
+    ("crates/worker", &["core", "data-folder", "formats", "group", "learn", "logs", "proto", "recording", "sim"]),
     ("client", &["core", "proto", "recording", "sim"]),
     ("client/command", &["client", "core", "inspector", "proto", "recording", "sim"]),
     (
@@ -232,6 +234,23 @@ fn end_to_end_tests_share_the_support_room_only() {
         }));
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+/// `unsafe` code is in one file; the lints of the workspace deny it elsewhere unless a file allows it.
+#[test]
+fn unsafe_code_is_in_its_room_only() {
+    let (lint, allows) = (["unsafe", "_code"].concat(), ["allow", "expect", "warn"]);
+    let allowing = |source: &str| allows.iter().any(|level| source.contains(&format!("{level}({lint}")));
+    let found: Vec<String> =
+        sources().into_iter().filter(|(_, source)| allowing(source)).map(|(name, _)| name).collect();
+    assert_eq!(found, ["crates/group/src/bindings.rs"]);
+    let root: toml::Table = std::fs::read_to_string(files::root().join("Cargo.toml")).unwrap().parse().unwrap();
+    assert_eq!(root["workspace"]["lints"]["rust"][&lint].as_str(), Some("deny"));
+    for member in root["workspace"]["members"].as_array().unwrap() {
+        let manifest = files::root().join(member.as_str().unwrap()).join("Cargo.toml");
+        let manifest: toml::Table = std::fs::read_to_string(manifest).unwrap().parse().unwrap();
+        assert_eq!(manifest["lints"]["workspace"].as_bool(), Some(true), "{member} has lints of its own");
+    }
 }
 
 #[test]

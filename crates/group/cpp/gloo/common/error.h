@@ -1,0 +1,2 @@
+// As context.h; c10d uses no name of this header.
+#pragma once

@@ -1,0 +1,119 @@
+// The process groups of libtorch behind six C functions. Each returns 0, or 1 with the reason in `message`, because no
+// exception may cross into Rust. src/bindings.rs has the same declarations.
+#include <torch/csrc/distributed/c10d/PrefixStore.hpp>
+#include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
+#include <torch/csrc/distributed/c10d/TCPStore.hpp>
+#ifdef USE_C10D_NCCL
+#include <torch/csrc/distributed/c10d/ProcessGroupNCCL.hpp>
+#endif
+
+#include <algorithm>
+#include <cstring>
+
+using Milliseconds = std::chrono::milliseconds;
+
+struct gleaner_store {
+  c10::intrusive_ptr<c10d::TCPStore> store;
+};
+
+struct gleaner_group {
+  c10::intrusive_ptr<c10d::Backend> backend;
+  // Whether the tensors of a GPU are summed there.
+  bool on_gpu;
+};
+
+template <typename Act>
+static int guarded(char *message, size_t room, Act act) {
+  const char *reason = "an exception without a message";
+  try {
+    act();
+    return 0;
+  } catch (const std::exception &error) {
+    std::strncpy(message, error.what(), room - 1);
+  } catch (...) {
+    std::strncpy(message, reason, room - 1);
+  }
+  message[room - 1] = 0;
+  return 1;
+}
+
+// Runs a collective operation on the tensor, by way of main memory where the group cannot read a GPU's.
+template <typename Collective>
+static void over(gleaner_group *group, at::Tensor *tensor, Collective collective) {
+  const bool staged = tensor->is_cuda() && !group->on_gpu;
+  std::vector<at::Tensor> tensors{staged ? tensor->cpu() : *tensor};
+  collective(tensors)->wait();
+  if (staged) {
+    tensor->copy_(tensors[0]);
+  }
+}
+
+extern "C" {
+
+// Whether this build can sum on GPUs.
+int gleaner_group_has_nccl() {
+#ifdef USE_C10D_NCCL
+  return 1;
+#else
+  return 0;
+#endif
+}
+
+// The store by which ranks find each other: rank 0 serves it at `*port` (0: any, written there), the others connect.
+int gleaner_store_open(const char *host, uint16_t *port, int serves, int ranks, int64_t timeout_ms, gleaner_store **out,
+                       char *message, size_t room) {
+  return guarded(message, room, [&] {
+    c10d::TCPStoreOptions options;
+    options.port = *port;
+    options.isServer = serves != 0;
+    options.numWorkers = ranks;
+    // Rank 0 reports its port before the others can come.
+    options.waitWorkers = false;
+    options.timeout = Milliseconds(timeout_ms);
+    auto store = c10::make_intrusive<c10d::TCPStore>(host, options);
+    *port = store->getPort();
+    *out = new gleaner_store{store};
+  });
+}
+
+// Joins the group of this name; the other ranks reach this one at `address`. Returns when all have joined.
+int gleaner_group_join(gleaner_store *store, const char *name, int rank, int ranks, const char *address, int gpu,
+                       int64_t timeout_ms, gleaner_group **out, char *message, size_t room) {
+  return guarded(message, room, [&] {
+    auto named = c10::make_intrusive<c10d::PrefixStore>(name, store->store);
+#ifdef USE_C10D_NCCL
+    if (gpu) {
+      auto options = c10d::ProcessGroupNCCL::Options::create();
+      options->timeout = Milliseconds(timeout_ms);
+      *out = new gleaner_group{c10::make_intrusive<c10d::ProcessGroupNCCL>(named, rank, ranks, options), true};
+      return;
+    }
+#else
+    (void)gpu;
+#endif
+    auto options = c10d::ProcessGroupGloo::Options::create(Milliseconds(timeout_ms));
+    // The default resolves the host's name, which Debian's /etc/hosts maps to 127.0.1.1.
+    options->devices.push_back(c10d::ProcessGroupGloo::createDeviceForHostname(address));
+    *out = new gleaner_group{c10::make_intrusive<c10d::ProcessGroupGloo>(named, rank, ranks, options), false};
+  });
+}
+
+// The tensor of every rank becomes the sum of all. It must be contiguous.
+int gleaner_group_sum(gleaner_group *group, void *tensor, char *message, size_t room) {
+  return guarded(message, room, [&] {
+    over(group, static_cast<at::Tensor *>(tensor),
+         [&](std::vector<at::Tensor> &tensors) { return group->backend->allreduce(tensors); });
+  });
+}
+
+// The tensor of every rank becomes that of rank 0. It must be contiguous.
+int gleaner_group_broadcast(gleaner_group *group, void *tensor, char *message, size_t room) {
+  return guarded(message, room, [&] {
+    over(group, static_cast<at::Tensor *>(tensor),
+         [&](std::vector<at::Tensor> &tensors) { return group->backend->broadcast(tensors); });
+  });
+}
+
+void gleaner_group_leave(gleaner_group *group) { delete group; }
+void gleaner_store_close(gleaner_store *store) { delete store; }
+}
