@@ -36,7 +36,8 @@ pub(crate) fn augment(batch: &mut Batch, augmentation: &Augmentation, standard: 
     }
     let mut drawn = HashMap::new();
     let of_episode = |episode: &usize| *drawn.entry(*episode).or_insert_with(|| Change::draw(augmentation, rng));
-    let changes: Vec<Change> = batch.episodes.iter().map(of_episode).collect();
+    let changes: Vec<Change> = batch.whole.episodes.iter().map(of_episode).collect();
+    let changes = batch.whole.values_of_steps(changes);
     for images in &mut batch.images {
         if augmentation.shift_pixels > 0 {
             *images = shift(images, &changes);
@@ -59,14 +60,15 @@ pub(crate) fn augment(batch: &mut Batch, augmentation: &Augmentation, standard: 
 
 /// 0 for the steps whose proprioception is dropped, otherwise 1, `[N, 1]`.
 fn kept(batch: &Batch, dropout: f64, rng: &mut ChaCha8Rng) -> Tensor {
-    let kept: Vec<f32> = batch.episodes.iter().map(|_| f32::from(u8::from(!rng.random_bool(dropout)))).collect();
-    rows(&kept, 1, batch.proprioception.device())
+    let kept: Vec<f32> = batch.whole.episodes.iter().map(|_| f32::from(u8::from(!rng.random_bool(dropout)))).collect();
+    batch.whole.of_steps(rows(&kept, 1, batch.proprioception.device()))
 }
 
 /// A normal number for each value of each step, `[N, M]`.
 fn offsets(batch: &Batch, rng: &mut ChaCha8Rng) -> Tensor {
     let width = usize::try_from(batch.proprioception.size()[1]).unwrap_or(0);
-    rows(&normal(rng, batch.episodes.len() * width), width, batch.proprioception.device())
+    let drawn = normal(rng, batch.whole.episodes.len() * width);
+    batch.whole.of_steps(rows(&drawn, width, batch.proprioception.device()))
 }
 
 impl Change {

@@ -4,6 +4,7 @@ use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use gleaner_core::{Error, Problem};
+use gleaner_group::GroupError;
 use gleaner_search::SearchError;
 use safetensors::SafeTensorError;
 use tch::TchError;
@@ -66,6 +67,9 @@ pub enum LearnError {
         "no thread could be started to assemble batches: {0}; run fewer jobs at once or raise the limit on threads"
     )]
     Thread(std::io::Error),
+    /// Another process of the training is lost.
+    #[error("{0}")]
+    Group(#[from] GroupError),
     /// The tensor library failed: out of memory, or a defect here.
     #[error("tensor library: {0}")]
     Torch(String),
@@ -78,9 +82,12 @@ impl LearnError {
             Self::Version { .. } | Self::Checkpoint(_) => Error::precondition(self.to_string()),
             Self::Invalid { ref field, ref message } => Error::invalid(field, message),
             Self::Cancelled => Error::cancelled(self.to_string()),
-            Self::Diverged { .. } | Self::Monitor { .. } | Self::Steps { .. } | Self::Thread(_) | Self::Torch(_) => {
-                Error::internal(doing, self)
-            }
+            Self::Diverged { .. }
+            | Self::Monitor { .. }
+            | Self::Steps { .. }
+            | Self::Thread(_)
+            | Self::Group(_)
+            | Self::Torch(_) => Error::internal(doing, self),
         }
     }
 

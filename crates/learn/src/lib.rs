@@ -9,6 +9,8 @@
 //!    [`LiveScorer`] scores episodes that are not stored.
 //! 4. [`train_policy`] trains a policy on experts and weighted segments, and [`Policy`] acts with it.
 //!
+//! Several processes can share one training: [`pretrain_with`] and [`train_policy_with`] take [`Peers`].
+//!
 //! Each stage reports to a [`Monitor`], which stores checkpoints and cancels. [`kinds`] lists the policies,
 //! weightings, objectives and scorers of the crate.
 //!
@@ -47,6 +49,7 @@ mod model;
 mod normalize;
 mod objective;
 mod optimizer;
+mod peers;
 mod policy;
 mod precision;
 mod pretrain;
@@ -65,13 +68,14 @@ pub use device::set_threads;
 pub use error::{LearnError, SourceError};
 pub use history::{Embedding, History};
 pub use kinds::kinds;
-pub use policy::{Observed, Policy, PolicySession, Pretrained, train_policy};
-pub use pretrain::pretrain;
+pub use peers::Peers;
+pub use policy::{Observed, Policy, PolicySession, Pretrained, train_policy, train_policy_with};
+pub use pretrain::{pretrain, pretrain_with};
 pub use score::{
     EpisodeScores, FeatureScale, FeatureStore, Forgetful, LiveScorer, Normaliser, ScoreBase, ScoreInputs, Scores,
     SegmentScore, Similarity, extend_scores, features_kind, score,
 };
 pub use shape::{CameraShape, TaskShape};
 pub use steps::{Numbers, StepSource, StepWidths};
-pub use train::{Monitor, Silent};
+pub use train::{Monitor, Participant, Silent};
 pub use trajectory::{Trajectory, WeightedSegments};

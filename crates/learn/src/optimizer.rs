@@ -24,6 +24,9 @@ struct Slot {
     of_images: bool,
 }
 
+/// The gradient of each parameter, in the optimiser's order; `None` for one that the loss does not depend on.
+pub(crate) type Gradients = Vec<Option<Tensor>>;
+
 /// The optimiser of some parameters.
 pub(crate) struct AdamW {
     slots: Vec<Slot>,
@@ -84,33 +87,41 @@ impl AdamW {
         }
     }
 
+    /// Every parameter, in the order of [`Gradients`].
+    pub(crate) fn parameters(&self) -> impl Iterator<Item = &Tensor> + Clone {
+        self.slots.iter().map(|slot| &slot.parameter)
+    }
+
+    /// The gradients of the parameters.
+    pub(crate) fn gradients(&self) -> Gradients {
+        self.parameters().map(|parameter| Some(parameter.grad()).filter(Tensor::defined)).collect()
+    }
+
     /// Moves the parameters by their gradients as [`AdamW::apply`] does. Returns the global gradient norm before
     /// clipping; parameters stay unchanged if it is not finite.
     pub(crate) fn step(&mut self, step: u64, rate: f64, spec: &OptimSpec) -> f64 {
-        let norm = self.gradient_norm(spec).map_or(0.0, |norm| norm.double_value(&[]));
+        let gradients = self.gradients();
+        let norm = self.gradient_norm(&gradients, spec).map_or(0.0, |norm| norm.double_value(&[]));
         if norm.is_finite() {
-            self.apply(step, rate, norm, spec);
+            self.apply(&gradients, step, rate, norm, spec);
         }
         norm
     }
 
-    /// Moves the parameters by their gradients, whose norm is `norm`, as step number `step` (from 0) at `rate`, those
+    /// Moves the parameters by `gradients`, whose norm is `norm`, as step number `step` (from 0) at `rate`, those
     /// of an image encoder at `image_rate_factor` times it.
-    pub(crate) fn apply(&mut self, step: u64, rate: f64, norm: f64, spec: &OptimSpec) {
+    pub(crate) fn apply(&mut self, gradients: &Gradients, step: u64, rate: f64, norm: f64, spec: &OptimSpec) {
         let _no_grad = no_grad_guard();
         let scale = (spec.clip_norm / norm.max(f64::MIN_POSITIVE)).min(1.0);
         let count = i32::try_from(step + 1).unwrap_or(i32::MAX);
         let [first, second] = BETA.map(|beta| 1.0 - beta.powi(count));
         let of_images = rate * spec.image_rate_factor;
-        for slot in &mut self.slots {
+        for (slot, gradient) in self.slots.iter_mut().zip(gradients) {
             if slot.of_images && spec.image_rate_factor == 0.0 {
                 continue;
             }
             let rate = if slot.of_images { of_images } else { rate };
-            let gradient = slot.parameter.grad();
-            if !gradient.defined() {
-                continue;
-            }
+            let Some(gradient) = gradient else { continue };
             let gradient = gradient * scale;
             let _ = slot.mean.g_mul_scalar_(BETA[0]);
             let _ = slot.mean.g_add_(&(&gradient * (1.0 - BETA[0])));
@@ -124,17 +135,17 @@ impl AdamW {
         }
     }
 
-    /// The global gradient norm, a scalar of doubles on the parameters' device, without the parameters of a frozen image
+    /// The global norm of `gradients`, a scalar of doubles on the parameters' device, without the parameters of a frozen image
     /// encoder; `None` if no parameter has a gradient.
-    pub(crate) fn gradient_norm(&self, spec: &OptimSpec) -> Option<Tensor> {
+    pub(crate) fn gradient_norm(&self, gradients: &Gradients, spec: &OptimSpec) -> Option<Tensor> {
         let _no_grad = no_grad_guard();
         let with_images = spec.image_rate_factor > 0.0;
         let squares: Vec<Tensor> = self
             .slots
             .iter()
-            .filter(|slot| with_images || !slot.of_images)
-            .map(|slot| slot.parameter.grad())
-            .filter(Tensor::defined)
+            .zip(gradients)
+            .filter(|(slot, _)| with_images || !slot.of_images)
+            .filter_map(|(_, gradient)| gradient.as_ref())
             .map(|gradient| gradient.square().sum(Kind::Double))
             .collect();
         (!squares.is_empty()).then(|| Tensor::stack(&squares, 0).sum(Kind::Double).sqrt())

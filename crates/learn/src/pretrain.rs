@@ -6,17 +6,18 @@ use rand::seq::SliceRandom;
 use tch::{Tensor, no_grad_guard};
 
 use crate::augment::augment;
-use crate::batch::{Batch, Segments};
+use crate::batch::{Batch, Part, Segments};
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::model::{Network, Size, image_weights};
 use crate::normalize::{FeatureScale, Sample, Standard, Statistics};
 use crate::objective::{self, Objective, Passes, features_view};
+use crate::peers::Peers;
 use crate::random::{Purpose, generator};
 use crate::score::last_steps;
 use crate::shape::{self, TaskShape};
-use crate::train::{Loss, Monitor, Resumed, Training};
+use crate::train::{Loss, Monitor, Participant, Resumed, Training};
 use crate::trajectory::Trajectory;
 use gleaner_core::{PretrainSpec, Values};
 
@@ -42,7 +43,28 @@ pub fn pretrain(
     resume: Option<&[u8]>,
     monitor: &mut dyn Monitor,
 ) -> Result<Vec<u8>, LearnError> {
+    let alone = Participant { resume, peers: &mut Peers::alone(), monitor };
+    // A process alone leads, so it has a result.
+    Ok(pretrain_with(shape, data, spec, image_weights, alone)?.unwrap_or_default())
+}
+
+/// As [`pretrain`], as one of the ranks that share each batch: every rank calls this with the same input. Rank 0 returns
+/// the checkpoint, the others `None`. The ranks' losses are those of one process up to rounding; the bytes are the same
+/// in every run with the same number of ranks. A further metric is `summing_share`: of the step's time, summing over the
+/// ranks and waiting for them.
+///
+/// # Errors
+/// As [`pretrain`]; [`LearnError::Group`] when another rank is lost.
+pub fn pretrain_with(
+    shape: &TaskShape,
+    data: &[Trajectory],
+    spec: &PretrainSpec,
+    image_weights: Option<&[u8]>,
+    participant: Participant<'_>,
+) -> Result<Option<Vec<u8>>, LearnError> {
+    let Participant { resume, peers, monitor } = participant;
     shape.validate()?;
+    peers.can_share(spec.optim.batch)?;
     let objectives = objective::find(&spec.objectives)?;
     shape::augmentation_fits(&spec.augmentation, shape)?;
     if data.is_empty() {
@@ -54,18 +76,20 @@ pub fn pretrain(
     let data: Vec<&Trajectory> = data.iter().collect();
     guard(|| {
         let training = match begin(shape, &data, spec, (image_weights, resume))? {
-            Resumed::Finished(bytes) => return Ok(bytes),
+            Resumed::Finished(bytes) => return Ok(peers.lead().then_some(bytes)),
             Resumed::Unfinished(training) => training,
         };
         let (network, segments) = (training.network(), Segments::every(&data));
         let standard = network.statistics.proprioception.shared();
-        let source = Source { shape, data: &data, segments: &segments, spec, device: network.device(), standard };
+        let (device, part) = (network.device(), peers.part());
+        let source = Source { shape, data: &data, segments: &segments, spec, device, standard, part };
         let draw = move |number| Ok((source.draw(number)?, number));
         let loss = |network: &Network, (batch, number): (Batch, u64)| {
             pretrain_loss(&objectives, network, &batch, spec, number)
         };
-        let finished = training.run(spec.run.checkpoint_every, draw, &loss, &|_, _| Ok(Vec::new()), monitor)?;
-        with_feature_scale(&finished, &data, spec)
+        let every = spec.run.checkpoint_every;
+        let finished = training.run(every, draw, &loss, &|_, _| Ok(Vec::new()), (peers, monitor))?;
+        finished.map(|finished| with_feature_scale(&finished, &data, spec)).transpose()
     })
 }
 
@@ -131,6 +155,8 @@ struct Source<'a> {
     device: tch::Device,
     /// That of the proprioception.
     standard: Standard,
+    /// That of each batch which this process works on.
+    part: Part,
 }
 
 impl Source<'_> {
@@ -138,14 +164,16 @@ impl Source<'_> {
     fn draw(&self, number: u64) -> Result<Batch, LearnError> {
         let (seed, optim) = (self.spec.run.seed, &self.spec.optim);
         let drawn = self.segments.draw(&mut generator(seed, Purpose::Batch, number), optim.batch, optim.stretch);
-        let mut batch = Batch::collect(self.shape, self.data, &drawn, self.spec.model.window(), self.device)?;
+        let mut batch =
+            Batch::collect_part(self.shape, self.data, (&drawn, self.part), self.spec.model.window(), self.device)?;
         let mut rng = generator(seed, Purpose::Augmentation, number);
         augment(&mut batch, &self.spec.augmentation, &self.standard, &mut rng);
         Ok(batch)
     }
 }
 
-/// The sum of the objectives' losses.
+/// The sum of the objectives' losses: this part's share of the loss of the whole batch. An objective's loss is a mean over
+/// the batch's steps inside their episodes.
 pub(crate) fn pretrain_loss(
     objectives: &[&Objective],
     network: &Network,
@@ -154,142 +182,11 @@ pub(crate) fn pretrain_loss(
     number: u64,
 ) -> Loss {
     let passes = Passes::new(network, batch, spec.run.seed, number);
+    let share = batch.whole.share_of_places(batch.windows.length);
     let losses: Vec<(&'static str, Tensor)> =
-        objectives.iter().map(|each| (each.metric, (each.loss)(&passes))).collect();
+        objectives.iter().map(|each| (each.metric, (each.loss)(&passes) * share)).collect();
     Loss { total: losses.iter().map(|(_, loss)| loss).sum(), parts: losses }
 }
 
 #[cfg(test)]
-mod tests {
-    use std::time::Duration;
-
-    use super::*;
-    use crate::ahead::Assembled;
-    use crate::checkpoint::inspect;
-    use crate::toy::{self, Recorder};
-    use crate::train::Silent;
-    use gleaner_core::Augmentation;
-
-    #[test]
-    fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
-        let (shape, data) = (toy::shape(), toy::experts(3, 12));
-        let spec = toy::every(3, toy::pretrain_spec(8));
-        let mut straight = Recorder::default();
-        let result = pretrain(&shape, &data, &spec, None, None, &mut straight).unwrap();
-        let steps: Vec<u64> = straight.checkpoints.iter().map(|(step, _)| *step).collect();
-        assert_eq!(steps, [3, 6]);
-
-        let mut resumed = Recorder::default();
-        let half = &straight.checkpoints[0].1;
-        let again = pretrain(&shape, &data, &spec, None, Some(half), &mut resumed).unwrap();
-        assert_eq!(straight.losses[3..], resumed.losses);
-        // The checkpoint of step 6 has weights and optimiser state.
-        assert_eq!(straight.checkpoints[1], resumed.checkpoints[0]);
-        assert_eq!(result, again);
-        let finished = pretrain(&shape, &data, &spec, None, Some(&result), &mut Silent).unwrap();
-        assert_eq!(result, finished);
-    }
-
-    #[test]
-    fn a_run_equals_one_whose_batches_are_assembled_when_due() {
-        let (shape, data) = (toy::shape(), toy::experts(3, 12));
-        let augmentation = Augmentation { shift_pixels: 2, proprioception_noise: 0.1, ..Augmentation::default() };
-        let mut spec = PretrainSpec { augmentation, ..toy::pretrain_spec(4) };
-        spec.optim.gradient_accumulation = 2;
-        let mut ahead = Recorder::default();
-        let finished = pretrain(&shape, &data, &spec, None, None, &mut ahead).unwrap();
-
-        let data: Vec<&Trajectory> = data.iter().collect();
-        let Resumed::Unfinished(training) = begin(&shape, &data, &spec, (None, None)).unwrap() else {
-            panic!("finished")
-        };
-        let segments = Segments::every(&data);
-        let standard = training.network().statistics.proprioception.shared();
-        let device = tch::Device::Cpu;
-        let source = Source { shape: &shape, data: &data, segments: &segments, spec: &spec, device, standard };
-        let objectives = objective::find(&spec.objectives).unwrap();
-        let loss = |network: &Network, number| {
-            pretrain_loss(&objectives, network, &source.draw(number).unwrap(), &spec, number)
-        };
-        let (mut numbers, mut due) = (0.., Recorder::default());
-        let mut next = || Ok(Assembled { batch: numbers.next().unwrap(), took: Duration::ZERO });
-        let bytes = training.take_steps(9, &mut next, &loss, &|_, _| Ok(Vec::new()), &mut due).unwrap();
-        assert_eq!((ahead.losses, finished), (due.losses, with_feature_scale(&bytes, &data, &spec).unwrap()));
-    }
-
-    #[test]
-    fn a_run_that_is_stopped_keeps_every_step() {
-        let (shape, data) = (toy::shape(), toy::experts(3, 12));
-        let spec = toy::every(3, toy::pretrain_spec(8));
-        let straight = pretrain(&shape, &data, &spec, None, None, &mut Silent).unwrap();
-        for (after, kept) in [(2, vec![2]), (3, vec![3]), (5, vec![3, 5])] {
-            let mut stopped = Recorder { stop_after: Some(after), ..Recorder::default() };
-            let result = pretrain(&shape, &data, &spec, None, None, &mut stopped);
-            assert!(matches!(result, Err(LearnError::Cancelled)));
-            assert_eq!(stopped.checkpoints.iter().map(|(step, _)| *step).collect::<Vec<_>>(), kept);
-            let (_, last) = stopped.checkpoints.last().unwrap();
-            assert_eq!(pretrain(&shape, &data, &spec, None, Some(last), &mut Silent).unwrap(), straight);
-        }
-        // Stopped again before its first step, the run has no new checkpoint to store.
-        let mut first = Recorder { stop_after: Some(2), ..Recorder::default() };
-        assert!(pretrain(&shape, &data, &spec, None, None, &mut first).is_err());
-        let mut again = Recorder { stop_after: Some(0), ..Recorder::default() };
-        assert!(pretrain(&shape, &data, &spec, None, Some(&first.checkpoints[0].1), &mut again).is_err());
-        assert!(again.checkpoints.is_empty());
-    }
-
-    #[test]
-    fn a_checkpoint_of_another_run_is_refused() {
-        let (shape, data) = (toy::shape(), toy::experts(2, 8));
-        let spec = toy::pretrain_spec(2);
-        let bytes = pretrain(&shape, &data, &spec, None, None, &mut Silent).unwrap();
-        let other = {
-            let mut other = spec.clone();
-            other.run.seed = 99;
-            other
-        };
-        let error = pretrain(&shape, &data, &other, None, Some(&bytes), &mut Silent).unwrap_err();
-        assert!(error.to_string().starts_with("spec: "), "{error}");
-    }
-
-    #[test]
-    fn the_loss_falls_and_the_result_describes_itself() {
-        let (shape, data) = (toy::shape(), toy::experts(6, 12));
-        let mut monitor = Recorder::default();
-        let spec = toy::pretrain_spec(120);
-        let bytes = pretrain(&shape, &data, &spec, None, None, &mut monitor).unwrap();
-        let mean = |part: &[(u64, f64)]| {
-            part.iter().map(|(_, loss)| loss).sum::<f64>() / f64::from(u32::try_from(part.len()).unwrap())
-        };
-        let (first, last) = (mean(&monitor.losses[..10]), mean(&monitor.losses[110..]));
-        assert!(last < 0.5 * first, "{first} {last}");
-        let info = inspect(&bytes).unwrap();
-        assert_eq!((info.kind, info.step, info.finished), (CheckpointKind::Encoder, 120, true));
-        assert_eq!((info.shape, info.model), (shape, spec.model));
-    }
-
-    #[test]
-    fn each_objective_alone_trains() {
-        let (shape, data) = (toy::shape(), toy::experts(2, 8));
-        for objective in ["mtp", "tr", "aa"] {
-            let spec = PretrainSpec { objectives: vec![objective.to_owned()], ..toy::pretrain_spec(2) };
-            assert!(pretrain(&shape, &data, &spec, None, None, &mut Silent).is_ok());
-        }
-    }
-
-    #[test]
-    fn cancelling_and_diverging_differ() {
-        let (shape, data) = (toy::shape(), toy::experts(2, 8));
-        let mut monitor = Recorder { stop_after: Some(2), ..Recorder::default() };
-        let result = pretrain(&shape, &data, &toy::pretrain_spec(9), None, None, &mut monitor);
-        assert!(matches!(result, Err(LearnError::Cancelled)));
-        assert_eq!(monitor.losses.len(), 2);
-
-        let mut spec = toy::pretrain_spec(60);
-        spec.optim.learning_rate = 10.0;
-        spec.optim.clip_norm = 1e12;
-        spec.optim.weight_decay = 10.0;
-        let result = pretrain(&shape, &data, &spec, None, None, &mut Silent);
-        assert!(matches!(result, Err(LearnError::Diverged { .. })), "{result:?}");
-    }
-}
+mod tests;

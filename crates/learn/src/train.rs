@@ -1,5 +1,6 @@
 //! The training loop that pretraining and policies share: step, report, checkpoint, resume. Independent of the loss.
 
+mod monitor;
 mod sums;
 
 use std::collections::BTreeMap;
@@ -13,48 +14,18 @@ use crate::error::LearnError;
 use crate::finished::Finished;
 use crate::model::Network;
 use crate::optimizer::AdamW;
+use crate::peers::Peers;
 use crate::precision;
 use gleaner_core::OptimSpec;
 use sums::Sums;
 
+pub use monitor::{Monitor, Participant, Silent};
 pub(crate) use sums::Metrics;
-
-/// Receives progress and checkpoints of a job, and may request a stop.
-pub trait Monitor {
-    /// `step` of `total` are done; `metrics` are (name, value). Called after every step.
-    fn progress(&mut self, step: u64, total: u64, metrics: &[(&'static str, f64)]);
-
-    /// Stores `bytes`, from which the job can resume after `step` steps. Called at intervals, and when the job is asked
-    /// to stop.
-    ///
-    /// # Errors
-    /// The reason why storing failed; the job then fails.
-    fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> Result<(), String>;
-
-    /// Whether to stop now; called before every step.
-    fn cancelled(&self) -> bool;
-}
-
-/// A monitor that ignores all reports.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Silent;
-
-impl Monitor for Silent {
-    fn progress(&mut self, _: u64, _: u64, _: &[(&'static str, f64)]) {}
-
-    fn checkpoint(&mut self, _: u64, _: &[u8]) -> Result<(), String> {
-        Ok(())
-    }
-
-    fn cancelled(&self) -> bool {
-        false
-    }
-}
 
 /// The name of the loss on experts that are held out.
 pub(crate) const LOSS_VALIDATION: &str = "loss_validation";
 
-/// The loss of one batch.
+/// The loss of one batch, or a rank's share of it: the ranks' values add up to those of one process.
 pub(crate) struct Loss {
     /// The scalar to minimise.
     pub(crate) total: Tensor,
@@ -157,8 +128,8 @@ impl<N: Learner> Training<N> {
         &self.network
     }
 
-    /// Takes the remaining steps and returns the finished checkpoint, without optimiser state. `assemble` gives the
-    /// batch of a number, from 0 at the first step on, and runs on a thread of its own, ahead of the steps. `report`
+    /// Takes the remaining steps and returns the finished checkpoint, without optimiser state; `None` for a rank that does
+    /// not lead. `assemble` gives the batch of a number, from 0 at the first step on, and runs on a thread of its own, ahead of the steps. `report`
     /// gives further metrics of the network after a number of steps. When it is asked to stop, it stores its present
     /// state.
     pub(crate) fn run<B: Send>(
@@ -167,11 +138,11 @@ impl<N: Learner> Training<N> {
         assemble: impl Fn(u64) -> Result<B, LearnError> + Send,
         loss: &dyn Fn(&N, B) -> Loss,
         report: &dyn Fn(&N, u64) -> Result<Metrics, LearnError>,
-        monitor: &mut dyn Monitor,
-    ) -> Result<Vec<u8>, LearnError> {
+        (peers, monitor): (&mut Peers, &mut dyn Monitor),
+    ) -> Result<Option<Vec<u8>>, LearnError> {
         let per_step = u64::from(self.optim.gradient_accumulation);
         let numbers = self.info.step * per_step..self.optim.steps * per_step;
-        ahead(numbers, assemble, |next| self.take_steps(checkpoint_every, next, loss, report, monitor))
+        ahead(numbers, assemble, |next| self.take_steps(checkpoint_every, next, loss, report, (peers, monitor)))
     }
 
     /// As [`Training::run`], with the batches of `next`.
@@ -181,28 +152,40 @@ impl<N: Learner> Training<N> {
         next: Next<'_, B>,
         loss: &dyn Fn(&N, B) -> Loss,
         report: &dyn Fn(&N, u64) -> Result<Metrics, LearnError>,
-        monitor: &mut dyn Monitor,
-    ) -> Result<Vec<u8>, LearnError> {
-        let (mut kept, steps) = (self.info.step, self.optim.steps);
+        (peers, monitor): (&mut Peers, &mut dyn Monitor),
+    ) -> Result<Option<Vec<u8>>, LearnError> {
+        let (mut kept, steps, lead) = (self.info.step, self.optim.steps, peers.lead());
+        // Of several ranks, one that is asked to stop takes all of them along in its next step.
+        let mut stop = false;
+        peers.align(self.info.step, self.optimizer.parameters())?;
         while self.info.step < steps {
-            if monitor.cancelled() {
-                if self.info.step > kept {
+            if stop || !peers.several() && monitor.cancelled() {
+                if self.info.step > kept && lead {
                     // If storing fails here, a resumed run repeats these steps.
                     let _ = self.keep(monitor);
                 }
                 return Err(LearnError::Cancelled);
             }
-            let mut metrics = self.step(next, loss)?;
+            let mut metrics;
+            (metrics, stop) = self.step(next, loss, (peers, monitor))?;
             let done = self.info.step;
-            metrics.extend(self.report(report)?);
-            monitor.progress(done, steps, &metrics);
+            if lead {
+                metrics.extend(self.report(report)?);
+                monitor.progress(done, steps, &metrics);
+            }
             if done.is_multiple_of(u64::from(checkpoint_every)) && done < steps {
-                self.keep(monitor)?;
+                if lead {
+                    self.keep(monitor)?;
+                }
                 kept = done;
+                peers.align(done, self.optimizer.parameters())?;
             }
         }
+        if !lead {
+            return Ok(None);
+        }
         self.info.finished = true;
-        checkpoint::write(&self.info, &self.network.named())
+        checkpoint::write(&self.info, &self.network.named()).map(Some)
     }
 
     /// The further metrics after a step; those after the last one are of the weights that the model finishes with.
@@ -222,8 +205,14 @@ impl<N: Learner> Training<N> {
         Ok(metrics)
     }
 
-    /// One step of the optimiser, by the mean gradient of its batches. Its numbers are read from the device at once.
-    fn step<B>(&mut self, next: Next<'_, B>, loss: &dyn Fn(&N, B) -> Loss) -> Result<Metrics, LearnError> {
+    /// One step of the optimiser, by the mean gradient of its batches. Its numbers are read from the device at once. Also
+    /// returns whether a rank is asked to stop.
+    fn step<B>(
+        &mut self,
+        next: Next<'_, B>,
+        loss: &dyn Fn(&N, B) -> Loss,
+        (peers, monitor): (&mut Peers, &dyn Monitor),
+    ) -> Result<(Metrics, bool), LearnError> {
         let (begin, mut waited, mut assembling) = (Instant::now(), Duration::ZERO, Duration::ZERO);
         let step = self.info.step;
         let rate = self.optim.learning_rate_at(step);
@@ -241,11 +230,15 @@ impl<N: Learner> Training<N> {
             sums.add("loss", &total, 1.0);
             loss.parts.iter().for_each(|(name, part)| sums.add(name, part, batches));
         }
-        let (norm, mut metrics) = sums.read(self.optimizer.gradient_norm(&self.optim));
+        let mut gradients = self.optimizer.gradients();
+        let due = Instant::now();
+        let stop = peers.sum(&mut gradients, self.optimizer.parameters(), &mut sums.numbers(), monitor.cancelled())?;
+        let summing = due.elapsed();
+        let (norm, mut metrics) = sums.read(self.optimizer.gradient_norm(&gradients, &self.optim));
         if !(norm.is_finite() && metrics.first().is_some_and(|(_, loss)| loss.is_finite())) {
             return Err(LearnError::Diverged { step });
         }
-        self.optimizer.apply(step, rate, norm, &self.optim);
+        self.optimizer.apply(&gradients, step, rate, norm, &self.optim);
         self.info.step += 1;
         self.finished.after_step(self.info.step);
         let took = begin.elapsed().as_secs_f64();
@@ -256,7 +249,10 @@ impl<N: Learner> Training<N> {
             ("ms_per_batch", assembling.as_secs_f64() * 1e3 / batches),
             ("waited_share", waited.as_secs_f64() / took.max(f64::MIN_POSITIVE)),
         ]);
-        Ok(metrics)
+        if peers.several() {
+            metrics.push(("summing_share", summing.as_secs_f64() / took.max(f64::MIN_POSITIVE)));
+        }
+        Ok((metrics, stop))
     }
 
     fn keep(&self, monitor: &mut dyn Monitor) -> Result<(), LearnError> {

@@ -4,11 +4,13 @@
 mod chunks;
 mod draw;
 mod images;
+mod part;
 mod windows;
 
 pub(crate) use chunks::Chunks;
 pub(crate) use draw::{Segment, Segments};
 pub(crate) use images::{images, squash};
+pub(crate) use part::{Part, Whole};
 pub(crate) use windows::Windows;
 
 use tch::{Device, Tensor};
@@ -32,8 +34,8 @@ pub(crate) struct Batch {
     pub(crate) windows: Windows,
     /// `[W]`, the segments' weights.
     pub(crate) weight: Tensor,
-    /// The episode of each of the N steps, an index into the data.
-    pub(crate) episodes: Vec<usize>,
+    /// The whole batch, of which this may be a part.
+    pub(crate) whole: Whole,
 }
 
 impl Batch {
@@ -48,7 +50,22 @@ impl Batch {
         window: usize,
         device: Device,
     ) -> Result<Self, LearnError> {
-        let (windows, steps) = Windows::lay_out(segments, window, device);
+        Self::collect_part(shape, data, (segments, Part::WHOLE), window, device)
+    }
+
+    /// As [`Batch::collect`], of a part of `segments`.
+    ///
+    /// # Errors
+    /// [`LearnError::Steps`].
+    pub(crate) fn collect_part(
+        shape: &TaskShape,
+        data: &[&Trajectory],
+        (segments, part): (&[Segment], Part),
+        window: usize,
+        device: Device,
+    ) -> Result<Self, LearnError> {
+        let (whole, windows, steps) = Whole::lay_out(segments, part, window, device);
+        let segments = &segments[whole.windows.clone()];
         let size = shape.frame_bytes();
         let mut frames = vec![0; steps.len() * size];
         let (mut proprioception, mut action, mut rest) = (Vec::new(), Vec::new(), frames.as_mut_slice());
@@ -73,7 +90,7 @@ impl Batch {
             action: rows(&action, shape.action, device),
             windows,
             weight: send(&Tensor::from_slice(&weight), device),
-            episodes: steps.iter().map(|(trajectory, _)| *trajectory).collect(),
+            whole,
         })
     }
 }

@@ -8,6 +8,16 @@ use tch::{Device, Tensor};
 use super::{Segment, int};
 use crate::device::send;
 
+/// The layout of W windows over N steps, as plain values.
+pub(super) struct Places {
+    /// The step of each place, row-major.
+    index: Vec<i64>,
+    /// Whether each place is inside its episode, row-major.
+    pub(super) valid_places: Vec<bool>,
+    /// The (episode, step) of the N steps.
+    pub(super) steps: Vec<(usize, usize)>,
+}
+
 /// Layout of W windows of L steps over N steps.
 pub(crate) struct Windows {
     /// `[W * L]` of `i64`, indices into the N steps; a padded place has the index of its episode's first step, whose
@@ -24,6 +34,18 @@ pub(crate) struct Windows {
 impl Windows {
     /// Lays out `segments` of `length` steps; also returns the (episode, step) of the N steps.
     pub(crate) fn lay_out(segments: &[Segment], length: usize, device: Device) -> (Self, Vec<(usize, usize)>) {
+        let Places { index, valid_places, steps } = Self::places(segments, length);
+        let windows = Self {
+            index: send(&Tensor::from_slice(&index), device),
+            valid: Self::grid(&valid_places, &[-1, int(length)], device),
+            valid_places,
+            length,
+        };
+        (windows, steps)
+    }
+
+    /// Lays out `segments` of `length` steps.
+    pub(super) fn places(segments: &[Segment], length: usize) -> Places {
         let mut steps = Vec::new();
         let mut places: HashMap<(usize, usize), i64> = HashMap::new();
         let mut index = Vec::with_capacity(segments.len() * length);
@@ -41,13 +63,7 @@ impl Windows {
                 valid_places.push(inside);
             }
         }
-        let windows = Self {
-            index: send(&Tensor::from_slice(&index), device),
-            valid: Self::grid(&valid_places, &[-1, int(length)], device),
-            valid_places,
-            length,
-        };
-        (windows, steps)
+        Places { index, valid_places, steps }
     }
 
     /// The layout of `count` windows of `length` steps whose steps are in sequence.

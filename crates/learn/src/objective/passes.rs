@@ -5,7 +5,7 @@ use std::cell::OnceCell;
 use tch::Tensor;
 
 use super::{Targets, masking};
-use crate::batch::{Batch, Windows, int};
+use crate::batch::{Batch, Whole, Windows, int};
 use crate::model::{Attention, Network, View};
 use crate::random::{Purpose, generator};
 
@@ -13,6 +13,7 @@ use crate::random::{Purpose, generator};
 pub(crate) struct Passes<'a> {
     pub(super) network: &'a Network,
     pub(super) windows: &'a Windows,
+    whole: &'a Whole,
     pub(super) targets: Targets,
     steps: Tensor,
     proprioception: &'a Tensor,
@@ -34,16 +35,18 @@ impl<'a> Passes<'a> {
     pub(crate) fn new(network: &'a Network, batch: &'a Batch, seed: u64, step: u64) -> Self {
         let steps = network.batch_steps(batch);
         let targets = Targets::new(network, batch);
-        let (windows, proprioception) = (&batch.windows, &batch.seen_proprioception);
-        Self { network, windows, targets, steps, proprioception, seed, step, masked: OnceCell::new() }
+        let (windows, whole, proprioception) = (&batch.windows, &batch.whole, &batch.seen_proprioception);
+        Self { network, windows, whole, targets, steps, proprioception, seed, step, masked: OnceCell::new() }
     }
 
     /// The pass over M(τ), which MTP and TR share.
     pub(super) fn masked(&self) -> &Masked {
         self.masked.get_or_init(|| {
             let mut rng = generator(self.seed, Purpose::Mask, self.step);
-            let masked = masking::draw(&mut rng, &self.windows.valid_places, self.windows.length);
-            let masked = Windows::grid(&masked, &[-1, int(self.windows.length), 3], self.network.device());
+            let masked = masking::draw(&mut rng, &self.whole.valid_places, self.windows.length);
+            let elements = 3 * self.windows.length;
+            let masked = &masked[self.whole.windows.start * elements..self.whole.windows.end * elements];
+            let masked = Windows::grid(masked, &[-1, int(self.windows.length), 3], self.network.device());
             let view = View { attention: Attention::Bidirectional, hidden: Some(&masked) };
             let features = self.network.features(&self.steps, self.windows, view, self.windows.length);
             Masked { errors: self.targets.errors(self.network, &features), masked }

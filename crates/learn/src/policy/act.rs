@@ -159,7 +159,10 @@ impl PolicyModel for Act {
         let Encoded { images: o, proprioception: m } = self.observer.encoded(input);
         let target = self.observer.statistics().action.apply(&wanted.action);
         let (mean, log_variance) = self.style.forward(&m, &target, &wanted.counted);
-        let noise = Tensor::from_slice(&normal(rng, mean.numel())).view_as(&mean).to_device(mean.device());
+        // Drawn for the windows before these, too.
+        let before = input.before * mean.get(0).numel();
+        let noise = normal(rng, before + mean.numel());
+        let noise = Tensor::from_slice(&noise[before..]).view_as(&mean).to_device(mean.device());
         let z = &mean + (&log_variance * 0.5).exp() * noise;
         let errors = (self.decoder.forward(&o, &m, &z) - target).abs().mean_dim([-1i64].as_slice(), false, None);
         let errors = (errors * &wanted.counted).mean_dim([-1i64].as_slice(), false, None);

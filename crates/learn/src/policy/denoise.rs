@@ -147,9 +147,13 @@ impl<P: Process> PolicyModel for Denoiser<P> {
         let chunk = self.process.scaled(self.observer.statistics(), &wanted.action) * wanted.counted.unsqueeze(-1);
         let (chunk, counted) = (each(&chunk), each(&wanted.counted));
         let (mut noise, mut times) = (Vec::with_capacity(chunk.numel()), Vec::new());
+        let mut draw = || (normal(rng, chunk.get(0).numel()), self.process.time(rng.random()));
+        // Those of the windows before these.
+        (0..input.before * self.draw.noise_pairs as usize).for_each(|_| drop(draw()));
         while noise.len() < chunk.numel() {
-            noise.extend(normal(rng, chunk.get(0).numel()));
-            times.push(self.process.time(rng.random()));
+            let (drawn, time) = draw();
+            noise.extend(drawn);
+            times.push(time);
         }
         let like = |numbers: Tensor| numbers.to_kind(chunk.kind()).to(chunk.device());
         let noise = like(Tensor::from_slice(&noise)).view_as(&chunk);

@@ -180,6 +180,8 @@ pub(super) struct PolicyInput {
     pub(super) hidden: Option<Tensor>,
     /// Per window, the seed and the number of its draw, for a policy that draws its actions; empty in training.
     pub(super) draws: Vec<(u64, u64)>,
+    /// Windows of the whole batch before these; the random numbers of training are drawn for all of it.
+    pub(super) before: usize,
 }
 
 impl PolicyInput {

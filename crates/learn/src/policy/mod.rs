@@ -22,7 +22,7 @@ mod validation;
 pub use kind::Pretrained;
 pub use serve::Policy;
 pub use session::{Observed, PolicySession};
-pub use train::train_policy;
+pub use train::{train_policy, train_policy_with};
 
 use std::collections::BTreeMap;
 

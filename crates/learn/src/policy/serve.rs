@@ -140,7 +140,7 @@ impl Policy {
             // The newest action is not known yet, and no policy reads it.
             let Stacked { embedded, proprioception, action, windows, draws } = layout(&about).stack(histories);
             let hidden = windows.past_of(&vec![self.hides_history(); histories.len()]);
-            let input = PolicyInput { embedded, proprioception, action, windows, hidden, draws };
+            let input = PolicyInput { embedded, proprioception, action, windows, hidden, draws, before: 0 };
             let chunks = self.model.act(&input);
             let chunks = values(&about.statistics.actions(&chunks));
             let executed = |action: &[f32]| {

@@ -74,6 +74,7 @@ pub(super) fn shares(
             action: action.shallow_clone(),
             hidden: windows.past_of(&vec![hides_history; count]),
             windows,
+            before: 0,
             draws: (0..).take(count).map(|segment| (seed, segment)).collect(),
         };
         policy.act(&input).select(1, 0).to_kind(Kind::Double)

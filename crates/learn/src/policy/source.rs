@@ -1,6 +1,8 @@
 //! A source of training batches, which a thread of its own assembles, and the mean loss of a batch drawn from it.
 //! Independent of the policy.
 
+use std::ops::Range;
+
 use gleaner_core::TrainSpec;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -8,11 +10,12 @@ use tch::Tensor;
 
 use super::kind::{Form, Losses, PolicyInput, PolicyModel};
 use crate::augment::augment;
-use crate::batch::{Batch, Chunks, Segment, Segments, Windows};
+use crate::batch::{Batch, Chunks, Part, Segment, Segments, Windows};
 use crate::error::LearnError;
 use crate::normalize::Standard;
 use crate::random::{Purpose, generator};
 use crate::shape::TaskShape;
+use crate::train::Loss;
 use crate::trajectory::Trajectory;
 
 /// Episodes and the segments of them that count.
@@ -35,11 +38,12 @@ pub(super) struct Assembly<'a> {
     standard: Standard,
     history_dropout: f64,
     spec: &'a TrainSpec,
+    part: Part,
 }
 
 impl<'a> Assembly<'a> {
-    /// For `policy`, whose task has this `shape`.
-    pub(super) fn new(policy: &dyn PolicyModel, shape: &'a TaskShape, spec: &'a TrainSpec) -> Self {
+    /// For `policy`, whose task has this `shape`, and a part of its batches.
+    pub(super) fn new(policy: &dyn PolicyModel, shape: &'a TaskShape, spec: &'a TrainSpec, part: Part) -> Self {
         let info = policy.info();
         let (device, window, chunk) = (info.device, info.window, info.chunk);
         Self {
@@ -47,6 +51,7 @@ impl<'a> Assembly<'a> {
             standard: info.statistics.proprioception.shared(),
             history_dropout: policy.history_dropout(),
             spec,
+            part,
         }
     }
 }
@@ -62,11 +67,15 @@ pub(super) struct Assembled {
 }
 
 impl Assembled {
-    /// Mean of weight · −log P, and its terms; `weigh` gives the weights of the segments' qualities.
-    pub(super) fn loss(self, policy: &dyn PolicyModel, weigh: impl Fn(&Tensor) -> Tensor) -> (Tensor, Losses) {
+    /// This part's share of the mean of weight · −log P over the whole batch, and of its terms; `weigh` gives the weights
+    /// of the segments' qualities.
+    pub(super) fn loss(self, policy: &dyn PolicyModel, weigh: impl Fn(&Tensor) -> Tensor) -> Loss {
         let Self { mut batch, wanted, hidden, mut noise } = self;
+        let share = batch.whole.share_of_windows();
         batch.weight = weigh(&batch.weight);
-        mean_loss(policy, batch, hidden, &wanted, &mut noise)
+        let (mean, losses) = mean_loss(policy, batch, hidden, &wanted, &mut noise);
+        let parts = losses.parts.iter().map(|(name, each)| (*name, each.mean(None) * share)).collect();
+        Loss { total: mean * share, parts }
     }
 }
 
@@ -76,16 +85,22 @@ impl Source<'_> {
         let [mut segments, mut images, mut noise] =
             draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.batch));
         let drawn = self.segments.draw(&mut segments, of.spec.optim.batch, of.spec.optim.stretch);
-        let (mut batch, wanted) = self.collect(&of.form, &drawn)?;
+        let (mut batch, wanted) = self.collect_part(&of.form, &drawn, of.part)?;
         augment(&mut batch, &of.spec.augmentation, &of.standard, &mut images);
-        let hidden = hide_past(&batch.windows, of.history_dropout, &mut noise);
+        let hidden = hide_past(&batch.windows, &batch.whole.windows, batch.whole.count, of.history_dropout, &mut noise);
         Ok(Assembled { batch, wanted, hidden, noise })
     }
 
     /// The steps of `drawn` segments, and their actions to predict.
     pub(super) fn collect(&self, form: &Form<'_>, drawn: &[Segment]) -> Result<(Batch, Chunks), LearnError> {
-        let batch = Batch::collect(form.shape, &self.data, drawn, form.window, form.device)?;
-        let runs = drawn.iter().map(|segment| (*segment, self.segments.run(segment, form.chunk)));
+        self.collect_part(form, drawn, Part::WHOLE)
+    }
+
+    /// As [`Source::collect`], of a part of `drawn`.
+    fn collect_part(&self, form: &Form<'_>, drawn: &[Segment], part: Part) -> Result<(Batch, Chunks), LearnError> {
+        let batch = Batch::collect_part(form.shape, &self.data, (drawn, part), form.window, form.device)?;
+        let runs =
+            drawn[batch.whole.windows.clone()].iter().map(|segment| (*segment, self.segments.run(segment, form.chunk)));
         let runs: Vec<(Segment, usize)> = runs.collect();
         let wanted = Chunks::collect(form.shape, &self.data, &runs, form.chunk, form.device)?;
         Ok((batch, wanted))
@@ -94,13 +109,20 @@ impl Source<'_> {
 
 /// All steps of a window but the last, for each window with chance `dropout`: `[W, L, 3]`. `None` if there is no past
 /// to hide, or the chance is 0.
-fn hide_past(windows: &Windows, dropout: f64, rng: &mut ChaCha8Rng) -> Option<Tensor> {
+///
+/// `windows` are those in `range` of the `count` windows of the whole batch.
+fn hide_past(
+    windows: &Windows,
+    range: &Range<usize>,
+    count: usize,
+    dropout: f64,
+    rng: &mut ChaCha8Rng,
+) -> Option<Tensor> {
     if windows.length < 2 || dropout == 0.0 {
         return None;
     }
-    let count = windows.valid_places.len() / windows.length;
     let hides: Vec<bool> = (0..count).map(|_| rng.random_bool(dropout)).collect();
-    windows.past_of(&hides)
+    windows.past_of(&hides[range.clone()])
 }
 
 /// Mean of weight · −log P over `batch`; each of its frames is encoded once.
@@ -111,14 +133,15 @@ pub(super) fn mean_loss(
     wanted: &Chunks,
     noise: &mut ChaCha8Rng,
 ) -> (Tensor, Losses) {
-    let Batch { images, seen_proprioception: proprioception, action, windows, weight, .. } = batch;
+    let Batch { images, seen_proprioception, action, windows, weight, whole, proprioception: _ } = batch;
     let input = PolicyInput {
         embedded: policy.embed_images(&images),
-        proprioception,
+        proprioception: seen_proprioception,
         action,
         windows,
         hidden,
         draws: Vec::new(),
+        before: whole.windows.start,
     };
     let losses = policy.losses(&input, wanted, noise);
     ((&losses.each * weight).mean(None), losses)
@@ -133,7 +156,7 @@ mod tests {
     fn the_past_is_hidden_as_often_as_asked_and_the_newest_step_never() {
         let windows = Windows::in_order(vec![true; 400 * 3], 3, tch::Device::Cpu);
         let mut rng = generator(1, Purpose::Style, 0);
-        let hidden = hide_past(&windows, 0.25, &mut rng).unwrap();
+        let hidden = hide_past(&windows, &(0..400), 400, 0.25, &mut rng).unwrap();
         assert_eq!(hidden.size(), [400, 3, 3]);
         let each = values(&hidden.to_kind(tch::Kind::Float));
         let of_window: Vec<f32> = each.chunks(9).map(|window| window[..6].iter().sum()).collect();
@@ -141,7 +164,8 @@ mod tests {
         assert!(of_window.iter().all(|sum| *sum == 0.0 || *sum == 6.0), "a past is hidden as one");
         let count = of_window.iter().filter(|sum| **sum > 0.0).count();
         assert!((70..130).contains(&count), "{count} of 400");
-        assert!(hide_past(&windows, 0.0, &mut rng).is_none());
-        assert!(hide_past(&Windows::in_order(vec![true; 4], 1, tch::Device::Cpu), 1.0, &mut rng).is_none());
+        assert!(hide_past(&windows, &(0..400), 400, 0.0, &mut rng).is_none());
+        let single = Windows::in_order(vec![true; 4], 1, tch::Device::Cpu);
+        assert!(hide_past(&single, &(0..4), 4, 1.0, &mut rng).is_none());
     }
 }

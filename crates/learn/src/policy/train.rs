@@ -16,9 +16,10 @@ use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::normalize::Sample;
+use crate::peers::Peers;
 use crate::random::Purpose;
 use crate::shape::{self, TaskShape};
-use crate::train::{LOSS_VALIDATION, Loss, Metrics, Monitor, Resumed, Training};
+use crate::train::{LOSS_VALIDATION, Loss, Metrics, Monitor, Participant, Resumed, Training};
 use crate::trajectory::{Trajectory, WeightedSegments};
 use crate::weighting::{self, Weighting};
 
@@ -47,7 +48,26 @@ pub fn train_policy(
     resume: Option<&[u8]>,
     monitor: &mut dyn Monitor,
 ) -> Result<Vec<u8>, LearnError> {
+    let alone = Participant { resume, peers: &mut Peers::alone(), monitor };
+    // A process alone leads, so it has a result.
+    Ok(train_policy_with(shape, pretrained, experts, kept, spec, alone)?.unwrap_or_default())
+}
+
+/// As [`train_policy`], as one of the ranks that share each batch, as in [`pretrain_with`](crate::pretrain_with).
+///
+/// # Errors
+/// As [`train_policy`]; [`LearnError::Group`] when another rank is lost.
+pub fn train_policy_with(
+    shape: &TaskShape,
+    pretrained: Pretrained<'_>,
+    experts: &[Trajectory],
+    kept: &[WeightedSegments],
+    spec: &TrainSpec,
+    participant: Participant<'_>,
+) -> Result<Option<Vec<u8>>, LearnError> {
+    let Participant { resume, peers, monitor } = participant;
     shape.validate()?;
+    peers.can_share(spec.optim.batch)?;
     shape::augmentation_fits(&spec.augmentation, shape)?;
     if experts.is_empty() {
         return Err(LearnError::invalid("experts", "has no episode to learn from"));
@@ -64,14 +84,15 @@ pub fn train_policy(
         let device = device::open(spec.run.device, spec.threads)?;
         let from = PolicyInit { shape, pretrained, sample: &sample, spec, device };
         let training = match begin(&from, resume)? {
-            Resumed::Finished(bytes) => return Ok(bytes),
+            Resumed::Finished(bytes) => return Ok(peers.lead().then_some(bytes)),
             Resumed::Unfinished(training) => training,
         };
-        let (sources, assembly) = (&sources, Assembly::new(training.network().as_ref(), shape, spec));
+        let assembly = Assembly::new(training.network().as_ref(), shape, spec, peers.part());
+        let sources = &sources;
         let assemble = move |number| sources.assemble(&assembly, spec.run.seed, number);
         let loss = |policy: &Policy, batches| sources.loss(policy.as_ref(), batches);
         let report = |policy: &Policy, done| sources.report(policy.as_ref(), spec, done);
-        training.run(spec.run.checkpoint_every, assemble, &loss, &report, monitor)
+        training.run(spec.run.checkpoint_every, assemble, &loss, &report, (peers, monitor))
     })
 }
 
@@ -165,11 +186,11 @@ impl<'a> Sources<'a> {
     }
 
     fn loss(&self, policy: &dyn PolicyModel, (expert, kept): (Assembled, Option<Assembled>)) -> Loss {
-        let (expert, losses) = expert.loss(policy, Tensor::shallow_clone);
+        let Loss { total: expert, parts: terms } = expert.loss(policy, Tensor::shallow_clone);
         let mut parts = vec![("loss_expert", expert.shallow_clone())];
-        parts.extend(losses.parts.iter().map(|(name, each)| (*name, each.mean(None))));
+        parts.extend(terms);
         let Some(kept) = kept else { return Loss { total: expert, parts } };
-        let (kept, _) = kept.loss(policy, |qualities| self.weighting.weights(qualities));
+        let kept = kept.loss(policy, |qualities| self.weighting.weights(qualities)).total;
         parts.push(("loss_kept", kept.shallow_clone()));
         Loss { total: expert + kept * self.weighting.lambda, parts }
     }

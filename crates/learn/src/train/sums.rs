@@ -18,6 +18,11 @@ impl Sums {
         self.values.push((name, value.detach(), divisor));
     }
 
+    /// The numbers themselves, in the order in which they were added.
+    pub(super) fn numbers(&mut self) -> Vec<&mut Tensor> {
+        self.values.iter_mut().map(|(_, value, _)| value).collect()
+    }
+
     /// The gradient norm (0 without one) and the sums, by one copy: reading a number waits for the device.
     pub(super) fn read(self, norm: Option<Tensor>) -> (f64, Metrics) {
         let _no_grad = no_grad_guard();

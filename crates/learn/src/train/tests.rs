@@ -65,7 +65,9 @@ fn run(
     assemble: impl Fn(u64) -> Tensor + Send,
     monitor: &mut Recorder,
 ) -> Result<Vec<u8>, LearnError> {
-    training.run(100, move |number| Ok(assemble(number)), &loss, &|_, _| Ok(Vec::new()), monitor)
+    let run = (&mut Peers::alone(), monitor as &mut dyn Monitor);
+    let made = training.run(100, move |number| Ok(assemble(number)), &loss, &|_, _| Ok(Vec::new()), run)?;
+    Ok(made.expect("a process alone leads"))
 }
 
 #[test]
@@ -98,8 +100,9 @@ fn a_batch_that_cannot_be_assembled_ends_the_run_at_its_step_with_its_error() {
 #[test]
 fn a_run_that_fails_ends_with_batches_still_to_come() {
     let fails = |_: &Line, _: Tensor| -> Loss { panic!("of the loss") };
-    let run_of =
-        || start().run(100, |number| Ok(batch(number)), &fails, &|_, _| Ok(Vec::new()), &mut Recorder::default());
+    let run_of = || {
+        start().run(100, |number| Ok(batch(number)), &fails, &|_, _| Ok(Vec::new()), (&mut Peers::alone(), &mut Silent))
+    };
     assert!(guard(run_of).unwrap_err().to_string().ends_with("of the loss"));
     let diverges = |number| batch(number) * if number < 6 { 1.0 } else { f64::NAN };
     let diverged = run(start(), diverges, &mut Recorder::default());

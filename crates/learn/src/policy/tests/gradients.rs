@@ -74,6 +74,7 @@ pub(super) fn moved_by_actions(policy: &dyn PolicyModel, data: &Trajectory) -> O
         windows: batch.windows,
         hidden: None,
         draws: vec![(0, 0)],
+        before: 0,
     };
     policy.act(&input).square().sum(None).backward();
     action.grad().defined().then(|| of_each_step(&action))
