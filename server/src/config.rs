@@ -8,6 +8,7 @@ mod maintenance;
 mod openpi;
 mod plan;
 mod policies;
+mod ranks;
 mod telemetry;
 mod tls;
 mod uploads;
@@ -29,6 +30,7 @@ pub use self::{
     openpi::OpenpiConfig,
     plan::PlanConfig,
     policies::PoliciesConfig,
+    ranks::RanksConfig,
     telemetry::TelemetryConfig,
     tls::{TlsClientConfig, TlsCommand, TlsConfig, TlsFolderConfig, TlsServerConfig},
     uploads::UploadsConfig,
@@ -178,6 +180,9 @@ pub struct JobsConfig {
     /// sooner but end attempts on a machine that is overloaded.
     #[arg(long, env = "GLEANER_WORKER_SILENCE_SECONDS", default_value_t = 120, value_name = "SECONDS")]
     pub worker_silence_seconds: u64,
+    /// The processes of a training.
+    #[command(flatten)]
+    pub ranks: RanksConfig,
     /// Where jobs run.
     #[command(flatten)]
     pub engine: EngineConfig,
@@ -242,7 +247,9 @@ mod tests {
         let all = [&["gleaner-server", "serve"], args].concat();
         match Cli::try_parse_from(all).unwrap().command {
             Command::Serve(config) => *config,
-            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) => panic!("not serve"),
+            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) | Command::Plan(_) => {
+                panic!("not serve")
+            }
         }
     }
 

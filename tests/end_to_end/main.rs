@@ -43,6 +43,7 @@ mod operator;
 mod pages;
 mod plan;
 mod prose;
+mod ranks;
 mod real_recordings;
 mod refusals;
 mod restart;

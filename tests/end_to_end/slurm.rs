@@ -3,6 +3,7 @@
 
 mod crash;
 mod place;
+mod ranks;
 
 use gleaner_proto::v1::*;
 

@@ -1,6 +1,6 @@
 //! The worker's calls to its server, each with the attempt's token.
 
-use std::{error::Error as _, time::Duration};
+use std::{error::Error as _, net::SocketAddr, time::Duration};
 
 use futures::stream;
 use gleaner_proto::v1::{self, worker_service_client::WorkerServiceClient};
@@ -34,6 +34,8 @@ pub(crate) const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 const PROCESS: &str = "worker-process";
 /// The metadata that names the node of a cluster where this process runs.
 const NODE: &str = "worker-node";
+/// The metadata with this process's number among those of its attempt.
+const RANK: &str = "worker-rank";
 /// The metadata of every error that the server itself returns.
 const REQUEST_ID: &str = "request-id";
 
@@ -43,6 +45,7 @@ struct Bearer {
     token: MetadataValue<Ascii>,
     process: MetadataValue<Ascii>,
     node: MetadataValue<Ascii>,
+    rank: MetadataValue<Ascii>,
 }
 
 impl Interceptor for Bearer {
@@ -50,6 +53,7 @@ impl Interceptor for Bearer {
         request.metadata_mut().insert("authorization", self.token.clone());
         request.metadata_mut().insert(PROCESS, self.process.clone());
         request.metadata_mut().insert(NODE, self.node.clone());
+        request.metadata_mut().insert(RANK, self.rank.clone());
         Ok(request)
     }
 }
@@ -83,7 +87,8 @@ impl Client {
         token.set_sensitive(true);
         let process = process_name().parse().map_err(|error| Error::internal("naming this process", error))?;
         let node = config.node.parse().map_err(|error| Error::invalid("--node", error))?;
-        let client = WorkerServiceClient::with_interceptor(channel, Bearer { token, process, node })
+        let rank = config.rank.into();
+        let client = WorkerServiceClient::with_interceptor(channel, Bearer { token, process, node, rank })
             .max_decoding_message_size(config.max_message_bytes)
             .max_encoding_message_size(config.max_message_bytes);
         Ok(Self(client))
@@ -132,6 +137,30 @@ impl Client {
             Ok(scores)
         });
         received.await.map_err(refused)
+    }
+
+    /// Reports where this process, rank 0, waits for the others.
+    pub(crate) async fn report_meeting(&mut self, address: SocketAddr) -> Result<()> {
+        let request = v1::ReportMeetingRequest { address: address.to_string() };
+        with_retries(async || self.0.report_meeting(request.clone()).await).await.map_err(refused)?;
+        Ok(())
+    }
+
+    /// Where rank 0 waits.
+    ///
+    /// # Errors
+    /// Unavailable when it does not report within `limit`.
+    pub(crate) async fn meeting(&mut self, limit: Duration) -> Result<SocketAddr> {
+        let begun = Instant::now();
+        loop {
+            let call = with_retries(async || self.0.get_meeting(v1::GetMeetingRequest {}).await);
+            if let Some(address) = proto::worker::meeting(call.await.map_err(refused)?.into_inner())? {
+                return Ok(address);
+            }
+            if begun.elapsed() >= limit {
+                return Err(Error::unavailable(format!("rank 0 did not report within {} s", limit.as_secs())));
+            }
+        }
     }
 
     /// Reports progress; returns whether to stop.

@@ -32,6 +32,15 @@ pub struct WorkerConfig {
     /// Name of the cluster's node where this program runs, shown with the job.
     #[arg(long, default_value = "")]
     pub node: String,
+    /// Number of this process among those that share each batch of a training, from 0. Under srun the variable has it.
+    #[arg(long, env = "SLURM_PROCID", default_value_t = 0)]
+    pub rank: u32,
+    /// Processes that share each batch.
+    #[arg(long, default_value_t = 1)]
+    pub ranks: u32,
+    /// Seconds without another of these processes after which this one ends.
+    #[arg(long, default_value_t = 120)]
+    pub rank_timeout_seconds: u64,
     /// Maximum size of a gRPC message in bytes.
     #[arg(long, default_value_t = 32 << 20)]
     pub max_message_bytes: usize,

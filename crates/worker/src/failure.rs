@@ -1,5 +1,6 @@
 //! The reasons for which a job's work ends without a result, and whether another attempt could help.
 
+use gleaner_group::GroupError;
 use gleaner_learn::LearnError;
 use gleaner_recording::RecordingError;
 
@@ -14,6 +15,9 @@ pub(crate) enum Failure {
     /// The input or the settings are wrong: every attempt would fail in the same way.
     #[error("{0}")]
     Permanent(String),
+    /// Another rank of this attempt is lost, and its engine knows the reason.
+    #[error("{0}")]
+    Lost(String),
     /// Memory, disk, threads or a defect: another attempt may succeed.
     #[error("{0}")]
     Retryable(String),
@@ -28,10 +32,17 @@ impl From<LearnError> for Failure {
             | LearnError::Checkpoint(_)
             | LearnError::Version { .. }
             | LearnError::Diverged { .. } => Self::Permanent(message),
+            LearnError::Group(_) => Self::Lost(message),
             LearnError::Monitor { .. } | LearnError::Steps { .. } | LearnError::Thread(_) | LearnError::Torch(_) => {
                 Self::Retryable(message)
             }
         }
+    }
+}
+
+impl From<GroupError> for Failure {
+    fn from(error: GroupError) -> Self {
+        Self::Lost(error.to_string())
     }
 }
 

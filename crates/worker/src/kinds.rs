@@ -20,10 +20,12 @@ use gleaner_core::{
 };
 use gleaner_data_folder::{blobs::Blobs, fail_point};
 
-use crate::{episodes::Episodes, failure::Failure, monitor::Watcher};
+use crate::{episodes::Episodes, failure::Failure, monitor::Watcher, ranks::Ranks};
 
 /// A job's work, ready to begin on a thread of its own.
 pub(crate) struct Work {
+    /// The way to the other processes that share a training.
+    pub(crate) ranks: Ranks,
     /// The server's data directory.
     pub(crate) data_dir: PathBuf,
     /// Threads of the tensor library.
@@ -48,14 +50,17 @@ pub(crate) struct Base {
 
 impl Work {
     /// Does the work of a kind. This is the list of kinds.
-    pub(crate) fn perform(mut self, order: JobOrder) -> Result<Made, Failure> {
+    ///
+    /// `None` for a rank that does not lead its training.
+    pub(crate) fn perform(mut self, order: JobOrder) -> Result<Option<Made>, Failure> {
+        let peers = std::mem::replace(&mut self.ranks, Ranks::Alone).join()?;
         self.monitor.phase("reading episodes");
         match order {
-            JobOrder::Pretrain { spec, .. } => pretrain::perform(&mut self, spec),
-            JobOrder::Score { spec, .. } => score::perform(&mut self, spec),
-            JobOrder::Train { spec, .. } => train::perform(&mut self, spec),
-            JobOrder::Export { spec, .. } => export::perform(&mut self, spec),
-            JobOrder::Evaluate { spec, .. } => evaluate::perform(&mut self, &spec),
+            JobOrder::Pretrain { spec, .. } => pretrain::perform(&mut self, spec, peers),
+            JobOrder::Score { spec, .. } => score::perform(&mut self, spec).map(Some),
+            JobOrder::Train { spec, .. } => train::perform(&mut self, spec, peers),
+            JobOrder::Export { spec, .. } => export::perform(&mut self, spec).map(Some),
+            JobOrder::Evaluate { spec, .. } => evaluate::perform(&mut self, &spec).map(Some),
         }
     }
 

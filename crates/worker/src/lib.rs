@@ -13,6 +13,7 @@ mod features;
 mod kinds;
 mod monitor;
 mod process;
+mod ranks;
 mod reporter;
 
 pub use self::config::WorkerConfig;
@@ -20,6 +21,7 @@ use self::{
     client::Client,
     failure::Failure,
     kinds::{Base, Work},
+    ranks::Ranks,
 };
 use gleaner_core::error::{Error, Result};
 use gleaner_data_folder::{blobs::Blobs, file_limit};
@@ -60,7 +62,9 @@ async fn serve(config: WorkerConfig) -> Result<()> {
         Some(frozen) => Some(Base { frozen: frozen.clone(), scores: client.base_scores().await? }),
         None => None,
     };
-    let work = Work { data_dir: config.data_dir, threads: config.threads, blobs, inputs, base, monitor };
+    let ranks = Ranks::meet(&config, &mut client, &job_id, &order).await?;
+    let lead = ranks.lead();
+    let work = Work { ranks, data_dir: config.data_dir, threads: config.threads, blobs, inputs, base, monitor };
     let working = tokio::task::spawn_blocking(move || {
         // This thread alone: the other one must keep reporting that the worker is alive.
         if config.idle {
@@ -68,13 +72,26 @@ async fn serve(config: WorkerConfig) -> Result<()> {
         }
         work.perform(order)
     });
-    reporter::report(&mut client, events, &stop).await?;
+    if lead {
+        reporter::report(&mut client, events, &stop).await?;
+    } else {
+        reporter::discard(events).await;
+    }
     let made = match working.await {
         Ok(made) => made,
         Err(error) => Err(Failure::Retryable(format!("the job's code panicked: {error}"))),
     };
     match made {
-        Ok(made) => {
+        Err(Failure::Lost(error)) => Err(Error::unavailable(error)),
+        // Rank 0 reports, and meets the same permanent failure.
+        Ok(_) if !lead => Ok(()),
+        Err(Failure::Permanent(error)) if !lead => {
+            tracing::error!(%error, "the job cannot succeed");
+            Ok(())
+        }
+        Err(Failure::Retryable(error)) if !lead => Err(Error::internal("working as a rank above 0", error)),
+        Ok(None) => Err(Error::internal("completing a job", "rank 0 has no result")),
+        Ok(Some(made)) => {
             tracing::info!("handing the result over");
             client.complete(made).await
         }

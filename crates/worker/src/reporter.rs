@@ -53,6 +53,11 @@ pub(crate) async fn report(client: &mut Client, mut events: Receiver<Event>, sto
     }
 }
 
+/// Takes the events of a rank that does not report, until its work has ended.
+pub(crate) async fn discard(mut events: Receiver<Event>) {
+    while events.recv().await.is_some() {}
+}
+
 impl Pending {
     fn take(&mut self, event: Event) {
         self.news = true;

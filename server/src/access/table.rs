@@ -139,6 +139,8 @@ fn of(rpc: Rpc) -> Rule {
         Rpc::WorkerServiceGetAssignment
         | Rpc::WorkerServiceStreamEpisodes
         | Rpc::WorkerServiceStreamBaseScores
+        | Rpc::WorkerServiceReportMeeting
+        | Rpc::WorkerServiceGetMeeting
         | Rpc::WorkerServiceReportProgress
         | Rpc::WorkerServiceSaveCheckpoint
         | Rpc::WorkerServiceCompleteJob

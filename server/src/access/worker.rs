@@ -6,13 +6,15 @@ use super::secret;
 use crate::{
     domain::{attempt::Attempt, job::Job},
     error::{Error, Result},
-    jobs::Jobs,
+    jobs::{Caller, Jobs},
 };
 
 /// The metadata with which a worker identifies its process: random characters, the same in each of its calls.
 const PROCESS: &str = "worker-process";
 /// The metadata with which a worker names its node of a cluster; empty elsewhere.
 const NODE: &str = "worker-node";
+/// The metadata with which a worker of an attempt with several processes gives its number; 0 without it.
+const RANK: &str = "worker-rank";
 const LONGEST_NAME: usize = 255;
 
 /// A worker, as the guard has authenticated it.
@@ -20,14 +22,28 @@ const LONGEST_NAME: usize = 255;
 pub(crate) struct Worker {
     pub(crate) attempt: Attempt,
     pub(crate) job: Job,
+    /// Its number among the processes of the attempt.
+    rank: u32,
 }
 
 impl Worker {
-    /// The worker that makes a request.
+    /// The worker that makes a request which changes something: rank 0 of its attempt.
+    ///
+    /// # Errors
+    /// Forbidden for another rank; Internal when no guard precedes the service.
+    pub(crate) fn of<T>(request: &tonic::Request<T>) -> Result<Self> {
+        let worker = Self::any_rank(request)?;
+        if worker.rank > 0 {
+            return Err(Error::forbidden(format!("rank {} of this attempt cannot do this; rank 0 does", worker.rank)));
+        }
+        Ok(worker)
+    }
+
+    /// The worker of any rank that makes a request.
     ///
     /// # Errors
     /// Internal when no guard precedes the service.
-    pub(crate) fn of<T>(request: &tonic::Request<T>) -> Result<Self> {
+    pub(crate) fn any_rank<T>(request: &tonic::Request<T>) -> Result<Self> {
         let worker = request.extensions().get::<Self>().cloned();
         worker.ok_or_else(|| Error::internal("identifying a worker", "no guard precedes this service"))
     }
@@ -44,8 +60,16 @@ impl Worker {
         };
         let token = secret::bearer(headers)?.ok_or_else(not_this_job)?;
         let (process, node) = (name(headers, PROCESS)?, name(headers, NODE)?);
-        let (attempt, job) = jobs.authenticate(token, process, node).await?.ok_or_else(not_this_job)?;
-        Ok(Self { attempt, job })
+        let caller = Caller { process, node, rank: rank(headers)? };
+        let (attempt, job) = jobs.authenticate(token, &caller).await?.ok_or_else(not_this_job)?;
+        Ok(Self { attempt, job, rank: caller.rank })
+    }
+}
+
+fn rank(headers: &HeaderMap) -> Result<u32> {
+    match name(headers, RANK)? {
+        "" => Ok(0),
+        text => text.parse().map_err(|_| Error::invalid(RANK, "must be a number from 0")),
     }
 }
 

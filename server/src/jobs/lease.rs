@@ -4,6 +4,7 @@
 use std::{
     collections::HashMap,
     future::pending,
+    net::SocketAddr,
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
@@ -29,6 +30,10 @@ pub(super) struct Lease {
     pub(super) delivered: CancellationToken,
     /// Whether a second process has called for this attempt.
     contested: AtomicBool,
+    /// The process of each rank above 0 that has called.
+    members: Mutex<HashMap<u32, String>>,
+    /// Where rank 0 waits for the others.
+    meeting: watch::Sender<Option<SocketAddr>>,
 }
 
 impl Lease {
@@ -95,6 +100,8 @@ impl Leases {
             stop,
             delivered: CancellationToken::new(),
             contested: AtomicBool::new(false),
+            members: Mutex::default(),
+            meeting: watch::Sender::default(),
         });
         self.all(|held| held.insert(attempt.clone(), Arc::clone(&lease)));
         lease
@@ -116,6 +123,32 @@ impl Leases {
     pub(super) fn contest(&self, attempt: &Attempt) {
         if let Some(lease) = self.of(attempt) {
             lease.contested.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Whether this process is the first that called as this rank, above 0, of the attempt.
+    pub(super) fn admit(&self, attempt: &Attempt, rank: u32, process: &str) -> bool {
+        self.of(attempt).is_some_and(|lease| {
+            let mut members = lease.members.lock().unwrap_or_else(PoisonError::into_inner);
+            members.entry(rank).or_insert_with(|| process.to_owned()) == process
+        })
+    }
+
+    /// Records where rank 0 of the attempt waits for the others.
+    pub(super) fn meet(&self, attempt: &Attempt, address: SocketAddr) {
+        if let Some(lease) = self.of(attempt) {
+            lease.meeting.send_replace(Some(address));
+        }
+    }
+
+    /// Waits until rank 0 of the attempt has reported where it waits for the others.
+    pub(super) async fn meeting(&self, attempt: &Attempt) -> SocketAddr {
+        let Some(lease) = self.of(attempt) else { return pending().await };
+        let mut meeting = lease.meeting.subscribe();
+        // The sender is a field of the lease, which this function holds.
+        match meeting.wait_for(Option::is_some).await.map(|address| *address) {
+            Ok(Some(address)) => address,
+            Ok(None) | Err(_) => pending().await,
         }
     }
 
@@ -218,5 +251,18 @@ mod tests {
         leases.contest(&attempt);
         leases.deliver(&attempt);
         assert!(lease.contested() && lease.delivered.is_cancelled());
+    }
+
+    #[tokio::test]
+    async fn the_first_process_of_each_rank_is_admitted_and_meets_rank_0() {
+        let leases = Leases::new(CancellationToken::new());
+        let attempt = attempt();
+        assert!(!leases.admit(&attempt, 1, "a"), "the attempt has no lease");
+        let _lease = leases.grant(&attempt, Tie::Child);
+        assert!(leases.admit(&attempt, 1, "a") && leases.admit(&attempt, 1, "a") && leases.admit(&attempt, 2, "b"));
+        assert!(!leases.admit(&attempt, 1, "b"));
+        let address: SocketAddr = "10.0.0.5:41234".parse().unwrap();
+        let (found, ()) = tokio::join!(leases.meeting(&attempt), async { leases.meet(&attempt, address) });
+        assert_eq!(found, address);
     }
 }

@@ -30,6 +30,7 @@ use std::{net::SocketAddr, sync::Arc, time::Duration};
 use tokio::sync::{Notify, Semaphore, watch as state};
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
 
+pub(crate) use self::report::Caller;
 use self::{
     engine::{Engine, Local, Slurm},
     lease::Leases,

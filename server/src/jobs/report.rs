@@ -1,5 +1,7 @@
 //! Calls of running workers: authentication, progress, checkpoints, and the end of the attempt.
 
+use std::{net::SocketAddr, time::Duration};
+
 use super::{Jobs, kinds, token};
 use crate::{
     domain::{
@@ -12,15 +14,40 @@ use crate::{
     store::attempt::Claimant,
 };
 
+/// The longest wait for the address of a meeting within one call.
+const MEETING_WAIT: Duration = Duration::from_secs(10);
+
+/// What a worker says of itself in each call.
+pub(crate) struct Caller<'a> {
+    /// Random characters that identify its process.
+    pub(crate) process: &'a str,
+    /// Its node of a cluster; empty elsewhere.
+    pub(crate) node: &'a str,
+    /// Its number among the processes of its attempt.
+    pub(crate) rank: u32,
+}
+
 impl Jobs {
     /// The running attempt that a token proves, with its job; `None` for any other token, and for every process but the
-    /// first that presents it. Counts as a sign of life. The first call of an attempt records the worker's node.
+    /// first that presents it as its rank. A call of rank 0 counts as a sign of life, and its first one records the
+    /// worker's node.
     ///
     /// # Errors
     /// When the database fails.
-    pub(crate) async fn authenticate(&self, token: &str, process: &str, node: &str) -> Result<Option<(Attempt, Job)>> {
+    pub(crate) async fn authenticate(&self, token: &str, caller: &Caller<'_>) -> Result<Option<(Attempt, Job)>> {
         let Some(attempt) = token::attempt(token) else { return Ok(None) };
-        match self.0.store.claimant(&attempt, process, node).await? {
+        let Caller { process, node, rank } = *caller;
+        // Rank 0 is bound in the row, because it alone can change anything. The others read only, so a lease suffices.
+        let claimant = match rank {
+            0 => self.0.store.claimant(&attempt, process, node).await?,
+            _ => match self.0.store.running_job(&attempt).await? {
+                Some(job) if self.0.leases.admit(&attempt, rank, process) => Claimant::Worker(Box::new(job)),
+                Some(_) => Claimant::Other,
+                None => Claimant::Over,
+            },
+        };
+        match claimant {
+            Claimant::Worker(job) if rank > 0 => Ok(Some((attempt, *job))),
             Claimant::Worker(job) => {
                 self.0.leases.renew(&attempt);
                 Ok(Some((attempt, *job)))
@@ -32,6 +59,17 @@ impl Jobs {
             }
             Claimant::Over => Ok(None),
         }
+    }
+
+    /// Records where rank 0 of an attempt waits for the others.
+    pub(crate) fn report_meeting(&self, attempt: &Attempt, address: SocketAddr) {
+        self.0.leases.meet(attempt, address);
+    }
+
+    /// Where rank 0 of an attempt waits for the others; `None` if it has not reported after some seconds. The address is
+    /// in memory only: ranks that meet while the server restarts fail, and the next attempt follows.
+    pub(crate) async fn meeting(&self, attempt: &Attempt) -> Option<SocketAddr> {
+        tokio::time::timeout(MEETING_WAIT, self.0.leases.meeting(attempt)).await.ok()
     }
 
     /// Stores progress; returns whether to stop.
@@ -105,3 +143,6 @@ impl Jobs {
         if self.0.blobs.contains(blob) { Ok(()) } else { Err(Error::not_found("blob", blob)) }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -200,23 +200,6 @@ async fn a_new_checkpoint_removes_the_old_one_unless_another_row_names_it() {
 }
 
 #[tokio::test]
-async fn only_the_token_of_a_running_attempt_is_accepted() {
-    let bench = Bench::new().await;
-    submit(&bench, pretrain()).await.unwrap();
-    let issuer = super::token::Issuer::new();
-    let job = bench.store.claim_job(&issuer.hash, "local").await.unwrap().unwrap();
-    let token = issuer.token(&job.id);
-    let (attempt, known) = bench.jobs.authenticate(token.reveal(), "one", "").await.unwrap().unwrap();
-    assert_eq!(known.id, job.id);
-    assert!(bench.jobs.authenticate(token.reveal(), "two", "").await.unwrap().is_none(), "one process has the attempt");
-    let forged = super::token::Issuer::new().token(&job.id);
-    assert!(bench.jobs.authenticate(forged.reveal(), "one", "").await.unwrap().is_none());
-    assert!(bench.jobs.authenticate("", "one", "").await.unwrap().is_none());
-    bench.jobs.fail(&attempt, "no".into(), false).await.unwrap();
-    assert!(bench.jobs.authenticate(token.reveal(), "one", "").await.unwrap().is_none());
-}
-
-#[tokio::test]
 async fn a_watcher_sees_every_metric_and_the_end() {
     let bench = Bench::new().await;
     let id = submit(&bench, pretrain()).await.unwrap().id;

@@ -26,7 +26,7 @@ impl WorkerService for WorkerApi {
 
     async fn get_assignment(&self, request: Request<v1::GetAssignmentRequest>) -> Reply<v1::GetAssignmentResponse> {
         answer(async {
-            let Worker { job, .. } = Worker::of(&request)?;
+            let Worker { job, .. } = Worker::any_rank(&request)?;
             let inputs = self.0.jobs.inputs(&job).await?;
             Ok(wire::worker::assignment(job, inputs))
         })
@@ -35,7 +35,7 @@ impl WorkerService for WorkerApi {
 
     async fn stream_episodes(&self, request: Request<v1::StreamEpisodesRequest>) -> Reply<Self::StreamEpisodesStream> {
         answer(async {
-            let Worker { job, .. } = Worker::of(&request)?;
+            let Worker { job, .. } = Worker::any_rank(&request)?;
             let parts = self.0.jobs.input_parts(&job).await?;
             Ok(responses(parts.map_ok(wire::worker::episodes)))
         })
@@ -58,6 +58,24 @@ impl WorkerService for WorkerApi {
                 async move { store.episode_scores(&run, &episode).await }
             });
             Ok(responses(scores.map_ok(wire::worker::base_scores)))
+        })
+        .await
+    }
+
+    async fn report_meeting(&self, request: Request<v1::ReportMeetingRequest>) -> Reply<v1::ReportMeetingResponse> {
+        answer(async {
+            let Worker { attempt, .. } = Worker::of(&request)?;
+            self.0.jobs.report_meeting(&attempt, wire::worker::meeting_request(request.into_inner())?);
+            Ok(v1::ReportMeetingResponse {})
+        })
+        .await
+    }
+
+    async fn get_meeting(&self, request: Request<v1::GetMeetingRequest>) -> Reply<v1::GetMeetingResponse> {
+        answer(async {
+            let Worker { attempt, .. } = Worker::any_rank(&request)?;
+            let address = self.0.jobs.meeting(&attempt).await;
+            Ok(v1::GetMeetingResponse { address: address.map(|address| address.to_string()).unwrap_or_default() })
         })
         .await
     }
@@ -87,7 +105,7 @@ impl WorkerService for WorkerApi {
     ) -> Reply<v1::CompleteJobResponse> {
         let worker = Worker::of(&request);
         answer(async {
-            let Worker { attempt, job } = worker?;
+            let Worker { attempt, job, .. } = worker?;
             let (mut messages, mut completion) = (request.into_inner(), Completion::default());
             while let Some(message) = messages.message().await.map_err(from_peer)? {
                 completion.push(message)?;

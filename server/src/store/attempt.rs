@@ -69,6 +69,14 @@ impl Store {
         }
     }
 
+    /// The job of an attempt, if that is running.
+    pub(crate) async fn running_job(&self, attempt: &Attempt) -> Result<Option<Job>> {
+        match self.bound_process(attempt).await? {
+            Some(_) => Ok(Some(self.job(&attempt.job_id).await?)),
+            None => Ok(None),
+        }
+    }
+
     /// The process of a running attempt, once one has called; `None` for an attempt that is not running.
     async fn bound_process(&self, attempt: &Attempt) -> Result<Option<Option<String>>> {
         sqlx::query_scalar("select process from jobs where id = ? and token_hash = ? and state = 'running'")

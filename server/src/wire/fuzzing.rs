@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// How many kinds of messages [`message`] knows.
-pub const KINDS: u8 = 35;
+pub const KINDS: u8 = 36;
 
 /// Decodes `bytes` as a message of this kind and converts it. What is refused is refused as Invalid or Exhausted, and
 /// names a field and a fix.
@@ -58,6 +58,7 @@ pub fn message(kind: u8, bytes: &[u8]) {
         30 => convert(bytes, |request| import::open(Some(request))),
         31 => convert(bytes, import::batch),
         32 => convert(bytes, worker::episodes_from),
+        33 => convert(bytes, worker::meeting_request),
         _ => convert(bytes, infer),
     }
 }

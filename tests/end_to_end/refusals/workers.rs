@@ -20,6 +20,8 @@ async fn workers_without_a_token_are_rejected() {
         get_assignment(GetAssignmentRequest {}) => Unauthenticated ["token"];
         stream_episodes(StreamEpisodesRequest {}) => Unauthenticated ["token"];
         stream_base_scores(StreamBaseScoresRequest {}) => Unauthenticated ["token"];
+        report_meeting(ReportMeetingRequest::default()) => Unauthenticated ["token"];
+        get_meeting(GetMeetingRequest {}) => Unauthenticated ["token"];
         report_progress(ReportProgressRequest::default()) => Unauthenticated ["token"];
         save_checkpoint(SaveCheckpointRequest::default()) => Unauthenticated ["token"];
         complete_job(tokio_stream::iter([CompleteJobRequest::default()])) => Unauthenticated ["token"];

@@ -75,6 +75,14 @@ pub fn workers(server: u32) -> Vec<u32> {
     children(server).into_iter().filter(is_worker).collect()
 }
 
+/// The value of an option of a process, such as `--rank`.
+pub fn argument(pid: u32, name: &str) -> Option<String> {
+    let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    let mut words = command.split(|&byte| byte == 0).map(|word| String::from_utf8_lossy(word).into_owned());
+    words.find(|word| word == name)?;
+    words.next()
+}
+
 /// The ports of IPv4 loopback on which a process listens.
 pub fn ports(pid: u32) -> Vec<u16> {
     let files = std::fs::read_dir(format!("/proc/{pid}/fd")).unwrap();

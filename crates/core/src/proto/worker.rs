@@ -4,6 +4,8 @@
 mod completion;
 mod kept;
 
+use std::net::SocketAddr;
+
 use gleaner_proto::v1;
 
 pub use self::completion::{Completion, completion_messages};
@@ -172,6 +174,27 @@ pub fn progress(progress: Progress) -> v1::ReportProgressRequest {
     let Progress { done, total, message, metrics, peak_memory_bytes } = progress;
     let metrics = metrics.into_iter().map(|(step, name, value)| v1::Metric { step, name, value }).collect();
     v1::ReportProgressRequest { done, total, message, metrics, peak_memory_bytes }
+}
+
+/// The address at which rank 0 waits for the other ranks.
+///
+/// # Errors
+/// Invalid when it is not an IP address with a port.
+pub fn meeting_request(request: v1::ReportMeetingRequest) -> Result<SocketAddr> {
+    let v1::ReportMeetingRequest { address } = request;
+    address.parse().map_err(|_| Error::invalid("address", "must be an IP address with a port, such as 10.0.0.5:41234"))
+}
+
+/// Reads that address; `None` while it is not reported.
+///
+/// # Errors
+/// Invalid when the server speaks another version.
+pub fn meeting(response: v1::GetMeetingResponse) -> Result<Option<SocketAddr>> {
+    let v1::GetMeetingResponse { address } = response;
+    if address.is_empty() {
+        return Ok(None);
+    }
+    meeting_request(v1::ReportMeetingRequest { address }).map(Some)
 }
 
 /// The step and the blob to resume from.

@@ -232,7 +232,7 @@ async fn every_rpc_is_permitted_as_its_row_states() {
         assert_eq!(fixture.code(false, path, None).await, Code::Ok, "{path}: no token is required");
     }
     assert!(walked > 250, "the walk found too little: {walked}");
-    assert_eq!(workers.len(), 7);
+    assert_eq!(workers.len(), 9);
     // Workers have a separate listener.
     let none = ["/gleaner.v1.TaskService/DropTables", "/x", "/gleaner.v1.TaskService/../ListTasks"];
     for path in workers.into_iter().chain(none) {

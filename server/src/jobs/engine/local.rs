@@ -1,19 +1,16 @@
-//! The engine of this machine: each worker is a child process of the server, which ends with it.
+//! The engine of this machine: each worker is a child process of the server, which ends with it. An attempt with several
+//! ranks has a child for each.
 
-use std::{
-    net::SocketAddr,
-    os::unix::process::ExitStatusExt as _,
-    process::{ExitStatus, Stdio},
-    sync::Arc,
-};
+use std::{net::SocketAddr, process::Stdio, sync::Arc};
 
 use async_trait::async_trait;
 use tokio::{
+    net::unix::pipe,
     process::{Child, Command},
     sync::watch,
 };
 
-use super::{End, Engine, Execution, Launch, Output};
+use super::{End, Engine, Execution, Launch, Output, ranks::Ranks};
 use crate::{
     config::{Secret, ServeConfig, worker_environment},
     domain::{attempt::Attempt, placement::Placement},
@@ -47,16 +44,15 @@ impl Engine for Local {
     }
 
     fn start(&self, launch: Launch<'_>) -> Result<Box<dyn Execution>, String> {
-        let child = start(&self.config, self.server, &launch.token).map_err(|error| error.to_string())?;
+        let kind = launch.job.spec.kind();
+        let ranks = self.config.jobs.ranks.of(kind);
+        let (children, output) =
+            start_all(&self.config, self.server, &launch.token, ranks).map_err(|error| error.to_string())?;
         crate::fail_point::pass("worker.started");
-        let id = child.id().unwrap_or(0);
+        let id = children.first().and_then(Child::id).unwrap_or(0);
         let placement = Placement { engine: Self::NAME.to_owned(), engine_id: id.to_string(), ..Placement::default() };
-        Ok(Box::new(Process {
-            child,
-            id,
-            kind: launch.job.spec.kind().as_str(),
-            placement: watch::Sender::new(placement),
-        }))
+        let placement = watch::Sender::new(placement);
+        Ok(Box::new(Processes { ranks: Ranks(children), output: Some(output), id, kind: kind.as_str(), placement }))
     }
 
     fn resume(&self, _: &Attempt, _: &Placement, _: &Arc<Lease>) -> Option<Box<dyn Execution>> {
@@ -64,48 +60,72 @@ impl Engine for Local {
     }
 }
 
-/// A running worker.
-struct Process {
-    child: Child,
+/// A running worker, of one or several ranks.
+struct Processes {
+    ranks: Ranks,
+    output: Option<Output>,
+    /// The process id of rank 0.
     id: u32,
     kind: &'static str,
     placement: watch::Sender<Placement>,
 }
 
 #[async_trait]
-impl Execution for Process {
+impl Execution for Processes {
     fn placement(&self) -> watch::Receiver<Placement> {
         self.placement.subscribe()
     }
 
     fn output(&mut self) -> Option<Output> {
-        self.child.stderr.take().map(|output| Box::new(output) as Output)
+        self.output.take()
     }
 
     async fn ended(&mut self) -> End {
         let memory = memory::of_worker(self.id, self.kind);
         tokio::select! {
-            status = self.child.wait() => match status {
-                Ok(status) => End::Broken(describe(status)),
-                Err(error) => End::Broken(format!("the worker was lost: {error}")),
-            },
+            end = self.ranks.ended() => end,
             never = memory => match never {},
         }
     }
 
     async fn kill(&mut self, reason: String) -> End {
-        if let Err(error) = self.child.kill().await {
-            tracing::error!(%error, "the worker could not be killed");
-        }
+        self.ranks.kill().await;
         End::Broken(reason)
     }
 }
 
-/// Starts a worker for the attempt with this token, with a pipe for its standard error. The worker is killed on drop,
-/// and it ends with this process.
-fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) -> std::io::Result<Child> {
+/// Starts the ranks of a worker; the second value is the standard error of all.
+fn start_all(
+    config: &ServeConfig,
+    server: SocketAddr,
+    token: &Secret,
+    ranks: u32,
+) -> std::io::Result<(Vec<Child>, Output)> {
+    let (reader, writer) = std::io::pipe()?;
+    let start = |rank: u32| {
+        let mut command = command(config, server, token)?;
+        if ranks > 1 {
+            command.args(["--rank", &rank.to_string(), "--ranks", &ranks.to_string()]);
+            command.args(["--rank-timeout-seconds", &config.jobs.ranks.rank_timeout_seconds.to_string()]);
+            command.env("CUDA_VISIBLE_DEVICES", device_of(std::env::var("CUDA_VISIBLE_DEVICES").ok().as_deref(), rank));
+        }
+        command.stderr(writer.try_clone()?).spawn()
+    };
+    let children = (0..ranks).map(start).collect::<std::io::Result<_>>()?;
+    Ok((children, Box::new(pipe::Receiver::from_owned_fd(reader.into())?)))
+}
+
+/// The GPU of a rank: that of its number among the server's, or of the machine.
+fn device_of(visible: Option<&str>, rank: u32) -> String {
+    let listed = visible.and_then(|list| list.split(',').nth(rank as usize)).map(str::trim);
+    listed.map_or_else(|| rank.to_string(), str::to_owned)
+}
+
+/// The command of a worker for the attempt with this token. The worker is killed on drop, and it ends with this process.
+fn command(config: &ServeConfig, server: SocketAddr, token: &Secret) -> std::io::Result<Command> {
     let program = Program::Worker.path().map_err(std::io::Error::other)?;
-    Command::new(program)
+    let mut command = Command::new(program);
+    command
         .args(["--server", &format!("http://{server}")])
         .arg("--data-dir")
         .arg(&config.data_dir)
@@ -121,21 +141,8 @@ fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) -> std::io::R
         .env("GLEANER_JOB_TOKEN", token.reveal())
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .kill_on_drop(true)
-        .spawn()
-}
-
-/// The end of a worker without a result, in words.
-fn describe(status: ExitStatus) -> String {
-    /// SIGKILL, which the system sends when memory has run out.
-    const KILL: i32 = 9;
-    match (status.signal(), status.code()) {
-        (Some(KILL), _) => "the worker was killed by signal 9 (has memory run out?)".to_owned(),
-        (Some(signal), _) => format!("the worker was killed by signal {signal}"),
-        (None, Some(0)) => "the worker ended without a result".to_owned(),
-        (None, code) => format!("the worker ended with code {} and without a result", code.unwrap_or(-1)),
-    }
+        .kill_on_drop(true);
+    Ok(command)
 }
 
 #[cfg(test)]
@@ -143,10 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_end_of_a_process_is_described() {
-        assert!(describe(ExitStatus::from_raw(9)).contains("killed by signal 9"));
-        assert_eq!(describe(ExitStatus::from_raw(11)), "the worker was killed by signal 11");
-        assert_eq!(describe(ExitStatus::from_raw(0)), "the worker ended without a result");
-        assert_eq!(describe(ExitStatus::from_raw(101 << 8)), "the worker ended with code 101 and without a result");
+    fn ranks_have_a_gpu_each() {
+        assert_eq!([device_of(None, 1), device_of(Some("4, 6"), 1), device_of(Some("4"), 1)], ["1", "6", "1"]);
     }
 }

@@ -2,6 +2,7 @@
 //! Retries, the leases of attempts and the judgement which process may report are the queue's; must not depend on rows.
 
 mod local;
+mod ranks;
 mod slurm;
 
 use std::sync::Arc;

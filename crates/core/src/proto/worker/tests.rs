@@ -158,6 +158,12 @@ fn every_wrong_field_of_a_worker_is_named() {
         spoil(&mut result);
         Message::Score(result)
     };
+    for address in ["", "lab", "10.0.0.5", "10.0.0.5:99999"] {
+        let error = meeting_request(v1::ReportMeetingRequest { address: address.into() }).unwrap_err();
+        assert!(error.message().starts_with("address: "), "{error}");
+    }
+    let found = |address: &str| meeting(v1::GetMeetingResponse { address: address.into() }).unwrap();
+    assert_eq!((found("10.0.0.5:4"), found("")), (Some("10.0.0.5:4".parse().unwrap()), None));
     for (message, field) in [
         (Message::Encoder(v1::EncoderResult { blob: "../x".into() }), "message.encoder.blob: "),
         (policy(String::new(), "bc"), "message.policy.blob: "),

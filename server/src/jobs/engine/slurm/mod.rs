@@ -77,6 +77,7 @@ impl Slurm {
             name: script::name(attempt),
             lease: Arc::clone(lease),
             from,
+            shared: false,
             placement: watch::Sender::new(placement),
         }
     }
@@ -104,7 +105,8 @@ impl Engine for Slurm {
     fn start(&self, launch: Launch<'_>) -> std::result::Result<Box<dyn Execution>, String> {
         let from = From::Submission(Box::new(self.template.submission(&launch)));
         let placement = Placement { engine: Self::NAME.to_owned(), ..Placement::default() };
-        Ok(Box::new(self.execution(launch.attempt, launch.lease, from, placement)))
+        let shared = self.template.config.jobs.ranks.of(launch.job.spec.kind()) > 1;
+        Ok(Box::new(SlurmJob { shared, ..self.execution(launch.attempt, launch.lease, from, placement) }))
     }
 
     fn resume(&self, attempt: &Attempt, placement: &Placement, lease: &Arc<Lease>) -> Option<Box<dyn Execution>> {
@@ -134,6 +136,8 @@ struct SlurmJob {
     name: String,
     lease: Arc<Lease>,
     from: From,
+    /// Whether the job has several ranks, as far as this server knows.
+    shared: bool,
     placement: watch::Sender<Placement>,
 }
 
@@ -231,6 +235,9 @@ impl SlurmJob {
             (From::EarlierServer, End::Broken(reason) | End::Stopped(reason)) if !seen => {
                 End::Interrupted(format!("{reason}, while the server was down"))
             }
+            // When a node or a rank fails, the other ranks end too, and Slurm reports a failed job. It is no fault of the
+            // job, which resumes if it saved a checkpoint.
+            (From::EarlierServer | From::Submission(_), End::Broken(reason)) if self.shared => End::Stopped(reason),
             (From::EarlierServer | From::Submission(_), end) => end,
         }
     }

@@ -67,15 +67,20 @@ impl Template {
         let options = options.into_iter().flat_map(str::lines).map(str::trim).filter(|line| !line.is_empty());
         let mut script = "#!/bin/sh\n".to_owned();
         options.for_each(|line| script.extend(["#SBATCH ", line, "\n"]));
-        script.extend([slurm.slurm_setup.as_str(), "\n", "exec", &self.command(), "\n"]);
+        let ranks = self.config.jobs.ranks.of(kind);
+        if ranks > 1 {
+            script.extend([&format!("#SBATCH --nodes={ranks} --ntasks-per-node=1"), "\n"]);
+        }
+        script.extend([slurm.slurm_setup.as_str(), "\n", "exec", &self.command(ranks), "\n"]);
         let mut variables =
             vec![("GLEANER_JOB_TOKEN", launch.token.reveal().to_owned()), ("OMP_WAIT_POLICY", "PASSIVE".to_owned())];
         variables.extend(self.authority.clone().map(|pem| ("GLEANER_WORKER_CA", pem)));
         Submission { arguments: arguments.into(), variables, script, flag: flag_of_kind }
     }
 
-    /// The command of the worker, each word quoted.
-    fn command(&self) -> String {
+    /// The command of the worker, each word quoted; with several ranks, by srun on each node, which ends them all when one
+    /// fails.
+    fn command(&self, ranks: u32) -> String {
         let config = &self.config;
         let mut words = vec![self.worker.to_string_lossy().into_owned(), "--server".to_owned(), self.url.clone()];
         words.extend(["--data-dir".to_owned(), self.data_dir.to_string_lossy().into_owned()]);
@@ -86,9 +91,19 @@ impl Template {
         if let Some(most) = config.maintenance.max_cache_bytes {
             option("max-cache-bytes", most.to_string());
         }
+        if ranks > 1 {
+            option("ranks", ranks.to_string());
+            option("rank-timeout-seconds", config.jobs.ranks.rank_timeout_seconds.to_string());
+        }
         let words: String = words.iter().map(|word| format!(" '{}'", word.replace('\'', r"'\''"))).collect();
-        // The shell of the node knows its name.
-        format!("{words} --node \"$SLURMD_NODENAME\"")
+        if ranks < 2 {
+            // The shell of the node knows its name.
+            return format!("{words} --node \"$SLURMD_NODENAME\"");
+        }
+        // A shell for each rank, on its own node. The words are its arguments, so they are quoted once.
+        let (nodes, tasks) = (format!("--nodes={ranks}"), "--ntasks-per-node=1");
+        let shell = "sh -c 'exec \"$@\" --node \"$SLURMD_NODENAME\"' sh";
+        format!(" srun --kill-on-bad-exit=1 {nodes} --ntasks={ranks} {tasks} {shell}{words}")
     }
 }
 
