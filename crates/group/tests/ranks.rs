@@ -1,5 +1,7 @@
 //! Groups of two and three ranks, each on a thread of its own: what they compute, and how they end.
 
+#![allow(clippy::unwrap_used)]
+
 use std::{
     net::{IpAddr, Ipv4Addr, SocketAddr},
     sync::mpsc::{Receiver, Sender, channel},
