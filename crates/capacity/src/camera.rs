@@ -4,26 +4,7 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
-use crate::rate;
-
-/// The form in which a camera's pictures are recorded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Codec {
-    /// One JPEG for each picture.
-    Jpeg,
-    /// H.264 video.
-    H264,
-    /// H.265 video.
-    H265,
-    /// AV1 video.
-    Av1,
-}
-
-impl Codec {
-    const ALL: [(&'static str, Self); 4] =
-        [("jpeg", Self::Jpeg), ("h264", Self::H264), ("h265", Self::H265), ("av1", Self::Av1)];
-}
+use crate::{codec::Codec, rate};
 
 /// Equal cameras of a robot, written `COUNTxHEIGHTxWIDTH[@CODEC]`: `2x480x640@jpeg`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -3,6 +3,7 @@
 //! workspace and reads nothing.
 
 mod camera;
+mod codec;
 mod demand;
 mod lab;
 mod limit;
@@ -10,7 +11,8 @@ mod machine;
 mod rate;
 mod report;
 
-pub use camera::{Camera, Codec};
+pub use camera::Camera;
+pub use codec::Codec;
 pub use demand::{Demand, Part};
 pub use lab::Lab;
 pub use limit::largest_lab;

@@ -1,6 +1,6 @@
 //! Rates that were measured, each with its source. Another machine has others: trust the order of size.
 
-use crate::camera::Codec;
+use crate::codec::Codec;
 
 /// Pixels of a picture of 480 × 640, at which cameras were measured.
 const PICTURE: f64 = 480.0 * 640.0;
