@@ -4,6 +4,7 @@
 //! not depend on messages or topics.
 
 pub(crate) mod fit;
+mod inverse;
 mod raw;
 
 use std::io::Cursor;
@@ -18,6 +19,7 @@ use gleaner_core::PictureSizes;
 
 use crate::error::RecordingError;
 
+pub(crate) use inverse::{inverse_depth, is_inverse};
 pub(crate) use raw::{RawImage, raw_color, raw_depth};
 
 /// Maximum memory to decode an image in bytes: for each pixel, and for tables and metadata.

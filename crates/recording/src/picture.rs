@@ -11,7 +11,9 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use crate::dialect::Value;
 use crate::error::RecordingError;
-use crate::image::{PixelFormat, RawImage, decode_color, decode_depth, raw_color, raw_depth};
+use crate::image::{
+    PixelFormat, RawImage, decode_color, decode_depth, inverse_depth, is_inverse, raw_color, raw_depth,
+};
 use gleaner_core::CameraSpec;
 
 /// The content of a camera's topic.
@@ -55,6 +57,7 @@ pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec)
     // The compression is detected from the bytes, because drivers fill in any format.
     let decoded = match channel {
         Channel::Color => decode_color(data, PixelFormat::Auto, sizes),
+        Channel::Depth if is_inverse(format) => inverse_depth(data, sizes),
         Channel::Depth => decode_depth(data, PixelFormat::Auto, sizes),
     };
     decoded.map_err(|mut error| {

@@ -77,7 +77,7 @@ pub(crate) fn raw_depth(image: RawImage<'_>, sizes: &PictureSizes) -> Result<Vec
     fit::depth(out, found, sizes)
 }
 
-fn millimetres(metres: f32) -> u16 {
+pub(super) fn millimetres(metres: f32) -> u16 {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates; NaN becomes 0")]
     let whole = (metres * 1000.0).round() as u16;
     if metres.is_finite() { whole } else { 0 }

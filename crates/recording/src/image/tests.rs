@@ -43,6 +43,28 @@ fn depth_is_exact_raw_and_as_png() {
 }
 
 #[test]
+fn metres_that_ros_has_inverted_are_restored() {
+    // As compressed_depth_image_transport writes them: 1 / depth between the quantization at 100 and the greatest depth.
+    let (scale, offset) = (100.0 * 101.0_f32, 1.0 - 100.0 * 101.0 / 10.0_f32);
+    let metres = [0.5_f32, 1.0, 2.345, 9.5];
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "all are within 16 bits")]
+    let inverse: Vec<u16> = metres.iter().map(|metres| (scale / metres + offset).round() as u16).collect();
+    let native: Vec<u8> = inverse.iter().chain(&[0, 0]).flat_map(|value| value.to_ne_bytes()).collect();
+    let png = png(&native, 2, 3, ExtendedColorType::L16);
+    let bytes = [&0_u32.to_le_bytes()[..], &scale.to_le_bytes(), &offset.to_le_bytes(), &png].concat();
+    let depth = inverse_depth(&bytes, &PictureSizes::new(2, 3)).unwrap();
+    let depths: Vec<u16> = depth.as_chunks().0.iter().map(|&pair| u16::from_le_bytes(pair)).collect();
+    for (found, metres) in depths.iter().zip(metres) {
+        assert!((f32::from(*found) - metres * 1000.0).abs() <= metres * metres * 0.1 + 0.5, "{found} {metres}");
+    }
+    assert_eq!(depths[4..], [0, 0]);
+    assert!(is_inverse("32FC1; compressedDepth png") && !is_inverse("16UC1; compressedDepth png"));
+    for length in [0, 7, 12, 20] {
+        assert!(inverse_depth(&bytes[..length], &PictureSizes::new(2, 3)).is_err(), "{length}");
+    }
+}
+
+#[test]
 fn a_wrong_size_names_both() {
     let jpeg = encode_jpeg(&gradient(16, 24), 16, 24, 92).unwrap();
     let error = decode_color(&jpeg, PixelFormat::Jpeg, &PictureSizes::new(24, 16)).unwrap_err();
