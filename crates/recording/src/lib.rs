@@ -6,7 +6,8 @@
 //! - [`TaskSpec`] names the cameras, the proprioception and the action of a task, and their topics in a recording.
 //! - [`read_episode`] reads a recording as an [`Episode`] and a [`Report`] of its findings, within [`Limits`].
 //! - [`EpisodeWriter`] writes an episode; [`extract`] copies a stretch of a recording; [`salvage`] copies the intact part of
-//!   a damaged one; [`join`] makes one recording of the parts that a recorder has cut it into.
+//!   a damaged one; [`join`] makes one recording of the parts that a recorder has cut it into; [`cut`] makes several of a
+//!   long one, at the messages of an event topic.
 //! - [`survey`] reads what a recording holds without a task, for people who describe one.
 //! - [`summarize`] reads what a recording states about itself, and [`estimate`] what reading it takes.
 //! - [`cache_episode`] reads a recording as a frame cache: a file of which a [`FrameCache`] reads any step.
@@ -45,6 +46,7 @@ mod cache;
 mod channels;
 mod container;
 mod copy;
+mod cut;
 mod dialect;
 mod error;
 mod estimate;
@@ -88,6 +90,7 @@ pub use gleaner_core::{
 };
 
 pub use cache::{FrameCache, Numbers};
+pub use cut::{CutEpisode, cut};
 pub use error::RecordingError;
 pub use estimate::{MAX_MESSAGES, estimate, summarize};
 pub use extract::{Kept, StepScore, extract};
@@ -100,4 +103,4 @@ pub use read::{Reading, cache_episode, memory_per_step, read_episode, read_episo
 pub use salvage::salvage;
 pub use survey::survey;
 pub use validate::{validate, validate_within};
-pub use write::{CameraRef, EpisodeWriter, ImageRef, ObservationRef, StepRef, written_mapping};
+pub use write::{CameraMessage, CameraRef, EpisodeWriter, ImageRef, ObservationRef, StepRef, written_mapping};

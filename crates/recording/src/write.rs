@@ -8,6 +8,7 @@ mod images;
 mod mapping;
 mod observed;
 pub(crate) mod schema;
+mod streams;
 
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
@@ -27,6 +28,7 @@ use schema::{Numbers, Schema};
 pub(crate) use mapping::ACTION_TOPIC;
 pub use mapping::written_mapping;
 pub use observed::{CameraRef, ImageRef, ObservationRef};
+pub use streams::CameraMessage;
 
 /// One step to be written.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +46,8 @@ pub struct EpisodeWriter<W: Write + Seek> {
     mcap: mcap::Writer<W>,
     spec: TaskSpec,
     images: ImageChannels,
+    /// For each camera with video its channel and the last time of logging.
+    videos: BTreeMap<usize, (u16, u64)>,
     /// Absent when the task has no proprioception.
     state: Option<(u16, Numbers)>,
     action: (u16, Numbers),
@@ -70,8 +74,8 @@ impl<W: Write + Seek> EpisodeWriter<W> {
             .then(|| add_numbers(STATE_TOPIC, "State", &spec.proprioception))
             .transpose()?;
         let action = add_numbers(ACTION_TOPIC, "Action", &spec.action)?;
-        let (images, notes) = (ImageChannels::default(), BTreeMap::new());
-        Ok(Self { mcap, spec: spec.clone(), images, state, action, notes, steps: 0 })
+        let (images, videos, notes) = (ImageChannels::default(), BTreeMap::new(), BTreeMap::new());
+        Ok(Self { mcap, spec: spec.clone(), images, videos, state, action, notes, steps: 0 })
     }
 
     /// Writes one step's images, state and action, all with this stamp.

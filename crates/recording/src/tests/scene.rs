@@ -11,7 +11,7 @@ use crate::testing::arm;
 use crate::{Finding, FindingCode, Limits, Reading, RecordingError, Report, Severity, TaskSpec, read_episode_within};
 
 /// The small test task without its camera, read from JSON topics.
-pub(super) fn numbers_only() -> TaskSpec {
+pub(crate) fn numbers_only() -> TaskSpec {
     let mut spec = arm();
     spec.cameras.clear();
     spec.mappings[0].cameras.clear();

@@ -30,7 +30,7 @@ pub(crate) fn task() -> TaskSpec {
 pub(crate) struct Film {
     pub(crate) format: String,
     pub(crate) messages: Vec<Vec<u8>>,
-    orders: Vec<i64>,
+    pub(crate) orders: Vec<i64>,
 }
 
 impl Film {

@@ -28,6 +28,8 @@ pub(super) enum Kept<'a> {
     Compressed(&'static str, &'a [u8]),
     /// The (height, width), and rows of RGB bytes or of 16-bit little-endian millimetres.
     Raw((u32, u32), &'a [u8]),
+    /// The (height, width), and rows of 32-bit little-endian metres.
+    Metres((u32, u32), &'a [u8]),
 }
 
 /// Rows of RGB as JPEG.
@@ -61,8 +63,12 @@ impl<W: Write + Seek> EpisodeWriter<W> {
             Kept::Compressed(format, data) => {
                 CompressedImage { timestamp, data: data.to_vec(), format: format.to_owned(), frame_id }.encode_to_vec()
             }
-            Kept::Raw((height, width), data) => {
-                let (encoding, pixel_bytes) = if color { ("rgb8", 3) } else { ("16UC1", 2) };
+            Kept::Raw((height, width), data) | Kept::Metres((height, width), data) => {
+                let (encoding, pixel_bytes) = match image {
+                    Kept::Metres(..) => ("32FC1", 4),
+                    Kept::Raw(..) | Kept::Compressed(..) if color => ("rgb8", 3),
+                    Kept::Raw(..) | Kept::Compressed(..) => ("16UC1", 2),
+                };
                 RawImage {
                     timestamp,
                     width,

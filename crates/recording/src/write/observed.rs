@@ -88,7 +88,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     }
 
     /// The stored format of an image.
-    fn kept<'a>(&self, at: usize, kind: Channel, image: ImageRef<'a>) -> Result<Kept<'a>, RecordingError> {
+    pub(super) fn kept<'a>(&self, at: usize, kind: Channel, image: ImageRef<'a>) -> Result<Kept<'a>, RecordingError> {
         let ImageRef { format, data } = image;
         let data = match (kind, format) {
             (Channel::Depth, PixelFormat::Auto) => without_ros_prefix(data),
@@ -126,7 +126,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     }
 
     /// Numbers that a reader of the recording would refuse are refused before they spoil it.
-    fn check_numbers(&self, what: &str, values: &[f32], wanted: usize) -> Result<(), RecordingError> {
+    pub(super) fn check_numbers(&self, what: &str, values: &[f32], wanted: usize) -> Result<(), RecordingError> {
         self.check_size(what, values.len(), wanted)?;
         match values.iter().position(|value| !value.is_finite()) {
             Some(at) => Err(self.wrong(format!("{what}[{at}] is {}; give finite numbers", values[at]))),

@@ -25,6 +25,19 @@ pub(super) struct CompressedImage {
     pub(super) frame_id: String,
 }
 
+/// foxglove.CompressedVideo, whose fields are those of an image in another order.
+#[derive(Clone, PartialEq, Message)]
+pub(super) struct CompressedVideo {
+    #[prost(message, optional, tag = "1")]
+    pub(super) timestamp: Option<Timestamp>,
+    #[prost(string, tag = "2")]
+    pub(super) frame_id: String,
+    #[prost(bytes = "vec", tag = "3")]
+    pub(super) data: Vec<u8>,
+    #[prost(string, tag = "4")]
+    pub(super) format: String,
+}
+
 /// foxglove.RawImage
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct RawImage {
@@ -54,6 +67,12 @@ pub(crate) struct Schema {
 pub(super) fn compressed_image() -> Schema {
     let fields = vec![one(2, "data", Type::Bytes), one(3, "format", Type::String), one(4, "frame_id", Type::String)];
     schema("foxglove", "CompressedImage", fields)
+}
+
+/// Descriptors of foxglove.CompressedVideo.
+pub(super) fn compressed_video() -> Schema {
+    let fields = vec![one(2, "frame_id", Type::String), one(3, "data", Type::Bytes), one(4, "format", Type::String)];
+    schema("foxglove", "CompressedVideo", fields)
 }
 
 /// Descriptors of foxglove.RawImage.
