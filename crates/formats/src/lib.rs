@@ -1,10 +1,11 @@
-//! Datasets as files that other programs read: steps in, files out.
+//! Datasets as files that other programs read: steps in, files out; and datasets of other programs: files in, steps out.
 //!
-//! [`write()`] is the one way in. An [`Export`] has the pieces of a dataset (experts whole, each kept stretch of an imperfect
+//! [`import`] is the way in from other programs, and [`write()`] the way out to them. An [`Export`] has the pieces of a dataset (experts whole, each kept stretch of an imperfect
 //! episode), reads their steps, and takes each finished file. A format is one file here, or a folder, and a line in
 //! [`write()`]. It must not depend on servers, jobs or learning. The same pieces give the same bytes.
 
 mod export;
+pub mod import;
 mod lerobot;
 mod mcap_files;
 mod piece;

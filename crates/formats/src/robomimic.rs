@@ -82,6 +82,7 @@ impl Out {
         let group = root.create_group_with("data", |group| {
             group.set_attr("total", AttrValue::I64(i64::try_from(total).unwrap_or(i64::MAX)));
             group.set_attr("env_args", AttrValue::String(environment));
+            group.set_attr("gleaner_rate_hz", AttrValue::F64(task.rate_hz));
             group.set_attr("gleaner_action_low", wide(&range.low));
             group.set_attr("gleaner_action_high", wide(&range.high));
             for (name, value) in export.origin() {

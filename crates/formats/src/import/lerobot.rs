@@ -1,0 +1,201 @@
+//! LeRobot datasets v3.0, v2.1 and v2.0: parquet tables with pictures in them or in videos beside them.
+//!
+//! The versions differ in the places of their files alone, which `places` knows.
+
+mod cells;
+mod features;
+mod info;
+mod places;
+mod rows;
+mod tables;
+mod tasks;
+mod videos;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use gleaner_recording::{CameraMessage, ImageRef, PixelFormat};
+use serde_json::{Map, Value, json};
+
+use self::features::{Features, Picture, Source};
+use self::info::Info;
+use self::places::Place;
+use self::rows::{Row, Rows};
+use self::videos::Reel;
+use super::Dataset;
+use super::description::Description;
+use super::recorder::Recorder;
+use crate::problem::Problem;
+
+/// Seconds by which a row's timestamp may differ from its place.
+const STAMP_TOLERANCE: f64 = 2e-3;
+/// The column of the outcome: that of the last row counts.
+const SUCCESS: &str = "next.success";
+
+struct Lerobot {
+    folder: PathBuf,
+    info: Info,
+    features: Features,
+    places: Vec<Place>,
+    tasks: BTreeMap<i64, String>,
+    description: Description,
+}
+
+/// Opens a dataset in a folder with `meta/info.json`.
+pub(super) fn open(folder: &Path) -> Result<Box<dyn Dataset>, Problem> {
+    let info = Info::read(folder)?;
+    let stats = info::stats(folder);
+    let features = Features::new(&info, &stats)?;
+    let places = places::read(folder, &info, &features)?;
+    let tasks = tasks::read(folder, &info)?;
+    let description = Description {
+        format: format!("LeRobot {}", info.codebase_version),
+        episodes: count(places.len()),
+        steps: places.iter().map(|place| place.steps).fold(0, u64::saturating_add),
+        rate_stated: true,
+        ..features.description.clone()
+    };
+    Ok(Box::new(Lerobot { folder: folder.to_owned(), info, features, places, tasks, description }))
+}
+
+impl Dataset for Lerobot {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn check_files(&self) -> Result<(), Problem> {
+        let files = self.places.iter().flat_map(|place| {
+            let videos = place.videos.values().map(|video| &video.path);
+            std::iter::once(&place.data).chain(videos).map(move |path| (place.episode, path))
+        });
+        match files.into_iter().find(|(_, path)| !self.folder.join(path).is_file()) {
+            Some((episode, path)) => Err(unfit(
+                &self.folder,
+                &format!("{} is missing, which episode {episode} needs; download the whole dataset", path.display()),
+            )),
+            None => Ok(()),
+        }
+    }
+
+    fn record(&self, episode: u64, out: &Path) -> Result<(Recorder, Option<bool>), Problem> {
+        let place = usize::try_from(episode).ok().and_then(|at| self.places.get(at));
+        let place = place.ok_or_else(|| unfit(&self.folder, &format!("there is no episode {episode}")))?;
+        let spec = &self.description.spec;
+        let mut reels = self.reels(place)?;
+        let mut recorder = Recorder::create(out, episode.to_string(), spec)?;
+        let mut rows = Rows::open(&self.folder.join(&place.data), place, &self.features)?;
+        let (mut texts, mut success) = (Vec::new(), None);
+        let mut step = 0;
+        while let Some(row) = rows.next()? {
+            self.check_row(&row, place, step)?;
+            let stamp = recorder.step_stamp(step);
+            for (picture, bytes) in self.features.stored().zip(&row.pictures) {
+                let image = ImageRef { format: PixelFormat::Auto, data: bytes };
+                let message = if picture.depth { CameraMessage::Depth(image) } else { CameraMessage::Color(image) };
+                recorder.camera(picture.camera, stamp, message)?;
+            }
+            for reel in &mut reels {
+                reel.write_to(step, &mut recorder)?;
+            }
+            let mut others = row.others;
+            let task = others.get("task_index").and_then(Value::as_i64).and_then(|index| self.tasks.get(&index));
+            if let Some(task) = task {
+                others.insert("task".to_owned(), json!(task));
+                if !texts.contains(task) {
+                    texts.push(task.clone());
+                }
+            }
+            success = others.get(SUCCESS).and_then(truth);
+            recorder.step(&row.state, &row.action, others)?;
+            step += 1;
+        }
+        if step != place.steps {
+            let problem = format!(
+                "{} has {step} rows of episode {episode}, and meta/episodes states {}; download it again",
+                place.data.display(),
+                place.steps
+            );
+            return Err(unfit(&self.folder, &problem));
+        }
+        recorder.metadata(self.metadata(place, &texts))?;
+        Ok((recorder, success))
+    }
+}
+
+impl Lerobot {
+    fn reels(&self, place: &Place) -> Result<Vec<Reel>, Problem> {
+        let of = |picture: &Picture| {
+            let part = place.videos.get(&picture.feature);
+            let part = part.ok_or_else(|| {
+                unfit(&self.folder, &format!("{}: episode {} has no video", picture.feature, place.episode))
+            })?;
+            Reel::open(&self.folder, picture, part, place.steps, self.info.fps)
+        };
+        self.features.pictures.iter().filter(|picture| picture.source == Source::Video).map(of).collect()
+    }
+
+    /// The row must be the one that its place in the tables states.
+    fn check_row(&self, row: &Row, place: &Place, step: u64) -> Result<(), Problem> {
+        let wrong = |problem: String| Err(unfit(&self.folder.join(&place.data), &problem));
+        let whole = |name: &str| row.others.get(name).and_then(Value::as_u64);
+        for (name, expected) in [("episode_index", place.episode), ("frame_index", step)] {
+            if whole(name).is_some_and(|found| found != expected) {
+                return wrong(format!(
+                    "{name} of row {step} of episode {} is {}, and the tables of episodes state {expected}; download the \
+                     dataset again",
+                    place.episode,
+                    whole(name).unwrap_or_default()
+                ));
+            }
+        }
+        #[expect(clippy::cast_precision_loss, reason = "an episode has few steps")]
+        let expected = step as f64 / self.info.fps;
+        match row.others.get("timestamp").and_then(Value::as_f64) {
+            Some(found) if (found - expected).abs() > STAMP_TOLERANCE => wrong(format!(
+                "row {step} of episode {} has the timestamp {found:.4} s, and at {} fps it is at {expected:.4} s; correct \
+                 `fps` in meta/info.json",
+                place.episode, self.info.fps
+            )),
+            Some(_) | None => Ok(()),
+        }
+    }
+
+    fn metadata(&self, place: &Place, tasks: &[String]) -> BTreeMap<String, String> {
+        let features = serde_json::to_string(&self.info.features).unwrap_or_default();
+        let entries = [
+            ("format", self.description.format.clone()),
+            ("episode", place.episode.to_string()),
+            ("fps", self.info.fps.to_string()),
+            ("robot_type", self.info.robot_type.clone().unwrap_or_default()),
+            ("tasks", json!(tasks).to_string()),
+            ("features", features),
+        ];
+        entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    }
+}
+
+/// A flag, or a number that stands for one.
+fn truth(value: &Value) -> Option<bool> {
+    value.as_bool().or_else(|| value.as_f64().map(|number| number != 0.0))
+}
+
+/// The rest of a row's columns, by their names.
+type Others = Map<String, Value>;
+
+fn count(length: usize) -> u64 {
+    u64::try_from(length).unwrap_or(u64::MAX)
+}
+
+/// The error of a file that cannot be opened, for `map_err`.
+fn unopened(path: &Path) -> impl Fn(std::io::Error) -> Problem {
+    move |error| {
+        if error.kind() == std::io::ErrorKind::NotFound {
+            return unfit(path, "it is missing; download the whole dataset");
+        }
+        Problem::io(path)(error)
+    }
+}
+
+fn unfit(path: &Path, problem: &str) -> Problem {
+    Problem::Unfit(format!("{}: {problem}", path.display()))
+}

@@ -1,0 +1,254 @@
+//! robomimic HDF5: each demonstration is an episode.
+//!
+//! Pictures are read some rows at a time. `next_obs` repeats `obs` one step later and is not read.
+
+mod demo;
+mod entries;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use gleaner_core::{Alignment, CameraSpec, TaskSpec, ValueRange};
+use gleaner_recording::{CameraMessage, ImageRef, PixelFormat};
+use hdf5_pure::{AttrValue, File, Group};
+use serde_json::{Value, json};
+
+use self::demo::Demo;
+use self::entries::{Entry, Kind};
+use super::Dataset;
+use super::description::Description;
+use super::fields::{Vector, fields, identifier};
+use super::recorder::{Recorder, with_mapping};
+use crate::problem::Problem;
+
+/// Steps a second where the file does not state them: those of robosuite's tasks.
+const RATE: f64 = 20.0;
+/// Rates that a task may have.
+const RATES: std::ops::RangeInclusive<f64> = 0.01..=10_000.0;
+const DATA: &str = "data";
+
+struct Robomimic {
+    path: PathBuf,
+    file: File,
+    /// The demonstrations by their numbers.
+    demos: Vec<String>,
+    /// The observations of every demonstration.
+    entries: Vec<Entry>,
+    /// For each camera of the task, its color and its depth.
+    cameras: Vec<(String, Option<String>)>,
+    /// The range by which gleaner's export rescaled the actions.
+    rescaled: Option<(Vec<f64>, Vec<f64>)>,
+    about: BTreeMap<String, String>,
+    description: Description,
+}
+
+/// Opens a file.
+pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<Box<dyn Dataset>, Problem> {
+    let damaged = |error| unfit(path, &format!("{error}; it is no HDF5 file of robomimic, or is damaged or cut"));
+    let file = File::open_streaming(path).map_err(damaged)?;
+    if file.file_size() < file.superblock().eof_address {
+        let problem = format!("the file is cut: it states {} bytes; copy it again", file.superblock().eof_address);
+        return Err(unfit(path, &problem));
+    }
+    let data = file.group(DATA).map_err(damaged)?;
+    let attrs = data.attrs().map_err(damaged)?;
+    let mut demos = data.groups().map_err(damaged)?;
+    demos.sort_by_key(|name| (name.rsplit('_').next().and_then(|number| number.parse::<u64>().ok()), name.clone()));
+    let Some(first) = demos.first() else {
+        return Err(unfit(path, "the group `data` has no demonstrations; record some"));
+    };
+    let first = Demo::open(path, &file, first)?;
+    let stated = stated_rate(&attrs);
+    let rate = rate_hz.or(stated).unwrap_or(RATE);
+    if !RATES.contains(&rate) {
+        return Err(unfit(path, &format!("the rate is {rate} Hz, and from 0.01 to 10000 are read; add --rate")));
+    }
+    let steps = demos.iter().map(|demo| steps(&data, demo)).try_fold(0_u64, |sum, steps| Some(sum + steps?));
+    let steps = steps.ok_or_else(|| unfit(path, "a demonstration has no `actions`; remove it"))?;
+    let rescaled = floats(&attrs, "gleaner_action_low").zip(floats(&attrs, "gleaner_action_high"));
+    let rescaled = rescaled.filter(|(low, high)| low.len() == first.action_size && high.len() == first.action_size);
+    let entries = first.entries()?;
+    let mut opened = Robomimic {
+        path: path.to_owned(),
+        about: texts(&attrs),
+        demos: demos.clone(),
+        cameras: Vec::new(),
+        rescaled,
+        description: Description {
+            format: "robomimic HDF5".to_owned(),
+            episodes: u64::try_from(demos.len()).unwrap_or(u64::MAX),
+            steps,
+            rate_stated: rate_hz.or(stated).is_some(),
+            spec: TaskSpec {
+                name: "dataset".to_owned(),
+                rate_hz: rate,
+                cameras: Vec::new(),
+                proprioception: Vec::new(),
+                action: Vec::new(),
+                alignment: Alignment::default(),
+                tolerance: 0.25,
+                mappings: Vec::new(),
+            },
+            fields: Vec::new(),
+            cameras: Vec::new(),
+            left_out: Vec::new(),
+        },
+        entries,
+        file: file.clone(),
+    };
+    opened.describe(first.action_size)?;
+    Ok(Box::new(opened))
+}
+
+impl Robomimic {
+    /// The task that the observations and actions form.
+    fn describe(&mut self, action_size: usize) -> Result<(), Problem> {
+        let description = &mut self.description;
+        let name = |entry: &Entry, ending: &str| entry.key.strip_suffix(ending).unwrap_or(&entry.key).to_owned();
+        let mut depths: BTreeMap<String, &Entry> = BTreeMap::new();
+        for entry in self.entries.iter().filter(|entry| matches!(entry.kind, Kind::Depth(..))) {
+            depths.insert(name(entry, "_depth"), entry);
+        }
+        let mut state = Vec::new();
+        for entry in &self.entries {
+            match &entry.kind {
+                Kind::Color(height, width) => {
+                    let camera = name(entry, "_image");
+                    let fits = |depth: &&Entry| depth.kind == Kind::Depth(*height, *width);
+                    let depth = depths.remove(&camera).filter(fits).map(|depth| depth.key.clone());
+                    let with = depth.as_ref().map(|depth| format!(", with depth of obs/{depth}")).unwrap_or_default();
+                    description.cameras.push(format!("obs/{}, images of {height}×{width} pixels{with}", entry.key));
+                    let (name, depth_there) = (identifier(&camera), depth.is_some());
+                    let (height, width) = (*height, *width);
+                    let spec = CameraSpec { name, height, width, depth: depth_there, recorded: None };
+                    description.spec.cameras.push(spec);
+                    self.cameras.push((entry.key.clone(), depth));
+                }
+                Kind::Numbers(size) => state.push(Vector {
+                    feature: format!("obs/{}", entry.key),
+                    name: entry.key.clone(),
+                    size: u32::try_from(*size).unwrap_or(u32::MAX),
+                    names: Vec::new(),
+                    ranges: Vec::new(),
+                }),
+                Kind::Depth(..) => {}
+                Kind::Other(reason) => description.leave_out(format!("obs/{}", entry.key), reason),
+            }
+        }
+        for depth in depths.values() {
+            description.leave_out(format!("obs/{}", depth.key), "no camera has its name and size");
+        }
+        // robomimic's policies act within [-1, 1].
+        let (low, high) = self.rescaled.clone().unwrap_or((vec![-1.0; action_size], vec![1.0; action_size]));
+        let ranges = low.iter().zip(&high).map(|(&minimum, &maximum)| ValueRange { minimum, maximum });
+        let action = Vector {
+            feature: "actions".to_owned(),
+            name: "action".to_owned(),
+            size: u32::try_from(action_size).unwrap_or(u32::MAX),
+            names: Vec::new(),
+            ranges: ranges.collect(),
+        };
+        let (state, action, origins) = fields(&state, &[action]);
+        (description.spec.proprioception, description.spec.action) = (state, action);
+        description.fields = origins;
+        description.spec = with_mapping(description.spec.clone());
+        gleaner_recording::validate(&description.spec).map_err(|error| unfit(&self.path, &error.to_string()))
+    }
+
+    /// The action as it was before gleaner's export rescaled it to [-1, 1].
+    fn action(&self, row: &[f32]) -> Vec<f32> {
+        let Some((low, high)) = &self.rescaled else { return row.to_vec() };
+        let restore = |((&value, &low), &high): ((&f32, &f64), &f64)| {
+            #[expect(clippy::cast_possible_truncation, reason = "steps hold 32-bit floats")]
+            let restored = ((f64::from(value) + 1.0) / 2.0 * (high - low) + low) as f32;
+            if (low, high) == (-1.0, 1.0) { value } else { restored }
+        };
+        row.iter().zip(low).zip(high).map(restore).collect()
+    }
+}
+
+impl Dataset for Robomimic {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn check_files(&self) -> Result<(), Problem> {
+        Ok(())
+    }
+
+    fn record(&self, episode: u64, out: &Path) -> Result<(Recorder, Option<bool>), Problem> {
+        let name = usize::try_from(episode).ok().and_then(|at| self.demos.get(at));
+        let name = name.ok_or_else(|| unfit(&self.path, &format!("there is no episode {episode}")))?;
+        let demo = Demo::open(&self.path, &self.file, name)?;
+        demo.check(&self.entries)?;
+        let spec = &self.description.spec;
+        let mut recorder = Recorder::create(out, name.clone(), spec)?;
+        let (states, actions) = (demo.numbers(&self.entries)?, demo.actions()?);
+        let others = demo.others()?;
+        for step in 0..demo.steps {
+            let stamp = recorder.step_stamp(step);
+            for (camera, (color, depth)) in self.cameras.iter().enumerate() {
+                let data = demo.color(color, step)?;
+                let color = CameraMessage::Color(ImageRef { format: PixelFormat::Rgb8, data: &data });
+                recorder.camera(camera, stamp, color)?;
+                if let Some(depth) = depth {
+                    recorder.camera(camera, stamp, CameraMessage::DepthMetres(&demo.depth(depth, step)?))?;
+                }
+            }
+            let row = |values: &[f32], size: usize| {
+                let at = usize::try_from(step).unwrap_or(usize::MAX).saturating_mul(size);
+                values.get(at..at.saturating_add(size)).unwrap_or_default().to_vec()
+            };
+            let state: Vec<f32> = states.iter().flat_map(|(size, values)| row(values, *size)).collect();
+            let action = self.action(&row(&actions, demo.action_size));
+            recorder.step(&state, &action, others.row(step))?;
+        }
+        let mut about = self.about.clone();
+        about.extend(texts(&demo.attrs()?).into_iter().map(|(key, value)| (format!("{name}.{key}"), value)));
+        about.insert("format".to_owned(), self.description.format.clone());
+        about.insert("episode".to_owned(), name.clone());
+        recorder.metadata(about)?;
+        Ok((recorder, others.success()))
+    }
+}
+
+/// The number of steps of a demonstration.
+fn steps(data: &Group, demo: &str) -> Option<u64> {
+    data.dataset(&format!("{demo}/actions")).ok()?.shape().ok()?.first().copied()
+}
+
+/// The rate that gleaner's export states, or the environment of robosuite.
+fn stated_rate(attrs: &std::collections::HashMap<String, AttrValue>) -> Option<f64> {
+    let own = floats(attrs, "gleaner_rate_hz").and_then(|rate| rate.first().copied());
+    let environment = || -> Option<f64> {
+        let text = texts(attrs).remove("env_args")?;
+        serde_json::from_str::<Value>(&text).ok()?["env_kwargs"]["control_freq"].as_f64()
+    };
+    own.or_else(environment)
+}
+
+#[expect(clippy::wildcard_enum_match_arm, reason = "attributes have many types")]
+fn floats(attrs: &std::collections::HashMap<String, AttrValue>, name: &str) -> Option<Vec<f64>> {
+    match attrs.get(name)? {
+        AttrValue::F64Array(values) => Some(values.clone()),
+        AttrValue::F32Array(values) => Some(values.iter().copied().map(f64::from).collect()),
+        AttrValue::F64(value) => Some(vec![*value]),
+        AttrValue::F32(value) => Some(vec![f64::from(*value)]),
+        _ => None,
+    }
+}
+
+/// The attributes as texts, those that are neither text nor a number as they are shown.
+#[expect(clippy::wildcard_enum_match_arm, reason = "attributes have many types")]
+fn texts(attrs: &std::collections::HashMap<String, AttrValue>) -> BTreeMap<String, String> {
+    let text = |value: &AttrValue| match value {
+        AttrValue::F64(number) => json!(number).to_string(),
+        AttrValue::I64(number) => number.to_string(),
+        other => other.as_str().map_or_else(|| format!("{other:?}"), str::to_owned),
+    };
+    attrs.iter().map(|(name, value)| (name.clone(), text(value))).collect()
+}
+
+fn unfit(path: &Path, problem: &str) -> Problem {
+    Problem::Unfit(format!("{}: {problem}", path.display()))
+}

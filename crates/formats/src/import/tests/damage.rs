@@ -1,0 +1,157 @@
+//! Datasets that are damaged, incomplete, or contradict themselves: a clear error, and no recording.
+
+use std::fs;
+
+use super::*;
+
+/// Copies a dataset.
+pub(super) fn copy(from: &Path, to: &Path) {
+    if from.is_file() {
+        fs::copy(from, to).unwrap();
+        return;
+    }
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        copy(&path, &to.join(path.file_name().unwrap()));
+    }
+}
+
+/// A copy of a fixture to be damaged.
+struct Copy {
+    folder: tempfile::TempDir,
+}
+
+impl Copy {
+    fn of(name: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        copy(&fixture(name), &folder.path().join("dataset"));
+        Self { folder }
+    }
+
+    fn path(&self) -> PathBuf {
+        self.folder.path().join("dataset")
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.path().join(name)
+    }
+
+    fn replace(self, name: &str, from: &str, to: &str) -> Self {
+        let text = fs::read_to_string(self.file(name)).unwrap();
+        assert!(text.contains(from), "{from}");
+        fs::write(self.file(name), text.replace(from, to)).unwrap();
+        self
+    }
+
+    /// The error of the first episode; nothing of it may remain.
+    fn refused(&self) -> String {
+        let out = self.folder.path().join("out.mcap");
+        let described = describe(&self.path(), None).map(|_| ());
+        let converted = convert(&self.path(), None, 0, &out).map(|_| ());
+        assert!(!out.exists());
+        described.and(converted).unwrap_err().to_string()
+    }
+}
+
+const INFO: &str = "meta/info.json";
+const VIDEO: &str = "videos/observation.images.top/chunk-000/file-000.mp4";
+const DATA: &str = "data/chunk-000/file-000.parquet";
+
+#[test]
+fn contradictions_are_named_with_their_fix() {
+    let video = || Copy::of("lerobot_v30_video");
+    let images = || Copy::of("lerobot_v30_images");
+    let old = || Copy::of("lerobot_v21");
+    let cases: [(Copy, &[&str]); 11] = [
+        (video().replace(INFO, "\"fps\": 10,", "\"fps\": 30,"), &["30 fps", "correct `fps`"]),
+        (old().replace(INFO, "\"fps\": 10,", "\"fps\": 20,"), &["20 fps", "correct `fps`"]),
+        (
+            images().replace(INFO, "\"dtype\": \"bool\"", "\"dtype\": \"audio\""),
+            &["next.success", "\"audio\"", "remove it"],
+        ),
+        (images().replace(INFO, "v3.0", "v1.6"), &["\"v1.6\"", "v3.0, v2.1, v2.0"]),
+        (images().replace(INFO, "\"total_episodes\": 2", "\"total_episodes\": 3"), &["3 episodes", "has 2"]),
+        (images().replace(INFO, "data/chunk-", "../data/chunk-"), &["not one within the dataset"]),
+        (images().replace(INFO, "\"next.success\"", "\"next.reward\""), &["next.reward", "column is missing"]),
+        (images().replace(INFO, "\"action\"", "\"command\""), &["no feature `action`"]),
+        (video().replace(INFO, "            48,\n", "            24,\n"), &["48×64", "24×64", "correct its shape"]),
+        (old().replace("meta/episodes.jsonl", "\"length\": 12", "\"length\": 11"), &[]),
+        (old().replace("meta/episodes.jsonl", "\"length\": 12", "\"length\": 13"), &["step 12", "picture"]),
+    ];
+    for (at, (copy, parts)) in cases.iter().enumerate() {
+        if parts.is_empty() {
+            // An episode may use a part of its table's rows, as after a cut of its end.
+            assert_eq!(convert(&copy.path(), None, 0, &copy.file("out.mcap")).unwrap().steps, 11);
+            continue;
+        }
+        let error = copy.refused();
+        assert!(parts.iter().all(|part| error.contains(part)), "{at}: {error}");
+    }
+}
+
+#[test]
+fn missing_files_are_named_before_anything_is_converted() {
+    for name in [VIDEO, DATA, INFO, "meta/tasks.parquet", "meta/episodes/chunk-000/file-000.parquet"] {
+        let copy = Copy::of("lerobot_v30_video");
+        fs::remove_file(copy.file(name)).unwrap();
+        let error = describe(&copy.path(), None).unwrap_err().to_string();
+        let named = name.rsplit('/').next().unwrap();
+        assert!(error.contains(named) || error.contains("meta/episodes"), "{name}: {error}");
+    }
+}
+
+#[test]
+fn cut_and_damaged_files_are_errors_at_every_place() {
+    for (name, file) in [
+        ("lerobot_v30_video", VIDEO),
+        ("lerobot_v30_video", DATA),
+        ("lerobot_v30_images", DATA),
+        ("lerobot_v30_images", "meta/tasks.parquet"),
+        ("robomimic.hdf5", ""),
+    ] {
+        let copy = Copy::of(name);
+        let path = if file.is_empty() { copy.path() } else { copy.file(file) };
+        let bytes = fs::read(&path).unwrap();
+        for part in 0..40 {
+            let mut damaged = bytes[..bytes.len() * part / 40].to_vec();
+            fs::write(&path, &damaged).unwrap();
+            let error = copy.refused();
+            assert!(!error.is_empty() && error.len() < 1000, "{error}");
+            // Damage in the middle is an error, or gives other values; it is no panic.
+            damaged.extend(bytes[damaged.len()..].iter().map(|byte| byte ^ if part % 2 == 0 { 0xff } else { 0 }));
+            let place = bytes.len() * part / 40;
+            damaged[place..].copy_from_slice(&bytes[place..]);
+            damaged[place] ^= 0x5a;
+            fs::write(&path, &damaged).unwrap();
+            convert(&copy.path(), None, 0, &copy.folder.path().join("out.mcap")).ok();
+        }
+    }
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_named_by_their_step() {
+    let copy = Copy::of("robomimic.hdf5");
+    let path = copy.path();
+    let bytes = fs::read(&path).unwrap();
+    // The exact bytes of the second row of actions of the first demonstration: its numbers in double precision.
+    let row: Vec<u8> = [0.025_f32, 0.5, -0.5].iter().flat_map(|value| f64::from(*value).to_le_bytes()).collect();
+    let at = bytes.windows(row.len()).position(|window| window == row).unwrap();
+    let mut damaged = bytes.clone();
+    damaged[at..at + 8].copy_from_slice(&f64::NAN.to_le_bytes());
+    fs::write(&path, damaged).unwrap();
+    let error = copy.refused();
+    assert!(error.contains("demo_0") && error.contains("step 1") && error.contains("NaN"), "{error}");
+}
+
+#[test]
+fn other_codecs_are_named() {
+    let copy = Copy::of("lerobot_v30_video");
+    let bytes = fs::read(copy.file(VIDEO)).unwrap();
+    let at = bytes.windows(4).rposition(|window| window == b"av01").unwrap();
+    let mut other = bytes.clone();
+    other[at..at + 4].copy_from_slice(b"mp4v");
+    fs::write(copy.file(VIDEO), other).unwrap();
+    let error = copy.refused();
+    assert!(error.contains("file-000.mp4") && error.contains("AV1, H.264 or H.265"), "{error}");
+}

@@ -1,0 +1,86 @@
+//! Round trips: what is exported here and imported again has the same steps.
+
+use gleaner_core::dataset::{ExportFormat, ExportSpec};
+
+use super::*;
+use crate::export::Export as _;
+use crate::testing::Lab;
+
+fn exported(format: ExportFormat) -> Lab {
+    let mut lab = Lab::new();
+    crate::write(ExportSpec { format, depth: true }, &mut lab).unwrap();
+    lab
+}
+
+#[test]
+fn lerobot_there_and_back_has_the_same_steps() {
+    let lab = exported(ExportFormat::Lerobot);
+    let description = describe(lab.out.path(), None).unwrap();
+    let task = lab.task();
+    assert_eq!(description.spec.proprioception, task.proprioception);
+    assert_eq!(description.spec.action, task.action);
+    assert_eq!(description.spec.cameras, task.cameras);
+    assert_eq!(description.spec.mappings, task.mappings, "the task that made the recordings reads them again");
+    for (at, piece) in lab.pieces().iter().enumerate() {
+        let (back, report, converted) = steps(lab.out.path(), at as u64);
+        let original = lab.episode(at);
+        assert_eq!(converted.steps, piece.len() as u64);
+        assert_eq!(converted.success, Some(at < 2));
+        assert_eq!(report.findings, [], "episode {at}");
+        let part = |values: &[f32], size: usize| values[piece.steps.start * size..piece.steps.end * size].to_vec();
+        assert_eq!(back.proprioception(), part(&original.proprioception(), 3));
+        assert_eq!(back.action(), part(&original.action(), 2));
+        let frame = gleaner_recording::frame_bytes_per_step(task);
+        let (back, original) = (back.frames(), original.frames());
+        assert!(
+            back.as_ref() == &original.as_ref()[piece.steps.start * frame..piece.steps.end * frame],
+            "episode {at}"
+        );
+    }
+}
+
+#[test]
+fn jpeg_files_are_copied_bit_for_bit() {
+    let lab = exported(ExportFormat::Lerobot);
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.mcap");
+    convert(lab.out.path(), None, 0, &out).unwrap();
+    let jpegs = |path: &Path| {
+        let spool = tempfile::tempfile().unwrap();
+        gleaner_recording::StepJpegs::read(path, lab.task(), &(0..8), spool).unwrap()
+    };
+    let (there, back) = (jpegs(&lab.recording(0)), jpegs(&out));
+    for step in 0..8 {
+        let bytes = back.get(1, step).unwrap().unwrap();
+        assert!(bytes == there.get(1, step).unwrap().unwrap(), "step {step}");
+    }
+}
+
+#[test]
+fn robomimic_there_and_back_has_the_same_steps() {
+    let lab = exported(ExportFormat::Robomimic);
+    let dataset = lab.out.path().join("dataset.hdf5");
+    let description = describe(&dataset, None).unwrap();
+    assert_eq!((description.spec.rate_hz, description.rate_stated), (10.0, true));
+    assert_eq!(description.spec.cameras, lab.task().cameras);
+    for (at, piece) in lab.pieces().iter().enumerate() {
+        let (back, _, converted) = steps(&dataset, at as u64);
+        let original = lab.episode(at);
+        assert_eq!((converted.steps, converted.success), (piece.len() as u64, Some(at < 2)));
+        for step in 0..back.steps() {
+            let from = piece.steps.start + step;
+            // Observations are sorted by their names: gripper, joints.
+            let [first, second, gripper] = original.proprioception()[from * 3..from * 3 + 3] else {
+                panic!("no state")
+            };
+            assert_eq!(back.proprioception()[step * 3..step * 3 + 3], [gripper, first, second]);
+        }
+        assert_eq!(back.action(), &original.action()[piece.steps.start * 2..piece.steps.end * 2], "episode {at}");
+        let frame = gleaner_recording::frame_bytes_per_step(lab.task());
+        let (back, original) = (back.frames(), original.frames());
+        assert!(
+            back.as_ref() == &original.as_ref()[piece.steps.start * frame..piece.steps.end * frame],
+            "episode {at}"
+        );
+    }
+}
