@@ -30,6 +30,7 @@ mod experiment;
 mod exporting;
 mod file_limit;
 mod first_minutes;
+mod foreign_datasets;
 mod full_disk;
 mod hostile_text;
 mod image_weights;

@@ -41,6 +41,46 @@ fn metadata(parts: &[&str]) -> String {
 }
 
 #[tokio::test]
+async fn a_long_recording_is_cut_into_episodes_at_its_markers() {
+    let (server, _api) = lab::with_task(&["--workers", "0"]).await;
+    let (folder, spec) = (tempfile::tempdir().unwrap(), lab::spec());
+    let path = folder.path().join("long.mcap");
+    std::fs::write(&path, &RECORDINGS[0].bytes).unwrap();
+    let episode = read_episode(&path, &spec).unwrap().episode;
+    let (frames, proprioception, action) = (episode.frames(), episode.proprioception(), episode.action());
+    let sizes = [frame_bytes_per_step(&spec), spec.proprioception_size(), spec.action_size()];
+    let mut writer = EpisodeWriter::create(std::fs::File::create(&path).unwrap(), &spec).unwrap();
+    for at in 0..20 {
+        let [frame, values, command] = sizes.map(|size| at * size..(at + 1) * size);
+        let stamp = episode.stamps()[at];
+        for (step, mark) in [(2, "start"), (9, "success"), (11, "start"), (18, "failure")] {
+            if step == at {
+                writer.annotate("/episode_marker", stamp, &serde_json::json!({"data": mark})).unwrap();
+            }
+        }
+        let step_ref = StepRef {
+            frames: &frames.as_ref()[frame],
+            proprioception: &proprioception[values],
+            action: &action[command],
+        };
+        writer.step(stamp, step_ref).unwrap();
+    }
+    writer.finish().unwrap();
+    let words = ["push", path.to_str().unwrap(), "--episodes-from", "/episode_marker"];
+    let pushed = json(server.url(), &words).await;
+    assert_eq!(pushed["failures"], serde_json::json!([]), "{pushed}");
+    let episodes = pushed["episodes"].as_array().unwrap();
+    let of = |name: &str| episodes.iter().map(|entry| entry["episode"][name].to_string()).collect::<Vec<_>>();
+    assert!(of("steps").iter().all(|steps| steps.contains('7')), "{pushed}");
+    let outcomes = of("outcome").iter().map(|outcome| outcome.to_lowercase()).collect::<Vec<_>>();
+    assert!(outcomes[0].contains("success") && outcomes[1].contains("failure"), "{pushed}");
+    let again = json(server.url(), &words).await;
+    assert!(again["episodes"].as_array().unwrap().iter().all(|entry| entry["existed"] == serde_json::json!(true)));
+    let refused = gleaner(server.url(), &["push", path.to_str().unwrap(), "--episodes-from", "/marker"]).await;
+    assert!(!refused.success && refused.text().contains("/episode_marker"), "{}", refused.text());
+}
+
+#[tokio::test]
 async fn an_episode_in_three_parts_has_the_steps_of_the_whole() {
     let (server, mut api) = lab::with_task(&["--workers", "0"]).await;
     let (url, folder) = (server.url(), tempfile::tempdir().unwrap());

@@ -26,7 +26,7 @@ fn names(source: &str, word: &str) -> bool {
 
 #[test]
 fn crates_are_named_in_their_place_only() {
-    let rules: [(&str, &[&str]); 24] = [
+    let rules: [(&str, &[&str]); 25] = [
         ("tch", &["crates/group/", "crates/learn/", "crates/search/"]),
         ("gleaner_group", &["crates/group/", "crates/learn/", "crates/worker/"]),
         ("sqlx", &["server/src/store/"]),
@@ -36,7 +36,8 @@ fn crates_are_named_in_their_place_only() {
         ("arrow_array", &["crates/formats/"]),
         ("arrow_schema", &["crates/formats/"]),
         ("hdf5_pure", &["crates/formats/"]),
-        ("gleaner_formats", &["crates/worker/src/kinds/export.rs"]),
+        ("re_mp4", &["crates/formats/src/import/"]),
+        ("gleaner_formats", &["crates/worker/src/kinds/export.rs", "crates/inspector/"]),
         ("gleaner_video", &["crates/recording/", "crates/video/"]),
         ("re_rav1d", &["crates/video/"]),
         ("rust_h264", &["crates/video/"]),

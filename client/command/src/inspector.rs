@@ -1,4 +1,5 @@
-//! Runs `gleaner-inspector` on recordings of this machine: what they hold, and what a server would say of them.
+//! Runs `gleaner-inspector` on recordings of this machine: what they hold, and what a server would say of them; and on
+//! datasets of other programs, to make recordings of their episodes.
 //!
 //! Recordings may be damaged or hostile, so this process does not parse them. Must not know a server.
 
@@ -9,8 +10,8 @@ use std::time::Duration;
 
 use futures::StreamExt as _;
 use gleaner_client::{ClientError, whole_recording};
-use gleaner_inspector::{Order, RecordingsConfig, Verdict};
-use gleaner_recording::{Limits, Report, Survey, TaskSpec};
+use gleaner_inspector::{Converted, Description, Order, RecordingsConfig, Verdict};
+use gleaner_recording::{CutEpisode, Limits, Report, Survey, TaskSpec};
 use rustix::process::Signal;
 use tempfile::TempDir;
 use tokio::io::AsyncReadExt as _;
@@ -29,6 +30,9 @@ const PARALLEL: usize = 4;
 const STDERR_BYTES: u64 = 4 << 10;
 /// The most bytes of a verdict.
 const VERDICT_BYTES: u64 = 256 << 20;
+
+/// A verdict of another kind than the order asks for.
+const UNEXPECTED: &str = "the verdict has an unexpected kind; install gleaner-inspector of the same version";
 
 /// The program, installed beside this one.
 #[derive(Clone, Debug)]
@@ -89,6 +93,52 @@ impl Inspector {
         .await
     }
 
+    /// What a dataset of another program holds, or why it cannot be read.
+    ///
+    /// `rate_hz`: steps per second where it does not state them.
+    pub(crate) async fn describe(
+        &self,
+        dataset: &Path,
+        rate_hz: Option<f64>,
+    ) -> Result<std::result::Result<Description, String>> {
+        let folder = tempfile::tempdir()?;
+        let order = Order { describe: true, rate_hz, ..basic_order(dataset, &folder, None)? };
+        Ok(self.verdict(&order).await?.and_then(|verdict| {
+            if let Verdict::Described(description) = verdict { Ok(description) } else { Err(refusal(verdict)) }
+        }))
+    }
+
+    /// Writes one episode of a dataset of another program as a recording to `out`; returns why it cannot be used.
+    pub(crate) async fn convert(
+        &self,
+        dataset: &Path,
+        rate_hz: Option<f64>,
+        episode: u64,
+        out: &Path,
+    ) -> Result<std::result::Result<Converted, String>> {
+        let folder = tempfile::tempdir()?;
+        let basic = basic_order(dataset, &folder, None)?;
+        let order = Order { convert: Some(episode), rate_hz, frames: out.to_owned(), ..basic };
+        Ok(self.verdict(&order).await?.and_then(|verdict| {
+            if let Verdict::Converted(converted) = verdict { Ok(converted) } else { Err(refusal(verdict)) }
+        }))
+    }
+
+    /// Cuts a recording into files of a folder, one for each episode that the messages of a topic mark.
+    pub(crate) async fn cut(
+        &self,
+        recording: &Path,
+        topic: &str,
+        out: &Path,
+    ) -> Result<std::result::Result<Vec<CutEpisode>, String>> {
+        let folder = tempfile::tempdir()?;
+        let basic = basic_order(recording, &folder, None)?;
+        let order = Order { cut: Some(topic.to_owned()), frames: out.to_owned(), ..basic };
+        Ok(self.verdict(&order).await?.and_then(|verdict| {
+            if let Verdict::Cut(episodes) = verdict { Ok(episodes) } else { Err(refusal(verdict)) }
+        }))
+    }
+
     async fn each<T>(
         &self,
         files: &[PathBuf],
@@ -106,11 +156,11 @@ impl Inspector {
             let order = order(at, basic_order(&recording, &folder, spec)?);
             let verdict = self.verdict(&order).await?;
             let shown = |text: String| text.replace(&recording.display().to_string(), "the recording");
-            let found = verdict.and_then(|verdict| match verdict {
-                Verdict::Refused(why) | Verdict::Full(why) | Verdict::Fault(why) => Err(why),
-                other @ (Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Surveyed(_)) => {
-                    wanted(other).ok_or_else(|| "the verdict has an unexpected kind".to_owned())
+            let found = verdict.and_then(|verdict| {
+                if matches!(verdict, Verdict::Refused(_) | Verdict::Full(_) | Verdict::Fault(_)) {
+                    return Err(refusal(verdict));
                 }
+                wanted(verdict).ok_or_else(|| UNEXPECTED.to_owned())
             });
             Ok((path.clone(), found.map_err(shown)))
         });
@@ -156,6 +206,19 @@ impl Inspector {
     }
 }
 
+/// Why there is no result.
+fn refusal(verdict: Verdict) -> String {
+    match verdict {
+        Verdict::Refused(why) | Verdict::Full(why) | Verdict::Fault(why) => why,
+        Verdict::Usable(_)
+        | Verdict::Salvaged(_)
+        | Verdict::Surveyed(_)
+        | Verdict::Described(_)
+        | Verdict::Converted(_)
+        | Verdict::Cut(_) => UNEXPECTED.to_owned(),
+    }
+}
+
 fn basic_order(recording: &Path, folder: &TempDir, spec: Option<&TaskSpec>) -> Result<Order> {
     let size = std::fs::metadata(recording).map_err(ClientError::io(recording))?.len();
     let at = |name: &str| folder.path().join(name);
@@ -171,6 +234,10 @@ fn basic_order(recording: &Path, folder: &TempDir, spec: Option<&TaskSpec>) -> R
         salvage: None,
         survey: false,
         pictures: None,
+        describe: false,
+        convert: None,
+        cut: None,
+        rate_hz: None,
         memory_bytes: MEMORY_BYTES,
         seconds: SECONDS.saturating_add(size / BYTES_PER_SECOND),
         threads: 1,

@@ -13,6 +13,7 @@ mod figure;
 mod help;
 mod ids;
 mod inspector;
+mod intake;
 mod json;
 mod output;
 mod own_server;

@@ -1,10 +1,14 @@
-//! The inspection: from a recording to a verdict.
+//! The inspection: from a recording, or a dataset of another program, to a verdict.
 //!
 //! Hostile bytes can abort the process in any of these functions, which is why it is a separate process.
 
 use std::io::ErrorKind;
 
-use gleaner_recording::{ImageThreads, RecordingError, Report, Survey, TaskSpec, cache_episode, salvage, survey};
+use gleaner_formats::Problem;
+use gleaner_formats::import::{self, Converted, Description};
+use gleaner_recording::{
+    CutEpisode, ImageThreads, RecordingError, Report, Survey, TaskSpec, cache_episode, cut, salvage, survey,
+};
 
 use crate::{InspectError, Order, limits};
 
@@ -21,6 +25,12 @@ pub enum Verdict {
     Salvaged(u64),
     /// What the recording holds.
     Surveyed(Survey),
+    /// What a dataset of another program holds.
+    Described(Description),
+    /// An episode of a dataset of another program is written as a recording.
+    Converted(Converted),
+    /// The recording is cut into these episodes.
+    Cut(Vec<CutEpisode>),
     /// The recording is rejected, with the reason and the fix.
     Refused(String),
     /// The disk filled up.
@@ -52,6 +62,17 @@ fn is_full(error: &RecordingError) -> bool {
 }
 
 fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> {
+    let (path, rate) = (&order.recording, order.rate_hz);
+    if order.describe {
+        return Ok(import::describe(path, rate).map(Verdict::Described).or_else(import_failure));
+    }
+    if let Some(episode) = order.convert {
+        let converted = import::convert(path, rate, episode, &order.frames);
+        return Ok(converted.map(Verdict::Converted).or_else(import_failure));
+    }
+    if let Some(topic) = &order.cut {
+        return Ok(cut(path, topic, &order.limits.limits(), &order.frames).map(Verdict::Cut));
+    }
     if let Some(out) = &order.salvage {
         return Ok(salvage(&order.recording, out).map(Verdict::Salvaged));
     }
@@ -64,6 +85,15 @@ fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> 
     let threads = ImageThreads { count: order.threads, bytes };
     let cached = cache_episode(&order.recording, &spec, (&order.limits.limits(), threads), &order.frames);
     Ok(cached.map(Verdict::Usable))
+}
+
+/// A dataset's own faults are a verdict; a failed file operation is the error of a recording.
+fn import_failure(problem: Problem) -> Result<Verdict, RecordingError> {
+    match problem {
+        Problem::Io { path, source } => Err(RecordingError::Io { path, source }),
+        Problem::Recording { source: error @ RecordingError::Io { .. }, .. } => Err(error),
+        Problem::Recording { .. } | Problem::Unfit(_) | Problem::Input(_) => Ok(Verdict::Refused(problem.to_string())),
+    }
 }
 
 fn spec(order: &Order) -> Result<TaskSpec, InspectError> {

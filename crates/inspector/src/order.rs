@@ -7,7 +7,7 @@ use clap::Args;
 use crate::RecordingsConfig;
 
 /// One inspection.
-#[derive(Debug, Clone, PartialEq, Eq, Args)]
+#[derive(Debug, Clone, PartialEq, Args)]
 pub struct Order {
     /// The recording.
     #[arg(long)]
@@ -30,6 +30,19 @@ pub struct Order {
     /// With --survey, write the first picture of each camera into this folder.
     #[arg(long, requires = "survey")]
     pub pictures: Option<PathBuf>,
+    /// The recording is a dataset of another program: report what it holds; the spec is not read and no frames are written.
+    #[arg(long, conflicts_with_all = ["salvage", "survey"])]
+    pub describe: bool,
+    /// The recording is a dataset of another program: write one episode of it, by its number from 0, to the file of frames,
+    /// as a recording; the spec is not read.
+    #[arg(long, value_name = "N", conflicts_with_all = ["salvage", "survey", "describe"])]
+    pub convert: Option<u64>,
+    /// Cut the recording into episodes at the messages of this topic, into the folder of frames; the spec is not read.
+    #[arg(long, value_name = "TOPIC", conflicts_with_all = ["salvage", "survey", "describe", "convert"])]
+    pub cut: Option<String>,
+    /// With --describe or --convert, the steps per second of a dataset that does not state them.
+    #[arg(long, value_name = "HZ")]
+    pub rate_hz: Option<f64>,
     /// Maximum memory in bytes.
     #[arg(long)]
     pub memory_bytes: u64,
@@ -62,8 +75,8 @@ impl Order {
 
     /// The arguments of the program.
     pub fn arguments(&self) -> Vec<OsString> {
-        let Self { recording, spec, report, frames, salvage, survey, pictures, memory_bytes, seconds, threads, limits } =
-            self;
+        let Self { recording, spec, report, frames, salvage, survey, pictures, limits, .. } = self;
+        let Self { describe, convert, cut, rate_hz, memory_bytes, seconds, threads, .. } = self;
         let paths = [
             ("--recording", Some(recording)),
             ("--spec", Some(spec)),
@@ -76,8 +89,15 @@ impl Order {
         let threads = u64::try_from(*threads).unwrap_or(u64::MAX);
         let numbers = [("--memory-bytes", *memory_bytes), ("--seconds", *seconds), ("--threads", threads)];
         let numbers = numbers.into_iter().flat_map(|(flag, number)| [flag.into(), number.to_string().into()]);
-        let survey = survey.then(|| "--survey".into());
-        paths.chain(survey).chain(numbers).chain(limits.flags().into_iter().map(Into::into)).collect()
+        let modes = [(*survey, "--survey"), (*describe, "--describe")];
+        let modes = modes.into_iter().filter(|(set, _)| *set).map(|(_, flag)| flag.into());
+        let values = [
+            ("--convert", convert.map(|number| number.to_string())),
+            ("--cut", cut.clone()),
+            ("--rate-hz", rate_hz.map(|rate| rate.to_string())),
+        ];
+        let values = values.into_iter().filter_map(|(flag, value)| Some([flag.into(), value?.into()])).flatten();
+        paths.chain(modes).chain(values).chain(numbers).chain(limits.flags().into_iter().map(Into::into)).collect()
     }
 }
 
@@ -103,6 +123,10 @@ mod tests {
             salvage: None,
             survey: false,
             pictures: None,
+            describe: false,
+            convert: None,
+            cut: None,
+            rate_hz: None,
             memory_bytes: 7,
             seconds: 1,
             threads: 2,
@@ -110,7 +134,10 @@ mod tests {
         };
         let salvage = Order { salvage: Some("repaired".into()), ..order.clone() };
         let survey = Order { survey: true, pictures: Some("p".into()), ..order.clone() };
-        for order in [salvage, survey, order] {
+        let describe = Order { describe: true, rate_hz: Some(12.5), ..order.clone() };
+        let convert = Order { convert: Some(3), ..order.clone() };
+        let cut = Order { cut: Some("/episode marker".into()), ..order.clone() };
+        for order in [salvage, survey, describe, convert, cut, order] {
             let words = [vec!["x".into()], order.arguments()].concat();
             assert_eq!(Flags::try_parse_from(words).unwrap().order, order);
         }

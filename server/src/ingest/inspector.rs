@@ -147,6 +147,10 @@ impl Inspector {
             salvage: None,
             survey: false,
             pictures: None,
+            describe: false,
+            convert: None,
+            cut: None,
+            rate_hz: None,
             memory_bytes: self.memory_bytes,
             seconds: self.seconds.saturating_add(size / BYTES_PER_SECOND),
             threads: self.threads,
@@ -169,9 +173,16 @@ impl Inspector {
             }
             Some(Verdict::Full(why)) => Err(Error::refused_by_disk(DISK_FULL, "inspecting a recording", why)),
             Some(Verdict::Fault(why)) => Err(Error::internal("inspecting a recording", why)),
-            Some(Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Surveyed(_) | Verdict::Refused(_)) | None => {
-                Err(failure::broken(order, status, &stderr_text))
-            }
+            Some(
+                Verdict::Usable(_)
+                | Verdict::Salvaged(_)
+                | Verdict::Surveyed(_)
+                | Verdict::Described(_)
+                | Verdict::Converted(_)
+                | Verdict::Cut(_)
+                | Verdict::Refused(_),
+            )
+            | None => Err(failure::broken(order, status, &stderr_text)),
         }
     }
 

@@ -4,13 +4,14 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use gleaner_client::{Skipped, find_recordings};
+use gleaner_client::{Found, Skipped, find_recordings};
 use gleaner_recording::{FieldKind, Survey, SurveyedCamera, SurveyedField, SurveyedTopic, printable};
 use serde_json::{Value, json};
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::inspector::{Inspected, Inspector};
+use crate::intake::{self, Intake};
 use crate::table::Column::{Left, Right};
 use crate::table::table;
 use crate::words;
@@ -20,19 +21,40 @@ const NAMES_SHOWN: usize = 16;
 
 #[derive(Args, Debug)]
 pub(crate) struct InspectArgs {
-    /// Recordings, or folders that are searched for *.mcap.
+    /// Recordings, or folders that are searched for *.mcap; or datasets of other programs, of which the first episode is
+    /// shown: LeRobot's folder with meta/info.json, robomimic's *.hdf5.
     #[arg(required = true)]
     paths: Vec<PathBuf>,
     /// Write the first picture of each camera into this folder, as JPEG; with several recordings into a folder for each.
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
+    /// Steps per second of a dataset of another program that does not state them. Default: 20.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
 }
 
 impl InspectArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let found = find_recordings(&self.paths)?;
-        let surveys = Inspector::find()?.survey(&found.recordings, self.pictures.as_deref()).await?;
-        context.output.result(|| Ok(document(&surveys, &found.skipped)), || shown(&surveys, &found.skipped))?;
+        let (datasets, others) = intake::split(&self.paths);
+        let intakes = Intake::open_all(&datasets, self.rate).await?;
+        let mut found = if others.is_empty() { Found::default() } else { find_recordings(&others)? };
+        let mut made = Vec::new();
+        for intake in &intakes {
+            let episode = intake.episode(0).await?.map_err(Failure::message)?;
+            found.recordings.push(episode.recording.clone());
+            made.push((intake, episode));
+        }
+        let mut surveys = Inspector::find()?.survey(&found.recordings, self.pictures.as_deref()).await?;
+        for (path, _) in &mut surveys {
+            // The recordings of datasets lie in a folder of their own, which is of no use to a reader.
+            if let Some((intake, _)) = made.iter().find(|(_, episode)| episode.recording == *path) {
+                *path = intake.place(0);
+            }
+        }
+        context.output.result(
+            || Ok(document(&intakes, &surveys, &found.skipped)),
+            || intakes.iter().map(Intake::shown).collect::<String>() + &shown(&surveys, &found.skipped),
+        )?;
         let failed = surveys.iter().filter(|(_, survey)| survey.is_err()).count();
         if failed > 0 {
             return Err(Failure::message(format!("{failed} of {} recordings cannot be read", surveys.len())));
@@ -42,7 +64,10 @@ impl InspectArgs {
     }
 }
 
-fn document(surveys: &[Inspected<Survey>], skipped: &[Skipped]) -> Value {
+fn document(intakes: &[Intake], surveys: &[Inspected<Survey>], skipped: &[Skipped]) -> Value {
+    let datasets = intakes
+        .iter()
+        .map(|intake| json!({ "file": intake.path.display().to_string(), "description": intake.description }));
     let recordings = surveys.iter().map(|(path, survey)| {
         let file = path.display().to_string();
         match survey {
@@ -52,7 +77,11 @@ fn document(surveys: &[Inspected<Survey>], skipped: &[Skipped]) -> Value {
     });
     let skipped =
         skipped.iter().map(|skipped| json!({ "file": skipped.path.display().to_string(), "reason": skipped.reason }));
-    json!({ "recordings": recordings.collect::<Vec<_>>(), "skipped": skipped.collect::<Vec<_>>() })
+    json!({
+        "datasets": datasets.collect::<Vec<_>>(),
+        "recordings": recordings.collect::<Vec<_>>(),
+        "skipped": skipped.collect::<Vec<_>>(),
+    })
 }
 
 fn shown(surveys: &[Inspected<Survey>], skipped: &[Skipped]) -> String {
@@ -244,7 +273,7 @@ mod tests {
         {
             assert!(text.contains(part), "{part}: {text}");
         }
-        let document = document(&[("a.mcap".into(), Ok(survey()))], &[]);
+        let document = document(&[], &[("a.mcap".into(), Ok(survey()))], &[]);
         assert_eq!(document["recordings"][0]["survey"]["topics"][1]["fields"][0]["ranges"][1]["maximum"], 2.0);
     }
 

@@ -1,6 +1,8 @@
 //! `push`: recordings with their labels, many at a time.
 
 mod check;
+mod cut;
+mod datasets;
 mod items;
 mod join;
 
@@ -16,28 +18,39 @@ use serde_json::{Value, json};
 use crate::alike::Alike;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
+use crate::intake::{self, Intake};
 use crate::{json, words};
 
 #[derive(Args, Debug)]
 #[group(id = "what", required = true, multiple = true, args = ["paths", "labels"])]
 pub(crate) struct PushArgs {
     /// Recordings, or folders that are searched for *.mcap; files that are not regular are skipped and listed. A folder
-    /// whose metadata.yaml lists several parts (rosbag2) is one recording. Default with --labels: every file that it
-    /// lists.
+    /// whose metadata.yaml lists several parts (rosbag2) is one recording. Or datasets of other programs: LeRobot's folder
+    /// with meta/info.json, robomimic's *.hdf5. Default with --labels: every file that it lists.
     paths: Vec<PathBuf>,
     /// Join parts that a recorder has cut (NAME_0.mcap, NAME_1.mcap, …) to one recording: those in each folder given, or
     /// the files given. A missing part is an error.
     #[arg(long, requires = "paths", conflicts_with = "labels")]
     join: bool,
-    /// Name or id of the task. Default: that of the labels file, or the only task of the server.
+    /// Cut each recording into episodes at the messages of this topic. A message begins an episode; a text with a word such
+    /// as stop, success, failure or discard, or a false flag, ends it. Takes disk for the recording once more.
+    #[arg(long, value_name = "TOPIC", requires = "paths", conflicts_with_all = ["join", "labels", "check"])]
+    episodes_from: Option<String>,
+    /// Name or id of the task. Default: that of the labels file, or the only task of the server. A dataset of another
+    /// program becomes the task of a server that has none.
     #[arg(long)]
     task: Option<String>,
-    /// Outcome of the attempts. Default: that of the labels file, or unknown.
+    /// Outcome of the attempts, such as success for a dataset of experts. Default: that of the labels file or the dataset,
+    /// or unknown.
     #[arg(long, value_parser = outcome_from_word, value_name = "success|failure|unknown")]
     outcome: Option<Outcome>,
-    /// Cohort: a free name for a group of episodes, such as an operator, a policy or a skill level.
+    /// Cohort: a free name for a group of episodes, such as an operator, a policy or a skill level. Default of a dataset of
+    /// another program: its name.
     #[arg(long)]
     cohort: Option<String>,
+    /// Steps per second of a dataset of another program that does not state them, such as robomimic's. Default: 20.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
     /// CSV file with the columns file,task,outcome,cohort that labels each recording; paths are relative to it. Default:
     /// the labels.csv in each folder given, unless --outcome or --cohort is given.
     #[arg(long, value_name = "CSV", conflicts_with_all = ["outcome", "cohort"])]
@@ -53,24 +66,60 @@ pub(crate) struct PushArgs {
 
 impl PushArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let (found, others) = intake::split(&self.paths);
+        if !found.is_empty() {
+            return self.push_datasets(context, &found, &others).await;
+        }
         let client = context.client().await?;
+        if let Some(topic) = &self.episodes_from {
+            let (pushed, skipped, task) = cut::push(&self, context, &client, topic).await?;
+            return report(context, &pushed, &skipped, &task);
+        }
         let (items, skipped) = items::items(&self, context, &client).await?;
         if self.check {
             return check::check(context, &client, items, self.jobs).await;
         }
         let task = items.first().map(|item| item.task.clone()).unwrap_or_default();
         let pushed = push(context, &client, items, self.jobs).await;
-        context.output.result(|| document(&pushed, &skipped), || summary(&pushed, &skipped))?;
-        let failures = pushed.failures().count();
-        if failures > 0 {
-            return Err(Failure::message(format!(
-                "{failures} of {} recordings were rejected; fix them and push them again",
-                pushed.results.len()
-            )));
-        }
-        context.output.next(format_args!("gleaner pretrain --task {task} --wait"));
-        Ok(())
+        report(context, &pushed, &skipped, &task)
     }
+
+    async fn push_datasets(self, context: &Context, found: &[PathBuf], others: &[PathBuf]) -> Result<()> {
+        let first = found.first().map(|path| path.display().to_string()).unwrap_or_default();
+        if let Some(other) = others.first() {
+            let problem = format!("{first} is a dataset of another program and {} is not", other.display());
+            return Err(Failure::message(format!("{problem}; push them one after the other")));
+        }
+        for (flag, given) in [
+            ("--join", self.join),
+            ("--labels", self.labels.is_some()),
+            ("--check", self.check),
+            ("--episodes-from", self.episodes_from.is_some()),
+        ] {
+            if given {
+                let problem = format!("{flag} does not apply to {first}, a dataset of another program");
+                return Err(Failure::message(format!("{problem}; `gleaner task check` checks its episodes")));
+            }
+        }
+        let intakes = Intake::open_all(found, self.rate).await?;
+        let client = context.client().await?;
+        let (pushed, task) = datasets::push(&self, context, &client, &intakes).await?;
+        report(context, &pushed, &[], &task)
+    }
+}
+
+/// Shows the results; recordings that were rejected are a failure.
+fn report(context: &Context, pushed: &Pushed, skipped: &[Skipped], task: &str) -> Result<()> {
+    context.output.result(|| document(pushed, skipped), || summary(pushed, skipped))?;
+    let failures = pushed.failures().count();
+    if failures > 0 {
+        return Err(Failure::message(format!(
+            "{failures} of {} recordings were rejected; fix them and push them again",
+            pushed.results.len()
+        )));
+    }
+    context.output.next(format_args!("gleaner pretrain --task {task} --wait"));
+    Ok(())
 }
 
 // Bytes of a recording for the progress: those of its parts are about those of their join.

@@ -147,7 +147,7 @@ fn camera_of(name: String, same: &[Found<'_>]) -> Camera {
 }
 
 /// The size of a step's picture: that of the recording, or one with the same shape and a longest side of 128 pixels.
-fn step_size(height: u32, width: u32) -> (u32, u32) {
+pub(super) fn step_size(height: u32, width: u32) -> (u32, u32) {
     let longest = height.max(width);
     if longest <= STEP_SIDE {
         return (height, width);

@@ -204,7 +204,7 @@ fn field(name: String, first: &Candidate, alike: &[Like], action: bool, ways: &[
 }
 
 /// Guesses the range of an action.
-fn bound(spec: &mut FieldSpec, all: ValueRange, values: &[f64], reasons: &mut Vec<String>) {
+pub(super) fn bound(spec: &mut FieldSpec, all: ValueRange, values: &[f64], reasons: &mut Vec<String>) {
     let ValueRange { minimum, maximum } = all;
     let observed = format!("Its values are {} to {}", short(minimum), short(maximum));
     let within = |low: f64, high: f64| minimum >= low && maximum <= high;

@@ -5,6 +5,7 @@
 mod cameras;
 mod candidate;
 mod fields;
+mod intake;
 #[cfg(test)]
 mod tests;
 mod tokens;
@@ -12,6 +13,8 @@ mod way;
 mod write;
 
 use gleaner_recording::{Mapping, Survey, TaskSpec};
+
+pub(crate) use intake::of_description;
 
 use cameras::Camera;
 use candidate::{Candidate, LeftOut};
@@ -37,10 +40,11 @@ pub(crate) struct Known {
 #[derive(Debug)]
 pub(crate) struct Draft {
     pub(crate) spec: TaskSpec,
+    /// What it was drafted from.
+    origin: String,
     rate: String,
     cameras: Vec<Camera>,
     fields: Vec<Field>,
-    ways: Vec<(String, usize)>,
     left_out: Vec<LeftOut>,
 }
 
@@ -91,8 +95,9 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
         tolerance: 0.25,
         mappings: mappings.collect(),
     };
-    let ways = ways.into_iter().map(|way| (way.name, way.recordings)).collect();
-    Ok(Draft { spec, rate, cameras, fields, ways, left_out })
+    let origin = ways.iter().map(|way| format!("{} recordings as `{}`", way.recordings, way.name));
+    let origin = origin.collect::<Vec<_>>().join(" and ");
+    Ok(Draft { spec, origin, rate, cameras, fields, left_out })
 }
 
 /// The topics with numbers, for an error.

@@ -13,8 +13,7 @@ const WIDTH: usize = 118;
 
 impl Display for Draft {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
-        let ways = self.ways.iter().map(|(name, count)| format!("{count} recordings as `{name}`"));
-        comment(out, &format!("Drafted by `gleaner task draft` from {}.", ways.collect::<Vec<_>>().join(" and ")))?;
+        comment(out, &format!("Drafted by `gleaner task draft` from {}.", self.origin))?;
         comment(out, "Each guess has its reason; `gleaner help task` explains every key.")?;
         writeln!(out, "name = {}\n", text(&self.spec.name))?;
         comment(out, &self.rate)?;

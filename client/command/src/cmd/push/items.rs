@@ -86,7 +86,7 @@ fn labels_files(args: &PushArgs) -> Vec<PathBuf> {
 }
 
 /// The task, if the server has it: once, before the first byte, rather than as the same failure of each file.
-async fn known_task(client: &Client, task: String, place: Option<(&Path, u64)>) -> Result<String> {
+pub(super) async fn known_task(client: &Client, task: String, place: Option<(&Path, u64)>) -> Result<String> {
     let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
     let names: Vec<String> = tasks.iter().filter_map(|task| Some(task.spec.as_ref()?.name.clone())).collect();
     if names.contains(&task) || tasks.iter().any(|known| known.id == task) {

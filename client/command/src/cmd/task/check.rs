@@ -13,6 +13,7 @@ use crate::alike::Alike;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::inspector::{Inspected, Inspector};
+use crate::intake::{self, Intake};
 use crate::table::Column::{Left, Right};
 use crate::table::table;
 use crate::words;
@@ -21,19 +22,34 @@ use crate::words;
 pub(crate) struct CheckArgs {
     /// File with the specification, TOML or JSON.
     spec: PathBuf,
-    /// Recordings, or folders that are searched for *.mcap. Without one the specification alone is checked.
+    /// Recordings, or folders that are searched for *.mcap, or datasets of other programs. Without one the specification
+    /// alone is checked.
     recordings: Vec<PathBuf>,
+    /// Steps per second of a dataset of another program that does not state them. Default: 20.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
 }
 
 impl CheckArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let spec = read_spec(&self.spec)?;
         gleaner_recording::validate(&spec)?;
-        let recordings = match self.recordings.as_slice() {
+        let (datasets, others) = intake::split(&self.recordings);
+        let recordings = match others.as_slice() {
             [] => Vec::new(),
             paths => find_recordings(paths)?.recordings,
         };
-        let reports = Inspector::find()?.check(&recordings, &spec).await?;
+        let inspector = Inspector::find()?;
+        let mut reports = inspector.check(&recordings, &spec).await?;
+        for intake in Intake::open_all(&datasets, self.rate).await? {
+            for number in 0..intake.description.episodes {
+                let report = match intake.episode(number).await? {
+                    Ok(episode) => inspector.check(std::slice::from_ref(&episode.recording), &spec).await?.pop(),
+                    Err(why) => Some((PathBuf::new(), Err(why))),
+                };
+                reports.extend(report.map(|(_, report)| (intake.place(number), report)));
+            }
+        }
         context.output.result(|| Ok(document(&reports)), || shown(&spec.name, &reports))?;
         let refused = reports.iter().filter(|(_, report)| report.is_err()).count();
         if refused > 0 {

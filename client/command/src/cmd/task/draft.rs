@@ -8,16 +8,19 @@ use gleaner_client::{find_recordings, read_labels};
 use serde_json::json;
 
 use crate::context::Context;
-use crate::draft::{Known, draft};
+use crate::draft::{Draft, Known, draft, of_description};
 use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
+use crate::intake::{self, Intake};
 
 /// The labels file beside recordings.
 const LABELS: &str = "labels.csv";
 
 #[derive(Args, Debug)]
 pub(crate) struct DraftArgs {
-    /// Recordings, or folders that are searched for *.mcap: several of each kind, so that ranges and lengths are known.
+    /// Recordings, or folders that are searched for *.mcap: several of each kind, so that ranges and lengths are known. Or
+    /// one dataset of another program, whose features are the task: LeRobot's folder with meta/info.json, robomimic's
+    /// *.hdf5.
     #[arg(required = true)]
     paths: Vec<PathBuf>,
     /// Name of the task. Default: the task in the labels.csv beside the recordings, or the name of their folder.
@@ -26,10 +29,26 @@ pub(crate) struct DraftArgs {
     /// Topic of the action; repeat it for several. Default: topics that are named like commands.
     #[arg(long, value_name = "TOPIC")]
     action: Vec<String>,
+    /// Steps per second of a dataset of another program that does not state them. Default: 20.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
 }
 
 impl DraftArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let (datasets, others) = intake::split(&self.paths);
+        match (datasets.as_slice(), others.first()) {
+            ([], _) => {}
+            ([one], None) => {
+                let intake = Intake::open(one, self.rate).await?;
+                let name = self.name.clone().unwrap_or_else(|| intake.name());
+                return show(context, &of_description(&intake.description, name), &one.display().to_string());
+            }
+            ([one, ..], _) => {
+                let problem = format!("{} is a dataset of another program; draft a task from it alone", one.display());
+                return Err(Failure::message(problem));
+            }
+        }
         let recordings = find_recordings(&self.paths)?.recordings;
         let surveys = Inspector::find()?.survey(&recordings, None).await?;
         let mut unread = 0;
@@ -44,12 +63,16 @@ impl DraftArgs {
         let known = Known { name: name.unwrap_or_else(|| "my_task".to_owned()), action: self.action };
         let read = surveys.iter().filter_map(|(_, survey)| survey.as_ref().ok());
         let draft = draft(read, &known).map_err(Failure::message)?;
-        gleaner_recording::validate(&draft.spec)?;
-        let text = draft.to_string();
-        context.output.result(|| Ok(json!({ "spec": draft.spec, "toml": text })), || text.clone())?;
-        context.output.next("gleaner task check task.toml RECORDINGS, after a look at its comments");
-        Ok(())
+        show(context, &draft, "RECORDINGS")
     }
+}
+
+fn show(context: &Context, draft: &Draft, paths: &str) -> Result<()> {
+    gleaner_recording::validate(&draft.spec)?;
+    let text = draft.to_string();
+    context.output.result(|| Ok(json!({ "spec": draft.spec, "toml": text })), || text.clone())?;
+    context.output.next(format_args!("gleaner task check task.toml {paths}, after a look at its comments"));
+    Ok(())
 }
 
 /// The name that labels beside the recordings have for their task, or else that of their folder.

@@ -1,0 +1,132 @@
+//! Datasets of other programs on this machine: which paths are one, and its episodes as recordings.
+//!
+//! This process does not parse them: `gleaner-inspector` does. Must not know a server.
+
+use std::path::{Path, PathBuf};
+
+use gleaner_inspector::{Converted, Description};
+use gleaner_recording::printable;
+use tempfile::TempDir;
+
+use crate::failure::{Failure, Result};
+use crate::inspector::Inspector;
+
+/// The file that describes a dataset of LeRobot.
+const INFO: &str = "meta/info.json";
+/// Endings of HDF5 files.
+const ENDINGS: [&str; 2] = ["hdf5", "h5"];
+
+/// A dataset of another program, described.
+#[derive(Debug)]
+pub(crate) struct Intake {
+    pub(crate) path: PathBuf,
+    pub(crate) description: Description,
+    rate_hz: Option<f64>,
+    inspector: Inspector,
+}
+
+/// An episode as a recording, which is there as long as this is.
+#[derive(Debug)]
+pub(crate) struct Episode {
+    pub(crate) recording: PathBuf,
+    pub(crate) converted: Converted,
+    _folder: TempDir,
+}
+
+/// Whether a path is a dataset of another program: a folder with `meta/info.json`, or an HDF5 file.
+pub(crate) fn is_dataset(path: &Path) -> bool {
+    let ending = path.extension().is_some_and(|ending| ENDINGS.iter().any(|known| ending == *known));
+    path.join(INFO).is_file() || (ending && path.is_file())
+}
+
+/// Splits paths into datasets of other programs and the rest.
+pub(crate) fn split(paths: &[PathBuf]) -> (Vec<PathBuf>, Vec<PathBuf>) {
+    paths.iter().cloned().partition(|path| is_dataset(path))
+}
+
+impl Intake {
+    /// Reads the description of a dataset.
+    ///
+    /// # Errors
+    /// The reason why it cannot be read.
+    pub(crate) async fn open(path: &Path, rate_hz: Option<f64>) -> Result<Self> {
+        let inspector = Inspector::find()?;
+        let description = inspector.describe(path, rate_hz).await?.map_err(|why| problem(path, &why))?;
+        Ok(Self { path: path.to_owned(), description, rate_hz, inspector })
+    }
+
+    /// Opens each dataset.
+    pub(crate) async fn open_all(paths: &[PathBuf], rate_hz: Option<f64>) -> Result<Vec<Self>> {
+        let mut intakes = Vec::with_capacity(paths.len());
+        for path in paths {
+            intakes.push(Self::open(path, rate_hz).await?);
+        }
+        Ok(intakes)
+    }
+
+    /// The dataset's name: that of its folder or file, as a name of a task and of a cohort may be.
+    pub(crate) fn name(&self) -> String {
+        let path = self.path.canonicalize().unwrap_or_else(|_| self.path.clone());
+        let name = if path.is_dir() { path.file_name() } else { path.file_stem() };
+        let plain = |c: char| if c.is_ascii_alphanumeric() || "_-.".contains(c) { c } else { '_' };
+        let name: String = name.unwrap_or_default().to_string_lossy().chars().take(100).map(plain).collect();
+        if name.is_empty() { "dataset".to_owned() } else { name }
+    }
+
+    /// What it holds, in some lines.
+    pub(crate) fn shown(&self) -> String {
+        let Description { format, episodes, steps, rate_stated, spec, left_out, .. } = &self.description;
+        let guessed = if *rate_stated { "" } else { " (a guess; give it with --rate)" };
+        let mut text = format!(
+            "{}: {}, {episodes} episodes, {steps} steps at {} Hz{guessed}\n",
+            printable::field(&self.path.display().to_string()),
+            printable::field(format),
+            spec.rate_hz
+        );
+        for left in left_out {
+            let line = format!("left out: {}: {}", left.what, left.reason);
+            text += &printable::field(&line);
+            text.push('\n');
+        }
+        text
+    }
+
+    /// What an episode is called in messages.
+    pub(crate) fn place(&self, episode: u64) -> PathBuf {
+        self.path.join(format!("episode_{episode:06}"))
+    }
+
+    /// Makes the recording of an episode, or returns why it cannot be used.
+    pub(crate) async fn episode(&self, episode: u64) -> Result<std::result::Result<Episode, String>> {
+        let folder = tempfile::tempdir()?;
+        let recording = folder.path().join(format!("{}_{episode:06}.mcap", self.name()));
+        let converted = self.inspector.convert(&self.path, self.rate_hz, episode, &recording).await?;
+        Ok(converted.map(|converted| Episode { recording, converted, _folder: folder }))
+    }
+}
+
+/// An error that begins with the path, once.
+fn problem(path: &Path, why: &str) -> Failure {
+    let shown = path.display().to_string();
+    if why.starts_with(&shown) { Failure::message(why.to_owned()) } else { Failure::message(format!("{shown}: {why}")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn datasets_are_known_by_their_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir_all(at("pick/meta")).unwrap();
+        std::fs::write(at("pick/meta/info.json"), "{}").unwrap();
+        for file in ["a.mcap", "b.hdf5", "c.h5"] {
+            std::fs::write(at(file), "").unwrap();
+        }
+        let all = [at("pick"), at("a.mcap"), at("b.hdf5"), at("c.h5"), folder.path().to_owned()];
+        let (datasets, others) = split(&all);
+        assert_eq!(datasets, [at("pick"), at("b.hdf5"), at("c.h5")]);
+        assert_eq!(others, [at("a.mcap"), folder.path().to_owned()]);
+    }
+}

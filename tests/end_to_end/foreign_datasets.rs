@@ -1,0 +1,98 @@
+//! Datasets of LeRobot and robomimic from their first look to episodes of a server.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use crate::support::command::{gleaner, json as shown};
+use crate::support::files::root;
+use crate::support::server::TestServer;
+
+/// No server is there: commands that ask one fail.
+const NOWHERE: &str = "http://127.0.0.1:9";
+
+fn fixture(name: &str) -> PathBuf {
+    root().join("crates/formats/fixtures").join(name)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Outcome, cohort and steps of each pushed episode.
+fn labels(pushed: &Value) -> Vec<(String, String, u64)> {
+    let of = |entry: &Value| {
+        let (episode, word) = (&entry["episode"], |name: &str| entry["episode"][name].as_str().unwrap().to_owned());
+        let steps = episode["steps"].as_u64().or_else(|| episode["steps"].as_str()?.parse().ok());
+        (word("outcome"), word("cohort"), steps.unwrap())
+    };
+    pushed["episodes"].as_array().unwrap().iter().map(of).collect()
+}
+
+#[tokio::test]
+async fn a_lerobot_dataset_is_pushed_and_drafts_its_task() {
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    let dataset = fixture("lerobot_v30_video");
+    let pushed = shown(server.url(), &["push", text(&dataset)]).await;
+    assert_eq!(pushed["failures"], json!([]), "{pushed}");
+    let found = labels(&pushed);
+    assert!(
+        found[0].0.to_lowercase().contains("success") && found[1].0.to_lowercase().contains("failure"),
+        "{found:?}"
+    );
+    assert!(found.iter().all(|(_, cohort, _)| cohort == "lerobot_v30_video"), "{found:?}");
+    assert_eq!(found.iter().map(|(_, _, steps)| *steps).collect::<Vec<_>>(), [12, 9]);
+    let task = shown(server.url(), &["task", "show", "lerobot_v30_video"]).await;
+    assert_eq!((&task["rate_hz"], &task["action"].as_array().unwrap().len()), (&json!(10.0), &3));
+
+    let again = shown(server.url(), &["push", text(&dataset)]).await;
+    assert!(again["episodes"].as_array().unwrap().iter().all(|entry| entry["existed"] == json!(true)), "{again}");
+    // The pictures of this one are files of images, and its features are the same.
+    let images = shown(server.url(), &["push", text(&fixture("lerobot_v30_images")), "--outcome", "success"]).await;
+    let found = labels(&images);
+    assert!(found.iter().all(|(outcome, ..)| outcome.to_lowercase().contains("success")), "{found:?}");
+    // Another robot's features do not fit this task, and each episode is refused by name.
+    let refused = gleaner(server.url(), &["push", text(&fixture("robomimic.hdf5"))]).await;
+    assert!(!refused.success && refused.text().contains("episode_000000"), "{}", refused.text());
+}
+
+#[tokio::test]
+async fn datasets_are_inspected_drafted_and_checked_without_a_server() {
+    for (name, format) in [("lerobot_v21", "LeRobot v2.1"), ("robomimic.hdf5", "robomimic HDF5")] {
+        let dataset = fixture(name);
+        let inspected = gleaner(NOWHERE, &["inspect", text(&dataset)]).await;
+        let seen = inspected.text();
+        assert!(inspected.success && seen.contains(format) && seen.contains("2 episodes, 21 steps at 10 Hz"), "{seen}");
+        assert!(seen.contains("episode_000000") && seen.contains("/robot/action"), "{seen}");
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("task.toml");
+        let drafted = gleaner(NOWHERE, &["task", "draft", text(&dataset), "--name", "drafted"]).await;
+        assert!(drafted.success, "{}", drafted.text());
+        std::fs::write(&file, &drafted.out).unwrap();
+        let checked = gleaner(NOWHERE, &["task", "check", text(&file), text(&dataset)]).await;
+        assert!(checked.success && checked.text().contains("episode_000001"), "{}", checked.text());
+    }
+}
+
+#[tokio::test]
+async fn a_dataset_with_a_missing_video_is_refused_before_anything_is_sent() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = folder.path().join("pick");
+    for file in ["meta/info.json", "meta/tasks.jsonl", "meta/episodes.jsonl"] {
+        std::fs::create_dir_all(dataset.join("meta")).unwrap();
+        std::fs::copy(fixture("lerobot_v21").join(file), dataset.join(file)).unwrap();
+    }
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    let refused = gleaner(server.url(), &["push", text(&dataset)]).await;
+    let message = refused.text();
+    assert!(
+        !refused.success && message.contains("is missing") && message.contains("download the whole dataset"),
+        "{message}"
+    );
+    let tasks = shown(server.url(), &["task", "list"]).await;
+    assert!(tasks["tasks"].as_array().is_none_or(Vec::is_empty), "no task was made either: {tasks}");
+    for words in [&["push", "--check"][..], &["push", "--join"]] {
+        let refused = gleaner(server.url(), &[words, &[text(&fixture("robomimic.hdf5"))]].concat()).await;
+        assert!(!refused.success && refused.text().contains("does not apply"), "{}", refused.text());
+    }
+}
