@@ -130,7 +130,7 @@ const CRATES: [(&str, &[&str]); 20] = [
     ("crates/edge", &[]),
     ("crates/formats", &["core", "recording"]),
     ("crates/group", &[]),
-    ("crates/inspector", &["recording"]),
+    ("crates/inspector", &["formats", "recording"]),
     ("crates/learn", &["core", "group", "search"]),
     ("crates/logs", &["core"]),
     ("crates/openpi", &["core"]),

@@ -1,6 +1,8 @@
 //! Trainings of two and three ranks, each on a thread of its own, beside the same training in one process.
 
+use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
@@ -11,6 +13,7 @@ use gleaner_group::{Meeting, Place};
 use super::Peers;
 use crate::checkpoint;
 use crate::checkpoint::CheckpointKind;
+use crate::device;
 use crate::error::LearnError;
 use crate::policy::{Pretrained, train_policy, train_policy_with};
 use crate::pretrain::{pretrain, pretrain_with};
@@ -33,21 +36,24 @@ fn ranks(
     let at = SocketAddr::new(LOCAL, first.port());
     let mut meetings = vec![first];
     meetings.extend((1..count).map(|_| Meeting::find(at, count, TIMEOUT).unwrap()));
+    let (ended, all) = channel();
     thread::scope(|scope| {
-        let started: Vec<_> = (0..count)
-            .zip(meetings.into_iter().zip(stop_after))
-            .map(|(rank, (meeting, stop_after))| {
-                let work = &work;
-                scope.spawn(move || {
-                    let place = Place { rank, ranks: count, address: LOCAL, gpu: false };
-                    let mut peers = Peers::of(meeting.join("learn", place).unwrap());
-                    let mut monitor = Recorder { stop_after: *stop_after, ..Recorder::default() };
-                    (work(&mut peers, &mut monitor), monitor)
-                })
-            })
-            .collect();
-        started.into_iter().map(|thread| thread.join().unwrap()).collect()
-    })
+        for (rank, (meeting, stop_after)) in (0..count).zip(meetings.into_iter().zip(stop_after)) {
+            let (work, ended) = (&work, ended.clone());
+            // Other tests change the number of threads of the process, on which the last bits depend.
+            let started = device::spawn_single(scope, move || {
+                let place = Place { rank, ranks: count, address: LOCAL, gpu: false };
+                let mut peers = Peers::of(meeting.join("learn", place).unwrap());
+                let mut monitor = Recorder { stop_after: *stop_after, ..Recorder::default() };
+                ended.send((rank, (work(&mut peers, &mut monitor), monitor))).unwrap();
+            });
+            started.unwrap();
+        }
+    });
+    drop(ended);
+    let by_rank: BTreeMap<u32, _> = all.iter().collect();
+    assert_eq!(by_rank.len(), stop_after.len(), "a rank panicked");
+    by_rank.into_values().collect()
 }
 
 /// The result and the reports of rank 0, after checks on those of the others.
