@@ -18,7 +18,7 @@ pub struct PlanConfig {
     /// Steps a second, at which robots record and ask for actions.
     #[arg(long, default_value_t = 20.0, value_name = "HZ", value_parser = positive)]
     pub rate: f64,
-    /// Cameras of each robot, as COUNTxHEIGHTxWIDTH[@CODEC] with the codec jpeg, h264, h265 or av1; repeat for cameras
+    /// Cameras of each robot, such as 2x480x640@jpeg (number, height, width; jpeg, h264, h265 or av1); repeat for cameras
     /// that differ.
     #[arg(long, default_value = "2x480x640@jpeg", value_name = "CAMERAS")]
     pub cameras: Vec<Camera>,
