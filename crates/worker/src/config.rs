@@ -29,7 +29,7 @@ pub struct WorkerConfig {
     /// Id of the server's process; the worker ends with it. Without it, the worker outlives a restart of the server.
     #[arg(long)]
     pub parent: Option<u32>,
-    /// Name of the cluster's node where this program runs, shown with the job.
+    /// Names of the cluster's nodes where this job runs, shown with the job.
     #[arg(long, default_value = "")]
     pub node: String,
     /// Number of this process among those that share each batch of a training, from 0. Under srun the variable has it.

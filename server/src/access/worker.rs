@@ -59,7 +59,9 @@ impl Worker {
             )
         };
         let token = secret::bearer(headers)?.ok_or_else(not_this_job)?;
-        let (process, node) = (name(headers, PROCESS)?, name(headers, NODE)?);
+        let (process, nodes) = (name(headers, PROCESS)?, text(headers, NODE));
+        // The nodes are for people only; a long list is cut.
+        let node = nodes.get(..LONGEST_NAME).unwrap_or(nodes);
         let caller = Caller { process, node, rank: rank(headers)? };
         let (attempt, job) = jobs.authenticate(token, &caller).await?.ok_or_else(not_this_job)?;
         Ok(Self { attempt, job, rank: caller.rank })
@@ -74,9 +76,14 @@ fn rank(headers: &HeaderMap) -> Result<u32> {
 }
 
 fn name<'a>(headers: &'a HeaderMap, key: &'static str) -> Result<&'a str> {
-    let name = headers.get(key).and_then(|name| name.to_str().ok()).unwrap_or_default();
+    let name = text(headers, key);
     if name.len() > LONGEST_NAME {
         return Err(Error::invalid(key, format!("must be at most {LONGEST_NAME} characters")));
     }
     Ok(name)
+}
+
+/// A value of visible ASCII characters; empty for any other.
+fn text<'a>(headers: &'a HeaderMap, key: &'static str) -> &'a str {
+    headers.get(key).and_then(|text| text.to_str().ok()).unwrap_or_default()
 }

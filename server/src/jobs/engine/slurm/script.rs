@@ -95,15 +95,13 @@ impl Template {
             option("ranks", ranks.to_string());
             option("rank-timeout-seconds", config.jobs.ranks.rank_timeout_seconds.to_string());
         }
+        // The shell of the batch script knows the names of the job's nodes.
         let words: String = words.iter().map(|word| format!(" '{}'", word.replace('\'', r"'\''"))).collect();
+        let worker = format!("{words} --node \"$SLURM_JOB_NODELIST\"");
         if ranks < 2 {
-            // The shell of the node knows its name.
-            return format!("{words} --node \"$SLURMD_NODENAME\"");
+            return worker;
         }
-        // A shell for each rank, on its own node. The words are its arguments, so they are quoted once.
-        let (nodes, tasks) = (format!("--nodes={ranks}"), "--ntasks-per-node=1");
-        let shell = "sh -c 'exec \"$@\" --node \"$SLURMD_NODENAME\"' sh";
-        format!(" srun --kill-on-bad-exit=1 {nodes} --ntasks={ranks} {tasks} {shell}{words}")
+        format!(" srun --kill-on-bad-exit=1 --nodes={ranks} --ntasks={ranks} --ntasks-per-node=1{worker}")
     }
 }
 
