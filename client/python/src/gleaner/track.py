@@ -71,7 +71,7 @@ class MLflow:
         return found
 
     def experiment(self, name: str) -> str:
-        """The id of an experiment, created if there is none of this name."""
+        """The id of the experiment of this name, created if it is missing."""
         try:
             created: str = self.call("experiments/create", {"name": name})["experiment_id"]
         except TrackerError as error:
@@ -82,7 +82,7 @@ class MLflow:
         return created
 
     def run(self, experiment: str, job: Job) -> dict[str, Any]:
-        """The run of a job in an experiment, created if there is none."""
+        """The run of a job in an experiment, created if it is missing."""
         wanted = {"experiment_ids": [experiment], "filter": f"tags.`{_TAG}` = '{job.id}'", "max_results": 1}
         runs: list[dict[str, Any]] = self.call("runs/search", wanted).get("runs", [])
         if runs:

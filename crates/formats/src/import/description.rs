@@ -1,6 +1,6 @@
 //! What a dataset holds, and what its recordings look like. Must not know a format.
 
-use gleaner_core::{TaskSpec, ValueRange};
+use gleaner_core::{Alignment, TaskSpec, ValueRange};
 use serde::{Deserialize, Serialize};
 
 /// What a dataset holds.
@@ -22,6 +22,20 @@ pub struct Description {
     pub cameras: Vec<String>,
     /// What is in no recording.
     pub left_out: Vec<LeftOut>,
+}
+
+/// A task of this rate, to which an import adds the dataset's cameras and fields.
+pub(super) fn empty_task(rate_hz: f64) -> TaskSpec {
+    TaskSpec {
+        name: "dataset".to_owned(),
+        rate_hz,
+        cameras: Vec::new(),
+        proprioception: Vec::new(),
+        action: Vec::new(),
+        alignment: Alignment::default(),
+        tolerance: 0.25,
+        mappings: Vec::new(),
+    }
 }
 
 /// Where a field comes from.

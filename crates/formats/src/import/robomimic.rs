@@ -8,7 +8,7 @@ mod entries;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use gleaner_core::{Alignment, CameraSpec, TaskSpec, ValueRange};
+use gleaner_core::{CameraSpec, ValueRange};
 use gleaner_recording::{CameraMessage, ImageRef, PixelFormat};
 use hdf5_pure::{AttrValue, File, Group};
 use serde_json::{Value, json};
@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use self::demo::Demo;
 use self::entries::{Entry, Kind};
 use super::Dataset;
-use super::description::Description;
+use super::description::{Description, empty_task};
 use super::fields::{Vector, fields, identifier};
 use super::recorder::{Recorder, with_mapping};
 use crate::problem::Problem;
@@ -79,16 +79,7 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<Box<dyn Dataset>
             episodes: u64::try_from(demos.len()).unwrap_or(u64::MAX),
             steps,
             rate_stated: rate_hz.or(stated).is_some(),
-            spec: TaskSpec {
-                name: "dataset".to_owned(),
-                rate_hz: rate,
-                cameras: Vec::new(),
-                proprioception: Vec::new(),
-                action: Vec::new(),
-                alignment: Alignment::default(),
-                tolerance: 0.25,
-                mappings: Vec::new(),
-            },
+            spec: empty_task(rate),
             fields: Vec::new(),
             cameras: Vec::new(),
             left_out: Vec::new(),

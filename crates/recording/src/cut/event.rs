@@ -15,14 +15,14 @@ pub(super) enum Event {
     Begin,
     /// The episode ends, with its outcome if that is stated.
     End(Option<bool>),
-    /// The episode that runs is none.
+    /// The running episode is left out.
     Discard,
     /// A flag, or the number of an episode: which of both, the other messages of the topic show.
     Number(f64),
 }
 
 impl Event {
-    /// A text ends an episode by its words; everything else that is no number begins one.
+    /// A text ends an episode by its words; every other text begins one. A number is an event of its own.
     pub(super) fn of(message: &Value<'_>) -> Self {
         if let Some(text) = text(message) {
             let lower = text.to_ascii_lowercase();

@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use gleaner_core::{Alignment, CameraSpec, TaskSpec, ValueRange};
+use gleaner_core::{CameraSpec, ValueRange};
 use serde_json::Value;
 
 use super::info::{Feature, Info};
-use crate::import::description::Description;
+use crate::import::description::{Description, empty_task};
 use crate::import::fields::{Vector, fields};
 use crate::import::recorder::with_mapping;
 use crate::problem::Problem;
@@ -68,16 +68,7 @@ impl Features {
                 episodes: 0,
                 steps: 0,
                 rate_stated: true,
-                spec: TaskSpec {
-                    name: "dataset".to_owned(),
-                    rate_hz: info.fps,
-                    cameras: Vec::new(),
-                    proprioception: Vec::new(),
-                    action: Vec::new(),
-                    alignment: Alignment::default(),
-                    tolerance: 0.25,
-                    mappings: Vec::new(),
-                },
+                spec: empty_task(info.fps),
                 fields: Vec::new(),
                 cameras: Vec::new(),
                 left_out: Vec::new(),
