@@ -254,6 +254,35 @@ fn unsafe_code_is_in_its_room_only() {
     }
 }
 
+/// Where no path of libraries is set, only programs below the workspace find libtorch; an example that is merged with
+/// others runs as a program in the system's temporary folder, even where it is `no_run`.
+#[test]
+fn examples_that_link_libtorch_are_crates_of_their_own() {
+    let links = ["tch", "gleaner-group", "gleaner-learn", "gleaner-search"];
+    let mut seen = 0;
+    let mut broken = Vec::new();
+    for (name, source) in sources() {
+        let Some((folder, _)) = name.split_once("/src/") else { continue };
+        let manifest = std::fs::read_to_string(files::root().join(folder).join("Cargo.toml")).unwrap();
+        let manifest: toml::Table = manifest.parse().unwrap();
+        if !links.iter().any(|link| manifest["dependencies"].get(link).is_some()) {
+            continue;
+        }
+        let fences = source.lines().filter_map(|line| {
+            let line = line.trim_start();
+            line.strip_prefix("//! ```").or(line.strip_prefix("/// ```")).map(str::to_owned)
+        });
+        for opening in fences.step_by(2).filter(|tags| !tags.contains("text") && !tags.contains("ignore")) {
+            seen += 1;
+            if !opening.contains("standalone_crate") {
+                broken.push(format!("{name}: ```{opening} lacks standalone_crate"));
+            }
+        }
+    }
+    assert!(seen >= 3, "the walk found too little");
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
 #[test]
 fn every_file_has_a_header() {
     let without: Vec<String> =

@@ -8,7 +8,7 @@
 //! Neither the meeting nor the group has encryption or a password, and a meeting listens on every interface: they are for
 //! one machine or a cluster's own network only.
 //!
-//! ```no_run
+//! ```no_run,standalone_crate
 //! use std::time::Duration;
 //! use gleaner_group::{Meeting, Place};
 //!
