@@ -3,9 +3,10 @@
 //! Every size is checked before memory is reserved for it, and memory follows the size that is wanted. This module does
 //! not depend on messages or topics.
 
+mod compressed_depth;
 pub(crate) mod fit;
-mod inverse;
 mod raw;
+mod rvl;
 
 use std::io::Cursor;
 
@@ -19,7 +20,7 @@ use gleaner_core::PictureSizes;
 
 use crate::error::RecordingError;
 
-pub(crate) use inverse::{inverse_depth, is_inverse};
+pub(crate) use compressed_depth::CompressedDepth;
 pub(crate) use raw::{RawImage, raw_color, raw_depth};
 
 /// Maximum memory to decode an image in bytes: for each pixel, and for tables and metadata.

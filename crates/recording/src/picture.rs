@@ -12,7 +12,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use crate::dialect::Value;
 use crate::error::RecordingError;
 use crate::image::{
-    PixelFormat, RawImage, decode_color, decode_depth, inverse_depth, is_inverse, raw_color, raw_depth,
+    CompressedDepth, Header, PixelFormat, RawImage, decode_color, decode_depth, header_of, raw_color, raw_depth,
 };
 use gleaner_core::CameraSpec;
 
@@ -54,11 +54,13 @@ pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec)
         };
     }
     let format = message.text("format").ok_or_else(|| not_an_image(message))?;
-    // The compression is detected from the bytes, because drivers fill in any format.
+    // The compression is detected from the bytes where they show it, because drivers fill in any format.
     let decoded = match channel {
         Channel::Color => decode_color(data, PixelFormat::Auto, sizes),
-        Channel::Depth if is_inverse(format) => inverse_depth(data, sizes),
-        Channel::Depth => decode_depth(data, PixelFormat::Auto, sizes),
+        Channel::Depth => match CompressedDepth::of(format, data) {
+            Some(compressed) => compressed.decode(data, sizes),
+            None => decode_depth(data, PixelFormat::Auto, sizes),
+        },
     };
     decoded.map_err(|mut error| {
         if let RecordingError::BrokenImage { problem } = &mut error {
@@ -66,6 +68,13 @@ pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec)
         }
         error
     })
+}
+
+/// What the header of a compressed image shows.
+pub(crate) fn header(message: &Value<'_>) -> Result<Header, RecordingError> {
+    let data = data(message)?;
+    let compressed = message.text("format").and_then(|format| CompressedDepth::of(format, &data));
+    compressed.map_or_else(|| header_of(&data), |compressed| compressed.header(&data))
 }
 
 /// Base64 with or without padding: writers differ.

@@ -52,16 +52,34 @@ fn metres_that_ros_has_inverted_are_restored() {
     let native: Vec<u8> = inverse.iter().chain(&[0, 0]).flat_map(|value| value.to_ne_bytes()).collect();
     let png = png(&native, 2, 3, ExtendedColorType::L16);
     let bytes = [&0_u32.to_le_bytes()[..], &scale.to_le_bytes(), &offset.to_le_bytes(), &png].concat();
-    let depth = inverse_depth(&bytes, &PictureSizes::new(2, 3)).unwrap();
+    let compressed = CompressedDepth::of("32FC1; compressedDepth png", &bytes).unwrap();
+    let depth = compressed.decode(&bytes, &PictureSizes::new(2, 3)).unwrap();
     let depths: Vec<u16> = depth.as_chunks().0.iter().map(|&pair| u16::from_le_bytes(pair)).collect();
     for (found, metres) in depths.iter().zip(metres) {
         assert!((f32::from(*found) - metres * 1000.0).abs() <= metres * metres * 0.1 + 0.5, "{found} {metres}");
     }
     assert_eq!(depths[4..], [0, 0]);
-    assert!(is_inverse("32FC1; compressedDepth png") && !is_inverse("16UC1; compressedDepth png"));
+    assert_eq!(CompressedDepth::of("16UC1; compressedDepth png", &bytes), None);
     for length in [0, 7, 12, 20] {
-        assert!(inverse_depth(&bytes[..length], &PictureSizes::new(2, 3)).is_err(), "{length}");
+        assert!(compressed.decode(&bytes[..length], &PictureSizes::new(2, 3)).is_err(), "{length}");
     }
+    // The same values in RVL; the reference implementation (the Python package `rvl`) wrote the words.
+    let words = [0x91, 0xfa, 0xed, 0x04, 0x8d, 0x49, 0xbf, 0xfc, 0x12, 0xdc, 0xfa, 0xe2, 0x00, 0x00, 0x00, 0x00];
+    let size = [&3_u32.to_le_bytes()[..], &2_u32.to_le_bytes()].concat();
+    let bytes = [&bytes[..12], &size, &words].concat();
+    let compressed = CompressedDepth::of("32FC1; compressedDepth rvl", &bytes).unwrap();
+    assert_eq!(compressed.decode(&bytes, &PictureSizes::new(2, 3)).unwrap(), depth);
+    assert_eq!(compressed.header(&bytes).unwrap(), Header { codec: "rvl", size: (2, 3), depth: true });
+    let plain = CompressedDepth::of("16UC1;compressedDepth rvl", &bytes).unwrap();
+    let values: Vec<u8> = inverse.iter().chain(&[0, 0]).flat_map(|value| value.to_le_bytes()).collect();
+    assert_eq!(plain.decode(&bytes, &PictureSizes::new(2, 3)).unwrap(), values);
+}
+
+#[test]
+fn a_png_that_is_named_rvl_is_read() {
+    let millimetres = [0_u16, 1, 999, 65535, 256, 255].map(u16::to_ne_bytes).concat();
+    let bytes = [&[0; 12][..], &png(&millimetres, 2, 3, ExtendedColorType::L16)].concat();
+    assert_eq!(CompressedDepth::of("16UC1; compressedDepth rvl", &bytes), None);
 }
 
 #[test]

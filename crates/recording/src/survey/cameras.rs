@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::dialect::Value;
 use crate::error::RecordingError;
-use crate::image::{Header, encode_jpeg, header_of};
+use crate::image::{Header, encode_jpeg};
 use crate::limits::Limits;
 use crate::picture::{self, Channel};
 use crate::video;
@@ -116,7 +116,7 @@ fn describe(message: &Value<'_>, limits: &Limits) -> Result<Described, Recording
         let depth = matches!(encoding, "16UC1" | "mono16" | "32FC1");
         Described { depth, encoding: encoding.to_owned(), size: (side("height"), side("width")) }
     } else {
-        let Header { codec, size, depth } = header_of(&picture::data(message)?)?;
+        let Header { codec, size, depth } = picture::header(message)?;
         Described { depth, encoding: codec.to_owned(), size }
     };
     let (height, width) = described.size;

@@ -122,6 +122,24 @@ fn video_shows_its_size_and_a_picture() {
 }
 
 #[test]
+fn depth_in_rvl_shows_its_size_and_a_picture() {
+    // 3 × 4 pixels: three zeros, then 500, 501, 499, then zeros.
+    let image = [0_u32, 0, 0, 4, 3].map(u32::to_le_bytes).concat();
+    let words = [0x338d_f123_u32, 0x6000_0000].map(u32::to_le_bytes).concat();
+    let data = base64::engine::general_purpose::STANDARD.encode([image, words].concat());
+    let mut scene = Scene::default();
+    scene.add("/depth", 100, json!({"format": "16UC1; compressedDepth rvl", "data": data}));
+    scene.add("/depth", 200, json!({"format": "16UC1; compressedDepth rvl", "data": "AAAA"}));
+    let folder = tempfile::tempdir().unwrap();
+    let found = surveyed_bytes(&scene.mcap(), Some(folder.path()));
+    let camera = topic(&found, "/depth").camera.clone().unwrap();
+    assert_eq!((camera.encoding.as_str(), camera.depth, camera.height, camera.width), ("rvl", true, 3, 4));
+    assert!(folder.path().join(camera.picture.unwrap()).is_file());
+    assert_eq!(camera.unreadable, 1);
+    assert!(camera.problem.unwrap().contains("the RVL ends before its size"));
+}
+
+#[test]
 fn unreadable_images_and_topics_are_named_and_counted() {
     let mut scene = Scene::default();
     for ms in [100, 200] {
