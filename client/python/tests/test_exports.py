@@ -9,6 +9,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
@@ -42,6 +43,21 @@ def stretches(folder: Path) -> list[dict[str, Any]]:
     """The lines of the manifest that are not experts."""
     lines = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]
     return [line for line in lines if line["role"] == "imperfect"]
+
+
+def test_manifest_is_read_by_pandas(exported: dict[str, Path]) -> None:
+    folder = exported["mcap"]
+    table = pd.read_parquet(folder / "manifest.parquet")
+    lines = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]
+    for name in ("episode", "source", "file", "role", "first_step", "last_step", "segment_length"):
+        assert table[name].tolist() == [line[name] for line in lines]
+    kept = table[table["role"] == "imperfect"].explode("steps")
+    steps = pd.DataFrame(kept["steps"].tolist())
+    expected = pd.DataFrame([step for line in stretches(folder) for step in line["steps"]])
+    assert len(steps) > 0
+    for name in ("step", "w", "nearest_episode", "nearest_step"):
+        assert steps[name].tolist() == expected[name].tolist()
+    assert steps["q"].tolist() == expected["q"].astype(np.float32).tolist()
 
 
 def test_exported_scores_are_read_by_mcap_protobuf(exported: dict[str, Path]) -> None:

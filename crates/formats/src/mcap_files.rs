@@ -1,48 +1,20 @@
 //! MCAP: the original messages of each piece with its scores beside them, and a manifest.
 
+mod manifest;
+
 use std::collections::BTreeMap;
-use std::io::Write as _;
 
 use gleaner_core::snapshot::Role;
 use gleaner_recording::{Kept, StepScore};
-use serde::Serialize;
 
 use crate::export::Export;
 use crate::piece::Piece;
 use crate::problem::Problem;
-
-/// The file that describes every other file, one line each.
-const MANIFEST: &str = "manifest.jsonl";
-
-/// One line of the manifest. Step numbers are those of the original episode.
-#[derive(Serialize)]
-struct Line<'a> {
-    episode: &'a str,
-    source: &'a str,
-    file: &'a str,
-    role: Role,
-    first_step: u64,
-    last_step: u64,
-    /// l: the segment that ends at a step begins l steps before it.
-    segment_length: u32,
-    /// The kept steps; empty for experts, whose steps all have weight 1.
-    steps: Vec<Step<'a>>,
-}
-
-/// One kept step: the end of a kept segment.
-#[derive(Serialize)]
-struct Step<'a> {
-    step: u64,
-    q: f32,
-    w: f64,
-    /// `None` when the scorer has no matches.
-    nearest_episode: Option<&'a str>,
-    nearest_step: Option<u32>,
-}
+use manifest::{Line, Manifest, Step};
 
 /// Writes a file for each piece, and the manifest.
 pub(crate) fn write<E: Export>(export: &mut E) -> Result<(), E::Error> {
-    let mut manifest = Vec::new();
+    let mut manifest = Manifest::create(export)?;
     for at in 0..export.pieces().len() {
         let piece = export.pieces()[at].clone();
         let (name, scores) = (format!("{}.mcap", piece.name()), piece.scores());
@@ -57,13 +29,10 @@ pub(crate) fn write<E: Export>(export: &mut E) -> Result<(), E::Error> {
                 export.finished(&name)?;
             }
         }
-        append(&mut manifest, &line(&piece, &name, &scores, export.segment_length()))
-            .map_err(Problem::io(MANIFEST.as_ref()))?;
+        manifest.push(&line(&piece, &name, &scores, export.segment_length()))?;
         export.advance()?;
     }
-    let path = export.folder().join(MANIFEST);
-    std::fs::write(&path, &manifest).map_err(Problem::io(&path))?;
-    export.finished(MANIFEST)
+    manifest.finish(export)
 }
 
 /// The metadata of a stretch.
@@ -101,11 +70,6 @@ fn line<'a>(piece: &'a Piece, file: &'a str, scores: &'a [StepScore], segment_le
         segment_length,
         steps,
     }
-}
-
-fn append(manifest: &mut Vec<u8>, line: &Line<'_>) -> std::io::Result<()> {
-    serde_json::to_writer(&mut *manifest, line)?;
-    manifest.write_all(b"\n")
 }
 
 fn count(length: usize) -> u64 {

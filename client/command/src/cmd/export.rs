@@ -19,7 +19,7 @@ use crate::{json, words};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum FormatArg {
-    /// The original messages of each kept run of segments with their scores, and manifest.jsonl.
+    /// The original messages of each kept run of segments with their scores, and a manifest as JSON lines and Parquet.
     Mcap,
     /// A LeRobot dataset v3.0 with images in parquet; each kept run of segments is an episode.
     Lerobot,
