@@ -40,6 +40,7 @@ mod load;
 mod maintenance;
 mod method;
 mod modules;
+mod opening;
 mod operator;
 mod pages;
 mod plan;

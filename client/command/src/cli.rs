@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 
 use crate::cmd::{
-    dataset, drive, episodes, evaluate, evaluations, export, import_scores, inspect, jobs, kinds, label, metrics,
+    dataset, drive, episodes, evaluate, evaluations, export, import_scores, inspect, jobs, kinds, label, metrics, open,
     pipeline, policies, push, record, schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
 };
 use crate::connection::{ConnectionArgs, GLOBAL};
@@ -100,6 +100,8 @@ pub(crate) enum Command {
     Dataset(dataset::DatasetCommand),
     /// Write the kept segments of a dataset as files, or one episode with its scores.
     Export(export::ExportArgs),
+    /// Open one episode with its scores in Rerun or Foxglove.
+    Open(open::OpenArgs),
     /// List a task's policies.
     Policies(policies::PoliciesArgs),
     /// Assign a policy to a deployment.
@@ -158,6 +160,7 @@ impl Command {
             Self::WhatIf(args) => args.run(context).await,
             Self::Dataset(command) => command.run(context).await,
             Self::Export(args) => args.run(context).await,
+            Self::Open(args) => args.run(context).await,
             Self::Policies(args) => args.run(context).await,
             Self::Deploy(args) => args.run(context).await,
             Self::Rollback(args) => args.run(context).await,
@@ -217,6 +220,8 @@ mod tests {
             "gleaner episodes --deleted",
             "gleaner export ds_1 --format lerobot --depth --out a",
             "gleaner export --episode ep_1 --scores run_1 --beta 0.5 --out a.mcap",
+            "gleaner open ep_1 --in rerun",
+            "gleaner open latest --in foxglove --scores latest --beta 0.5 --out a.mcap",
             "gleaner compare-scorers snap_1 --seeds 2",
             "gleaner compare-scorers enc_1 enc_2 --scorer ssdf --scorer deminf --train bc --evaluations 5",
         ] {
@@ -265,6 +270,8 @@ mod tests {
             "gleaner export ds_1 --episode ep_1 --scores run_1 --out a",
             "gleaner export ds_1 --beta 0.5 --out a",
             "gleaner export ds_1 --format zarr --out a",
+            "gleaner open ep_1",
+            "gleaner open ep_1 --in vlc",
             "gleaner compare-scorers",
             "gleaner compare-scorers enc_1 --evaluations 5",
             "gleaner compare-scorers enc_1 --seeds 0",

@@ -27,6 +27,7 @@ const GROUPS: [(&str, &[&str]); 8] = [
             "import-scores",
             "dataset",
             "export",
+            "open",
         ],
     ),
     ("Policies", &["policies", "deploy", "rollback", "deployments"]),

@@ -77,10 +77,10 @@ fn kind(command: &str, argument: &str) -> Option<Kind> {
         (_, "dataset") | ("dataset", "id") => Kind::Dataset,
         // Of `train` and others it is a kind of policy.
         ("deploy" | "evaluate" | "evaluations" | "report-evaluation", "policy") => Kind::Policy,
-        (_, "run" | "extends" | "score_run") | ("export", "scores") => Kind::Run,
-        ("scores" | "export", "episode") | ("episode" | "download" | "labels", "id") | ("label" | "delete", "ids") => {
-            Kind::Episode
-        }
+        (_, "run" | "extends" | "score_run") | ("export" | "open", "scores") => Kind::Run,
+        ("scores" | "export" | "open", "episode")
+        | ("episode" | "download" | "labels", "id")
+        | ("label" | "delete", "ids") => Kind::Episode,
         ("restore", "ids") => Kind::Deleted,
         ("job" | "metrics" | "watch" | "cancel", "id") => Kind::Job,
         ("snapshot", "id") => Kind::Snapshot,

@@ -15,6 +15,7 @@ pub(crate) mod jobs;
 pub(crate) mod kinds;
 pub(crate) mod label;
 pub(crate) mod metrics;
+pub(crate) mod open;
 pub(crate) mod pipeline;
 mod plan;
 pub(crate) mod policies;

@@ -1,0 +1,165 @@
+//! `open`: one episode with its scores in a viewer that is installed here, with a layout where the Python client makes one.
+
+use std::ffi::OsStr;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::{ExitStatus, Stdio};
+
+use clap::{Args, ValueEnum};
+use gleaner_client::Client;
+use gleaner_core::selection::DEFAULT_BETA;
+use gleaner_proto::v1::{GetEpisodeRequest, GetEpisodeResponse, ListScoreRunsRequest};
+use tokio::process::Command;
+
+use crate::context::Context;
+use crate::failure::{Failure, Result, present};
+use crate::json;
+
+/// Runs the modules of the Python client.
+const PYTHON: &str = "python3";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Viewer {
+    /// Rerun (`pip install rerun-sdk`).
+    Rerun,
+    /// Foxglove's desktop program.
+    Foxglove,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct OpenArgs {
+    /// Id of the episode.
+    episode: String,
+    /// Viewer to open it in; its program must be on the PATH.
+    #[arg(long = "in", value_enum, value_name = "VIEWER")]
+    viewer: Viewer,
+    /// Id of the score run. Default: the newest run of the episode's task; without one, the recording alone is opened.
+    #[arg(long, value_name = "RUN")]
+    scores: Option<String>,
+    /// Threshold above which a step of the episode is marked as kept, 0 to 1.
+    #[arg(long, default_value_t = DEFAULT_BETA)]
+    beta: f64,
+    /// New MCAP file, which remains. Default: one in a new folder for temporary files.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+impl OpenArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let file = self.file()?;
+        let reply = self.write(context, &client, &file).await?;
+        let steps = reply.episode.as_ref().map_or(0, |episode| episode.steps);
+        let text = format!("{} ({steps} steps) in {}", self.episode, file.display());
+        context.output.result(|| json::value(&reply), || text)?;
+        let layout = self.viewer.layout(context, &file).await;
+        let ended = self.viewer.open(context, &file, layout.as_deref()).await;
+        match ended {
+            Ok(status) if status.success() => Ok(()),
+            Ok(status) => {
+                let problem = format!("{} failed ({status})", self.viewer.program());
+                Err(Failure::message(format!("{problem}; the episode is in {}", file.display())))
+            }
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Err(Failure::message(self.viewer.missing(&file))),
+            Err(error) => Err(Failure::message(format!("{}: {error}", self.viewer.program()))),
+        }
+    }
+
+    fn file(&self) -> Result<PathBuf> {
+        if let Some(out) = &self.out {
+            return Ok(std::path::absolute(out)?);
+        }
+        let folder = tempfile::Builder::new().prefix("gleaner-open-").tempdir()?;
+        Ok(folder.keep().join(format!("{}.mcap", self.episode)))
+    }
+
+    /// Writes the episode with its scores, or the recording alone if its task has no run.
+    async fn write(&self, context: &Context, client: &Client, file: &Path) -> Result<GetEpisodeResponse> {
+        let request = GetEpisodeRequest { episode_id: self.episode.clone() };
+        let reply = client.episodes().get_episode(request).await?.into_inner();
+        let task = present(reply.episode.as_ref(), "an episode")?.task_id.clone();
+        let run = match &self.scores {
+            Some(run) => Some(run.clone()),
+            None => {
+                let runs =
+                    client.scores().list_score_runs(ListScoreRunsRequest { task }).await?.into_inner().score_runs;
+                runs.into_iter().next().map(|newest| newest.id)
+            }
+        };
+        match run {
+            Some(run) => {
+                if self.scores.is_none() {
+                    context.output.note(format_args!("score run {run} (the newest of the task)"));
+                }
+                client.export_episode(&self.episode, &run, self.beta, file).await?;
+            }
+            None => {
+                context.output.note("the task has no score run yet, so the recording has no scores");
+                client.download_episode(&self.episode, file, |_| {}).await?;
+            }
+        }
+        Ok(reply)
+    }
+}
+
+impl Viewer {
+    /// The program that opens files.
+    fn program(self) -> &'static str {
+        match self {
+            Self::Rerun => "rerun",
+            Self::Foxglove => "foxglove-studio",
+        }
+    }
+
+    /// The module of the Python client that writes a layout beside a file, with its options, and the file's ending.
+    fn layout_module(self) -> (&'static str, &'static [&'static str], &'static str) {
+        match self {
+            Self::Rerun => ("gleaner.rerun", &["--blueprint-only"], "rbl"),
+            Self::Foxglove => ("gleaner.foxglove", &[], "layout.json"),
+        }
+    }
+
+    /// Writes the layout, if the Python client is installed here.
+    async fn layout(self, context: &Context, file: &Path) -> Option<PathBuf> {
+        let (module, options, ending) = self.layout_module();
+        let layout = file.with_extension(ending);
+        let words = [OsStr::new("-m"), OsStr::new(module), file.as_os_str()];
+        let mut python = Command::new(PYTHON);
+        // A folder named `gleaner` where the command runs is not the package.
+        python.args(words).args(options).env("PYTHONSAFEPATH", "1").stdin(Stdio::null());
+        let written = python.output().await.is_ok_and(|output| output.status.success()) && layout.is_file();
+        if written {
+            return Some(layout);
+        }
+        let needs = "it needs the Python client (pip install gleaner-client, and rerun-sdk for Rerun)";
+        context.output.note(format_args!("no layout: `{PYTHON} -m {module} {}` writes it; {needs}", file.display()));
+        None
+    }
+
+    /// Opens a file and waits until its program ends.
+    async fn open(self, context: &Context, file: &Path, layout: Option<&Path>) -> io::Result<ExitStatus> {
+        let mut viewer = Command::new(self.program());
+        viewer.arg(file).stdin(Stdio::null()).stdout(Stdio::null());
+        match (self, layout) {
+            // Rerun takes a blueprint as a file of its own.
+            (Self::Rerun, Some(layout)) => _ = viewer.arg(layout),
+            (Self::Foxglove, Some(layout)) => {
+                context.output.note(format_args!("layout: import {} in the menu of layouts", layout.display()));
+            }
+            (Self::Rerun | Self::Foxglove, None) => {}
+        }
+        let mut child = viewer.spawn()?;
+        context.output.note(format_args!("opened in {}; the command ends when it is closed", self.program()));
+        child.wait().await
+    }
+
+    /// What to do where the program is missing.
+    fn missing(self, file: &Path) -> String {
+        let file = file.display();
+        let remedy = match self {
+            Self::Rerun => format!("install it with `pip install rerun-sdk`, then run `rerun {file}`"),
+            Self::Foxglove => "install Foxglove's desktop program, or open the file at app.foxglove.dev".to_owned(),
+        };
+        format!("`{}` is not on the PATH; the episode is in {file}: {remedy}", self.program())
+    }
+}
