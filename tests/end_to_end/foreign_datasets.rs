@@ -51,6 +51,13 @@ async fn a_lerobot_dataset_is_pushed_and_drafts_its_task() {
     let images = shown(server.url(), &["push", text(&fixture("lerobot_v30_images")), "--outcome", "success"]).await;
     let found = labels(&images);
     assert!(found.iter().all(|(outcome, ..)| outcome.to_lowercase().contains("success")), "{found:?}");
+    // The tables count frames from 0, so that the last number is above it in both.
+    let dataset = fixture("lerobot_v30_images");
+    let words = ["push", text(&dataset), "--success-column"];
+    let pushed = shown(server.url(), &[&words[..], &["frame_index"]].concat()).await;
+    assert!(labels(&pushed).iter().all(|(outcome, ..)| outcome.to_lowercase().contains("success")), "{pushed}");
+    let refused = gleaner(server.url(), &[&words[..], &["reward"]].concat()).await;
+    assert!(!refused.success && refused.text().contains("next.success"), "{}", refused.text());
     // Another robot's features do not fit this task, and each episode is refused by name.
     let refused = gleaner(server.url(), &["push", text(&fixture("robomimic.hdf5"))]).await;
     assert!(!refused.success && refused.text().contains("episode_000000"), "{}", refused.text());

@@ -76,6 +76,23 @@ async fn a_long_recording_is_cut_into_episodes_at_its_markers() {
     assert!(outcomes[0].contains("success") && outcomes[1].contains("failure"), "{pushed}");
     let again = json(server.url(), &words).await;
     assert!(again["episodes"].as_array().unwrap().iter().all(|entry| entry["existed"] == serde_json::json!(true)));
+    // The same steps by their times are the same episodes.
+    let seconds = |step: usize| (episode.stamps()[step] - episode.stamps()[0]) as f64 / 1e9;
+    let ranges = folder.path().join("ranges.csv");
+    let row = |from, to, success, name| format!("{},{},{success},{name}\n", seconds(from), seconds(to));
+    let rows = [row(2, 9, "true", ""), row(11, 18, "false", "second"), row(9, 11, "", "")];
+    std::fs::write(&ranges, format!("start,end,success,name\n{}", rows.concat())).unwrap();
+    let words = ["push", path.to_str().unwrap(), "--ranges", ranges.to_str().unwrap()];
+    let cut = json(server.url(), &words).await;
+    let cut = cut["episodes"].as_array().unwrap();
+    assert_eq!((cut[0]["episode"]["outcome"].clone(), cut.len()), (episodes[0]["episode"]["outcome"].clone(), 3));
+    assert_eq!(cut[2]["episode"]["outcome"], episodes[1]["episode"]["outcome"]);
+    assert!(cut[2]["file"].as_str().unwrap().ends_with("long_second.mcap"), "{cut:?}");
+    std::fs::write(&ranges, "start,end\n0,1\n0.5,1.2\n").unwrap();
+    let refused = gleaner(server.url(), &words).await;
+    assert!(!refused.success && refused.text().contains("overlaps the range 0 to 1 s"), "{}", refused.text());
+    let refused = gleaner(server.url(), &["push", path.to_str().unwrap(), "--success-column", "done"]).await;
+    assert!(!refused.success && refused.text().contains("datasets of other programs"), "{}", refused.text());
     let refused = gleaner(server.url(), &["push", path.to_str().unwrap(), "--episodes-from", "/marker"]).await;
     assert!(!refused.success && refused.text().contains("/episode_marker"), "{}", refused.text());
 }

@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use futures::StreamExt as _;
 use gleaner_client::{ClientError, whole_recording};
-use gleaner_inspector::{Converted, Description, Order, RecordingsConfig, Verdict};
-use gleaner_recording::{CutEpisode, Limits, Report, Survey, TaskSpec};
+use gleaner_inspector::{Assumed, Converted, Description, Order, RecordingsConfig, Verdict};
+use gleaner_recording::{CutEpisode, Cuts, Limits, Report, Survey, TaskSpec};
 use rustix::process::Signal;
 use tempfile::TempDir;
 use tokio::io::AsyncReadExt as _;
@@ -94,15 +94,13 @@ impl Inspector {
     }
 
     /// What a dataset of another program holds, or why it cannot be read.
-    ///
-    /// `rate_hz`: steps per second where it does not state them.
     pub(crate) async fn describe(
         &self,
         dataset: &Path,
-        rate_hz: Option<f64>,
+        assumed: &Assumed,
     ) -> Result<std::result::Result<Description, String>> {
         let folder = tempfile::tempdir()?;
-        let order = Order { describe: true, rate_hz, ..basic_order(dataset, &folder, None)? };
+        let order = Order { describe: true, ..assuming(basic_order(dataset, &folder, None)?, assumed) };
         Ok(self.verdict(&order).await?.and_then(|verdict| {
             if let Verdict::Described(description) = verdict { Ok(description) } else { Err(refusal(verdict)) }
         }))
@@ -112,28 +110,37 @@ impl Inspector {
     pub(crate) async fn convert(
         &self,
         dataset: &Path,
-        rate_hz: Option<f64>,
+        assumed: &Assumed,
         episode: u64,
         out: &Path,
     ) -> Result<std::result::Result<Converted, String>> {
         let folder = tempfile::tempdir()?;
-        let basic = basic_order(dataset, &folder, None)?;
-        let order = Order { convert: Some(episode), rate_hz, frames: out.to_owned(), ..basic };
+        let basic = assuming(basic_order(dataset, &folder, None)?, assumed);
+        let order = Order { convert: Some(episode), frames: out.to_owned(), ..basic };
         Ok(self.verdict(&order).await?.and_then(|verdict| {
             if let Verdict::Converted(converted) = verdict { Ok(converted) } else { Err(refusal(verdict)) }
         }))
     }
 
-    /// Cuts a recording into files of a folder, one for each episode that the messages of a topic mark.
+    /// Cuts a recording into files of a folder, one for each episode.
     pub(crate) async fn cut(
         &self,
         recording: &Path,
-        topic: &str,
+        cuts: Cuts<'_>,
         out: &Path,
     ) -> Result<std::result::Result<Vec<CutEpisode>, String>> {
         let folder = tempfile::tempdir()?;
         let basic = basic_order(recording, &folder, None)?;
-        let order = Order { cut: Some(topic.to_owned()), frames: out.to_owned(), ..basic };
+        let basic = Order { frames: out.to_owned(), ..basic };
+        let order = match cuts {
+            Cuts::Topic(topic) => Order { cut: Some(topic.to_owned()), ..basic },
+            Cuts::Ranges(ranges) => {
+                let path = folder.path().join("ranges.json");
+                let json = serde_json::to_vec(ranges).map_err(|error| Failure::message(error.to_string()))?;
+                std::fs::write(&path, json).map_err(ClientError::io(&path))?;
+                Order { cut_ranges: Some(path), ..basic }
+            }
+        };
         Ok(self.verdict(&order).await?.and_then(|verdict| {
             if let Verdict::Cut(episodes) = verdict { Ok(episodes) } else { Err(refusal(verdict)) }
         }))
@@ -219,6 +226,12 @@ fn refusal(verdict: Verdict) -> String {
     }
 }
 
+/// The order with what a person states of the dataset.
+fn assuming(order: Order, assumed: &Assumed) -> Order {
+    let Assumed { rate_hz, success_column } = assumed.clone();
+    Order { rate_hz, success_column, ..order }
+}
+
 fn basic_order(recording: &Path, folder: &TempDir, spec: Option<&TaskSpec>) -> Result<Order> {
     let size = std::fs::metadata(recording).map_err(ClientError::io(recording))?.len();
     let at = |name: &str| folder.path().join(name);
@@ -237,6 +250,8 @@ fn basic_order(recording: &Path, folder: &TempDir, spec: Option<&TaskSpec>) -> R
         describe: false,
         convert: None,
         cut: None,
+        cut_ranges: None,
+        success_column: None,
         rate_hz: None,
         memory_bytes: MEMORY_BYTES,
         seconds: SECONDS.saturating_add(size / BYTES_PER_SECOND),

@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use gleaner_inspector::{Converted, Description};
+use gleaner_inspector::{Assumed, Converted, Description};
 use gleaner_recording::printable;
 use tempfile::TempDir;
 
@@ -21,7 +21,7 @@ const ENDINGS: [&str; 2] = ["hdf5", "h5"];
 pub(crate) struct Intake {
     pub(crate) path: PathBuf,
     pub(crate) description: Description,
-    rate_hz: Option<f64>,
+    assumed: Assumed,
     inspector: Inspector,
 }
 
@@ -49,17 +49,17 @@ impl Intake {
     ///
     /// # Errors
     /// The reason why it cannot be read.
-    pub(crate) async fn open(path: &Path, rate_hz: Option<f64>) -> Result<Self> {
+    pub(crate) async fn open(path: &Path, assumed: &Assumed) -> Result<Self> {
         let inspector = Inspector::find()?;
-        let description = inspector.describe(path, rate_hz).await?.map_err(|why| problem(path, &why))?;
-        Ok(Self { path: path.to_owned(), description, rate_hz, inspector })
+        let description = inspector.describe(path, assumed).await?.map_err(|why| problem(path, &why))?;
+        Ok(Self { path: path.to_owned(), description, assumed: assumed.clone(), inspector })
     }
 
     /// Opens each dataset.
-    pub(crate) async fn open_all(paths: &[PathBuf], rate_hz: Option<f64>) -> Result<Vec<Self>> {
+    pub(crate) async fn open_all(paths: &[PathBuf], assumed: &Assumed) -> Result<Vec<Self>> {
         let mut intakes = Vec::with_capacity(paths.len());
         for path in paths {
-            intakes.push(Self::open(path, rate_hz).await?);
+            intakes.push(Self::open(path, assumed).await?);
         }
         Ok(intakes)
     }
@@ -100,7 +100,7 @@ impl Intake {
     pub(crate) async fn episode(&self, episode: u64) -> Result<std::result::Result<Episode, String>> {
         let folder = tempfile::tempdir()?;
         let recording = folder.path().join(format!("{}_{episode:06}.mcap", self.name()));
-        let converted = self.inspector.convert(&self.path, self.rate_hz, episode, &recording).await?;
+        let converted = self.inspector.convert(&self.path, &self.assumed, episode, &recording).await?;
         Ok(converted.map(|converted| Episode { recording, converted, _folder: folder }))
     }
 }

@@ -39,16 +39,23 @@ trait Dataset {
     fn record(&self, episode: u64, out: &Path) -> Result<(Recorder, Option<bool>), Problem>;
 }
 
+/// What a person states of a dataset.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Assumed {
+    /// Steps per second where the dataset does not state them.
+    pub rate_hz: Option<f64>,
+    /// The column whose last value states whether an episode succeeded: true, or a number above zero. Without one, that of
+    /// the format's own conventions.
+    pub success_column: Option<String>,
+}
+
 /// Returns what a dataset holds.
-///
-/// # Arguments
-/// `rate_hz`: steps per second where the dataset does not state them.
 ///
 /// # Errors
 /// [`Problem::Unfit`] with the fault of the dataset and the fix; [`Problem::Io`].
-pub fn describe(path: &Path, rate_hz: Option<f64>) -> Result<Description, Problem> {
+pub fn describe(path: &Path, assumed: &Assumed) -> Result<Description, Problem> {
     guarded(path, || {
-        let dataset = open(path, rate_hz)?;
+        let dataset = open(path, assumed)?;
         dataset.check_files()?;
         Ok(dataset.description().clone())
     })
@@ -58,9 +65,9 @@ pub fn describe(path: &Path, rate_hz: Option<f64>) -> Result<Description, Proble
 ///
 /// # Errors
 /// Like [`describe`].
-pub fn convert(path: &Path, rate_hz: Option<f64>, episode: u64, out: &Path) -> Result<Converted, Problem> {
+pub fn convert(path: &Path, assumed: &Assumed, episode: u64, out: &Path) -> Result<Converted, Problem> {
     let converted = guarded(path, || {
-        let dataset = open(path, rate_hz)?;
+        let dataset = open(path, assumed)?;
         let episodes = dataset.description().episodes;
         if episode >= episodes {
             return Err(Problem::Unfit(format!("there is no episode {episode}: the dataset has {episodes}")));
@@ -75,8 +82,14 @@ pub fn convert(path: &Path, rate_hz: Option<f64>, episode: u64, out: &Path) -> R
     converted
 }
 
-fn open(path: &Path, rate_hz: Option<f64>) -> Result<Box<dyn Dataset>, Problem> {
-    if path.is_dir() { lerobot::open(path) } else { robomimic::open(path, rate_hz) }
+/// The error of a column that cannot state the outcome, with those that can.
+fn no_success_column(name: &str, known: &[&str]) -> String {
+    let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+    format!("{name:?} is not a column with one number or flag a step; --success-column can be one of: {known}")
+}
+
+fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, Problem> {
+    if path.is_dir() { lerobot::open(path, assumed) } else { robomimic::open(path, assumed) }
 }
 
 /// Readers of parquet, MP4 and HDF5 may panic on damage.

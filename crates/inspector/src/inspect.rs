@@ -3,11 +3,13 @@
 //! Hostile bytes can abort the process in any of these functions, which is why it is a separate process.
 
 use std::io::ErrorKind;
+use std::path::Path;
 
 use gleaner_formats::Problem;
-use gleaner_formats::import::{self, Converted, Description};
+use gleaner_formats::import::{self, Assumed, Converted, Description};
 use gleaner_recording::{
-    CutEpisode, ImageThreads, RecordingError, Report, Survey, TaskSpec, cache_episode, cut, salvage, survey,
+    CutEpisode, Cuts, ImageThreads, RecordingError, Report, Survey, TaskSpec, TimeRange, cache_episode, cut, salvage,
+    survey,
 };
 
 use crate::{InspectError, Order, limits};
@@ -62,16 +64,21 @@ fn is_full(error: &RecordingError) -> bool {
 }
 
 fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> {
-    let (path, rate) = (&order.recording, order.rate_hz);
+    let path = &order.recording;
+    let assumed = Assumed { rate_hz: order.rate_hz, success_column: order.success_column.clone() };
     if order.describe {
-        return Ok(import::describe(path, rate).map(Verdict::Described).or_else(import_failure));
+        return Ok(import::describe(path, &assumed).map(Verdict::Described).or_else(import_failure));
     }
     if let Some(episode) = order.convert {
-        let converted = import::convert(path, rate, episode, &order.frames);
+        let converted = import::convert(path, &assumed, episode, &order.frames);
         return Ok(converted.map(Verdict::Converted).or_else(import_failure));
     }
     if let Some(topic) = &order.cut {
-        return Ok(cut(path, topic, &order.limits.limits(), &order.frames).map(Verdict::Cut));
+        return Ok(cut(path, Cuts::Topic(topic), &order.limits.limits(), &order.frames).map(Verdict::Cut));
+    }
+    if let Some(ranges) = &order.cut_ranges {
+        let ranges: Vec<TimeRange> = json(ranges, "reading the ranges")?;
+        return Ok(cut(path, Cuts::Ranges(&ranges), &order.limits.limits(), &order.frames).map(Verdict::Cut));
     }
     if let Some(out) = &order.salvage {
         return Ok(salvage(&order.recording, out).map(Verdict::Salvaged));
@@ -80,7 +87,7 @@ fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> 
         let found = survey(&order.recording, &order.limits.limits(), order.pictures.as_deref());
         return Ok(found.map(Verdict::Surveyed));
     }
-    let spec = spec(order)?;
+    let spec: TaskSpec = json(&order.spec, "reading the spec")?;
     let bytes = usize::try_from(order.memory_bytes / UNDER_WAY).unwrap_or(usize::MAX);
     let threads = ImageThreads { count: order.threads, bytes };
     let cached = cache_episode(&order.recording, &spec, (&order.limits.limits(), threads), &order.frames);
@@ -96,7 +103,8 @@ fn import_failure(problem: Problem) -> Result<Verdict, RecordingError> {
     }
 }
 
-fn spec(order: &Order) -> Result<TaskSpec, InspectError> {
-    let spec = std::fs::read(&order.spec).map_err(InspectError::when("reading the spec"))?;
-    serde_json::from_slice(&spec).map_err(InspectError::when("reading the spec"))
+/// A file that the parent has written.
+fn json<T: serde::de::DeserializeOwned>(path: &Path, when: &'static str) -> Result<T, InspectError> {
+    let bytes = std::fs::read(path).map_err(InspectError::when(when))?;
+    serde_json::from_slice(&bytes).map_err(InspectError::when(when))
 }

@@ -40,6 +40,13 @@ pub struct Order {
     /// Cut the recording into episodes at the messages of this topic, into the folder of frames; the spec is not read.
     #[arg(long, value_name = "TOPIC", conflicts_with_all = ["salvage", "survey", "describe", "convert"])]
     pub cut: Option<String>,
+    /// Cut the recording into episodes by the ranges of time in this JSON file, into the folder of frames; the spec is not
+    /// read.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["salvage", "survey", "describe", "convert", "cut"])]
+    pub cut_ranges: Option<PathBuf>,
+    /// With --describe or --convert, the column of a dataset that states whether an episode succeeded.
+    #[arg(long, value_name = "NAME")]
+    pub success_column: Option<String>,
     /// With --describe or --convert, the steps per second of a dataset that does not state them.
     #[arg(long, value_name = "HZ")]
     pub rate_hz: Option<f64>,
@@ -76,7 +83,9 @@ impl Order {
     /// The arguments of the program.
     pub fn arguments(&self) -> Vec<OsString> {
         let Self { recording, spec, report, frames, salvage, survey, pictures, limits, .. } = self;
-        let Self { describe, convert, cut, rate_hz, memory_bytes, seconds, threads, .. } = self;
+        let Self {
+            describe, convert, cut, cut_ranges, success_column, rate_hz, memory_bytes, seconds, threads, ..
+        } = self;
         let paths = [
             ("--recording", Some(recording)),
             ("--spec", Some(spec)),
@@ -84,6 +93,7 @@ impl Order {
             ("--frames", Some(frames)),
             ("--salvage", salvage.as_ref()),
             ("--pictures", pictures.as_ref()),
+            ("--cut-ranges", cut_ranges.as_ref()),
         ];
         let paths = paths.into_iter().filter_map(|(flag, path)| Some([flag.into(), path?.into()])).flatten();
         let threads = u64::try_from(*threads).unwrap_or(u64::MAX);
@@ -94,6 +104,7 @@ impl Order {
         let values = [
             ("--convert", convert.map(|number| number.to_string())),
             ("--cut", cut.clone()),
+            ("--success-column", success_column.clone()),
             ("--rate-hz", rate_hz.map(|rate| rate.to_string())),
         ];
         let values = values.into_iter().filter_map(|(flag, value)| Some([flag.into(), value?.into()])).flatten();
@@ -126,6 +137,8 @@ mod tests {
             describe: false,
             convert: None,
             cut: None,
+            cut_ranges: None,
+            success_column: None,
             rate_hz: None,
             memory_bytes: 7,
             seconds: 1,
@@ -135,9 +148,10 @@ mod tests {
         let salvage = Order { salvage: Some("repaired".into()), ..order.clone() };
         let survey = Order { survey: true, pictures: Some("p".into()), ..order.clone() };
         let describe = Order { describe: true, rate_hz: Some(12.5), ..order.clone() };
-        let convert = Order { convert: Some(3), ..order.clone() };
+        let convert = Order { convert: Some(3), success_column: Some("next success".into()), ..order.clone() };
+        let ranges = Order { cut_ranges: Some("a/ranges.json".into()), ..order.clone() };
         let cut = Order { cut: Some("/episode marker".into()), ..order.clone() };
-        for order in [salvage, survey, describe, convert, cut, order] {
+        for order in [salvage, survey, describe, convert, cut, ranges, order] {
             let words = [vec!["x".into()], order.arguments()].concat();
             assert_eq!(Flags::try_parse_from(words).unwrap().order, order);
         }

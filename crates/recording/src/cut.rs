@@ -1,9 +1,10 @@
-//! Cuts one long recording into episodes at the messages of an event topic.
+//! Cuts one long recording into episodes, at the messages of an event topic or by ranges of time.
 //!
-//! A message begins an episode, which ends at the next one, unless its content states otherwise ([`Event`]). Messages are
-//! copied unchanged, by the time at which they were logged. Memory follows the largest chunk and the number of events.
+//! A message of the topic begins an episode, which ends at the next one, unless its content states otherwise ([`Event`]).
+//! Messages are copied unchanged, by the time at which they were logged. Memory follows the largest chunk and the number of events.
 
 mod event;
+mod range;
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -21,6 +22,8 @@ use crate::limits::Limits;
 use crate::write::write_options;
 use event::Event;
 
+pub use range::TimeRange;
+
 /// Larger chunks than those of our recordings, because the file is not read while it is written.
 const CHUNK_BYTES: u64 = 1 << 20;
 /// The library in the header: the same for every release that writes the same bytes.
@@ -30,12 +33,21 @@ const DISORDER: u64 = 2_000_000_000;
 /// Most episodes of a recording.
 const MOST_EPISODES: usize = 100_000;
 
+/// What marks the episodes of a recording.
+#[derive(Clone, Copy, Debug)]
+pub enum Cuts<'a> {
+    /// The messages of this topic.
+    Topic(&'a str),
+    /// These times. The episodes are in the order of time.
+    Ranges(&'a [TimeRange]),
+}
+
 /// An episode that was cut out of a recording.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CutEpisode {
     /// Its file in the folder.
     pub file_name: String,
-    /// Whether it succeeded, if the event that ends it states so.
+    /// Whether it succeeded, if its range or the event that ends it states so.
     pub success: Option<bool>,
 }
 
@@ -47,14 +59,16 @@ struct Span {
     success: Option<bool>,
 }
 
-/// Cuts a recording into files of a folder, one for each episode that the messages of a topic mark: the same recording
-/// gives the same bytes.
+/// Cuts a recording into files of a folder, one for each episode: the same recording gives the same bytes.
 ///
 /// # Errors
-/// [`RecordingError::Field`] if the topic is not there or marks no episode; the errors of reading the recording;
-/// [`RecordingError::Write`] and `Io`.
-pub fn cut(path: &Path, topic: &str, limits: &Limits, folder: &Path) -> Result<Vec<CutEpisode>, RecordingError> {
-    let spans = spans(path, topic, limits)?;
+/// [`RecordingError::Field`] if the topic is not there or marks no episode; [`RecordingError::Ranges`] if a range is not one
+/// of the recording; the errors of reading the recording; [`RecordingError::Write`] and `Io`.
+pub fn cut(path: &Path, cuts: Cuts<'_>, limits: &Limits, folder: &Path) -> Result<Vec<CutEpisode>, RecordingError> {
+    let spans = match cuts {
+        Cuts::Topic(topic) => marked(path, topic, limits)?,
+        Cuts::Ranges(ranges) => range::spans(ranges, times(path, limits)?)?,
+    };
     let name = |at: usize| format!("episode_{at:06}.mcap");
     let mut cut = Cut {
         spans: &spans,
@@ -72,7 +86,7 @@ pub fn cut(path: &Path, topic: &str, limits: &Limits, folder: &Path) -> Result<V
 }
 
 /// The episodes that the messages of a topic mark, in order.
-fn spans(path: &Path, topic: &str, limits: &Limits) -> Result<Vec<Span>, RecordingError> {
+fn marked(path: &Path, topic: &str, limits: &Limits) -> Result<Vec<Span>, RecordingError> {
     let mut channels = Channels::new(limits);
     let mut events: Vec<(u64, Event)> = Vec::new();
     let wrong = |problem: String| RecordingError::Field { topic: topic.to_owned(), path: "-".to_owned(), problem };
@@ -123,6 +137,19 @@ fn spans(path: &Path, topic: &str, limits: &Limits) -> Result<Vec<Span>, Recordi
         return Err(wrong("its messages mark no episode: none begins one".to_owned()));
     }
     Ok(spans)
+}
+
+/// The times of a recording's first and last message.
+fn times(path: &Path, limits: &Limits) -> Result<(u64, u64), RecordingError> {
+    let mut times: Option<(u64, u64)> = None;
+    scan(path, limits, &mut |record| {
+        if let Record::Message { header, .. } = record {
+            let (first, last) = times.unwrap_or((header.log_time, header.log_time));
+            times = Some((first.min(header.log_time), last.max(header.log_time)));
+        }
+        Ok(())
+    })?;
+    times.ok_or_else(|| RecordingError::Ranges { problem: "the recording has no messages to cut".to_owned() })
 }
 
 /// The episodes that are being written.

@@ -87,6 +87,12 @@ pub enum RecordingError {
         /// The reason.
         problem: String,
     },
+    /// A recording cannot be cut by these ranges of time.
+    #[error("{problem}")]
+    Ranges {
+        /// The range, the reason and the fix.
+        problem: String,
+    },
     /// A part of a recording cannot be joined with the others.
     #[error("{}: {problem}", path.display())]
     Part {

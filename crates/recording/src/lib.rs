@@ -90,7 +90,7 @@ pub use gleaner_core::{
 };
 
 pub use cache::{FrameCache, Numbers};
-pub use cut::{CutEpisode, cut};
+pub use cut::{CutEpisode, Cuts, TimeRange, cut};
 pub use error::RecordingError;
 pub use estimate::{MAX_MESSAGES, estimate, summarize};
 pub use extract::{Kept, StepScore, extract};

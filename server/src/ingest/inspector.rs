@@ -150,6 +150,8 @@ impl Inspector {
             describe: false,
             convert: None,
             cut: None,
+            cut_ranges: None,
+            success_column: None,
             rate_hz: None,
             memory_bytes: self.memory_bytes,
             seconds: self.seconds.saturating_add(size / BYTES_PER_SECOND),

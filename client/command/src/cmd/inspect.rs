@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use gleaner_client::{Found, Skipped, find_recordings};
+use gleaner_inspector::Assumed;
 use gleaner_recording::{FieldKind, Survey, SurveyedCamera, SurveyedField, SurveyedTopic, printable};
 use serde_json::{Value, json};
 
@@ -36,7 +37,7 @@ pub(crate) struct InspectArgs {
 impl InspectArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let (datasets, others) = intake::split(&self.paths);
-        let intakes = Intake::open_all(&datasets, self.rate).await?;
+        let intakes = Intake::open_all(&datasets, &Assumed { rate_hz: self.rate, ..Assumed::default() }).await?;
         let mut found = if others.is_empty() { Found::default() } else { find_recordings(&others)? };
         let mut made = Vec::new();
         for intake in &intakes {

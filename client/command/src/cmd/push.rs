@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use clap::Args;
-use gleaner_client::{Client, PushEvent, PushItem, Pushed, Skipped, outcome_from_word};
+use gleaner_client::{Client, PushEvent, PushItem, Pushed, Skipped, outcome_from_word, read_ranges};
+use gleaner_inspector::Assumed;
 use gleaner_proto::v1::Outcome;
 use gleaner_recording::printable;
 use serde_json::{Value, json};
@@ -20,6 +21,7 @@ use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::intake::{self, Intake};
 use crate::{json, words};
+use cut::Marks;
 
 #[derive(Args, Debug)]
 #[group(id = "what", required = true, multiple = true, args = ["paths", "labels"])]
@@ -36,6 +38,10 @@ pub(crate) struct PushArgs {
     /// as stop, success, failure or discard, or a false flag, ends it. Takes disk for the recording once more.
     #[arg(long, value_name = "TOPIC", requires = "paths", conflicts_with_all = ["join", "labels", "check"])]
     episodes_from: Option<String>,
+    /// Cut one recording into episodes by the times in this file, with the columns start and end (seconds from the first
+    /// message), and optionally success (true, false) and name. Takes disk for the recording once more.
+    #[arg(long, value_name = "CSV", requires = "paths", conflicts_with_all = ["join", "labels", "check", "episodes_from"])]
+    ranges: Option<PathBuf>,
     /// Name or id of the task. Default: that of the labels file, or the only task of the server. A dataset of another
     /// program becomes the task of a server that has none.
     #[arg(long)]
@@ -51,6 +57,10 @@ pub(crate) struct PushArgs {
     /// Steps per second of a dataset of another program that does not state them, such as robomimic's. Default: 20.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
+    /// Column of a dataset of another program whose last value in an episode states its outcome: success if it is true or
+    /// above 0. Default: next.success of LeRobot's datasets; robomimic's rewards where they are 0 and 1.
+    #[arg(long, value_name = "NAME", conflicts_with = "outcome")]
+    success_column: Option<String>,
     /// CSV file with the columns file,task,outcome,cohort that labels each recording; paths are relative to it. Default:
     /// the labels.csv in each folder given, unless --outcome or --cohort is given.
     #[arg(long, value_name = "CSV", conflicts_with_all = ["outcome", "cohort"])]
@@ -70,9 +80,18 @@ impl PushArgs {
         if !found.is_empty() {
             return self.push_datasets(context, &found, &others).await;
         }
+        if self.success_column.is_some() {
+            let problem = "--success-column applies to datasets of other programs, and none is given";
+            return Err(Failure::message(format!("{problem}; labels of recordings are in a labels.csv (--labels)")));
+        }
+        let marks = match (&self.episodes_from, &self.ranges) {
+            (Some(topic), _) => Some(Marks::Topic(topic.clone())),
+            (None, Some(ranges)) => Some(Marks::Ranges(read_ranges(ranges)?)),
+            (None, None) => None,
+        };
         let client = context.client().await?;
-        if let Some(topic) = &self.episodes_from {
-            let (pushed, skipped, task) = cut::push(&self, context, &client, topic).await?;
+        if let Some(marks) = &marks {
+            let (pushed, skipped, task) = cut::push(&self, context, &client, marks).await?;
             return report(context, &pushed, &skipped, &task);
         }
         let (items, skipped) = items::items(&self, context, &client).await?;
@@ -95,13 +114,15 @@ impl PushArgs {
             ("--labels", self.labels.is_some()),
             ("--check", self.check),
             ("--episodes-from", self.episodes_from.is_some()),
+            ("--ranges", self.ranges.is_some()),
         ] {
             if given {
                 let problem = format!("{flag} does not apply to {first}, a dataset of another program");
                 return Err(Failure::message(format!("{problem}; `gleaner task check` checks its episodes")));
             }
         }
-        let intakes = Intake::open_all(found, self.rate).await?;
+        let assumed = Assumed { rate_hz: self.rate, success_column: self.success_column.clone() };
+        let intakes = Intake::open_all(found, &assumed).await?;
         let client = context.client().await?;
         let (pushed, task) = datasets::push(&self, context, &client, &intakes).await?;
         report(context, &pushed, &[], &task)

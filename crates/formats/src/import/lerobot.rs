@@ -22,15 +22,17 @@ use self::info::Info;
 use self::places::Place;
 use self::rows::{Row, Rows};
 use self::videos::Reel;
-use super::Dataset;
 use super::description::Description;
 use super::recorder::Recorder;
+use super::{Assumed, Dataset, no_success_column};
 use crate::problem::Problem;
 
 /// Seconds by which a row's timestamp may differ from its place.
 const STAMP_TOLERANCE: f64 = 2e-3;
-/// The column of the outcome: that of the last row counts.
+/// The column of the outcome where no other is named: that of the last row counts.
 const SUCCESS: &str = "next.success";
+/// The file that describes the dataset.
+const INFO: &str = "meta/info.json";
 
 struct Lerobot {
     folder: PathBuf,
@@ -38,14 +40,24 @@ struct Lerobot {
     features: Features,
     places: Vec<Place>,
     tasks: BTreeMap<i64, String>,
+    /// The column whose last value is the outcome.
+    success: String,
     description: Description,
 }
 
 /// Opens a dataset in a folder with `meta/info.json`.
-pub(super) fn open(folder: &Path) -> Result<Box<dyn Dataset>, Problem> {
+pub(super) fn open(folder: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, Problem> {
     let info = Info::read(folder)?;
     let stats = info::stats(folder);
-    let features = Features::new(&info, &stats)?;
+    let mut features = Features::new(&info, &stats)?;
+    let success = match &assumed.success_column {
+        Some(column) => {
+            let problem = |known: Vec<&str>| unfit(&folder.join(INFO), &no_success_column(column, &known));
+            features.keep_column(&info, column).map_err(problem)?;
+            column.clone()
+        }
+        None => SUCCESS.to_owned(),
+    };
     let places = places::read(folder, &info, &features)?;
     let tasks = tasks::read(folder, &info)?;
     let description = Description {
@@ -55,7 +67,7 @@ pub(super) fn open(folder: &Path) -> Result<Box<dyn Dataset>, Problem> {
         rate_stated: true,
         ..features.description.clone()
     };
-    Ok(Box::new(Lerobot { folder: folder.to_owned(), info, features, places, tasks, description }))
+    Ok(Box::new(Lerobot { folder: folder.to_owned(), info, features, places, tasks, success, description }))
 }
 
 impl Dataset for Lerobot {
@@ -105,7 +117,7 @@ impl Dataset for Lerobot {
                     texts.push(task.clone());
                 }
             }
-            success = others.get(SUCCESS).and_then(truth);
+            success = others.get(&self.success).and_then(truth);
             recorder.step(&row.state, &row.action, others)?;
             step += 1;
         }
@@ -176,7 +188,7 @@ impl Lerobot {
 
 /// A flag, or a number that stands for one.
 fn truth(value: &Value) -> Option<bool> {
-    value.as_bool().or_else(|| value.as_f64().map(|number| number != 0.0))
+    value.as_bool().or_else(|| value.as_f64().map(|number| number > 0.0))
 }
 
 /// The rest of a row's columns, by their names.

@@ -15,10 +15,10 @@ use serde_json::{Value, json};
 
 use self::demo::Demo;
 use self::entries::{Entry, Kind};
-use super::Dataset;
 use super::description::{Description, empty_task};
 use super::fields::{Vector, fields, identifier};
 use super::recorder::{Recorder, with_mapping};
+use super::{Assumed, Dataset, no_success_column};
 use crate::problem::Problem;
 
 /// Steps a second where the file does not state them: those of robosuite's tasks.
@@ -39,11 +39,13 @@ struct Robomimic {
     /// The range by which gleaner's export rescaled the actions.
     rescaled: Option<(Vec<f64>, Vec<f64>)>,
     about: BTreeMap<String, String>,
+    /// The column whose last value is the outcome, instead of the rewards.
+    success_column: Option<String>,
     description: Description,
 }
 
 /// Opens a file.
-pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<Box<dyn Dataset>, Problem> {
+pub(super) fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, Problem> {
     let damaged = |error| unfit(path, &format!("{error}; it is no HDF5 file of robomimic, or is damaged or cut"));
     let file = File::open_streaming(path).map_err(damaged)?;
     if file.file_size() < file.superblock().eof_address {
@@ -59,7 +61,7 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<Box<dyn Dataset>
     };
     let first = Demo::open(path, &file, first)?;
     let stated = stated_rate(&attrs);
-    let rate = rate_hz.or(stated).unwrap_or(RATE);
+    let rate = assumed.rate_hz.or(stated).unwrap_or(RATE);
     if !RATES.contains(&rate) {
         return Err(unfit(path, &format!("the rate is {rate} Hz, and from 0.01 to 10000 are read; add --rate")));
     }
@@ -68,17 +70,25 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<Box<dyn Dataset>
     let rescaled = floats(&attrs, "gleaner_action_low").zip(floats(&attrs, "gleaner_action_high"));
     let rescaled = rescaled.filter(|(low, high)| low.len() == first.action_size && high.len() == first.action_size);
     let entries = first.entries()?;
+    if let Some(column) = &assumed.success_column {
+        let known = first.single_columns()?;
+        if !known.contains(column) {
+            let known: Vec<&str> = known.iter().map(String::as_str).collect();
+            return Err(unfit(path, &no_success_column(column, &known)));
+        }
+    }
     let mut opened = Robomimic {
         path: path.to_owned(),
         about: texts(&attrs),
         demos: demos.clone(),
         cameras: Vec::new(),
         rescaled,
+        success_column: assumed.success_column.clone(),
         description: Description {
             format: "robomimic HDF5".to_owned(),
             episodes: u64::try_from(demos.len()).unwrap_or(u64::MAX),
             steps,
-            rate_stated: rate_hz.or(stated).is_some(),
+            rate_stated: assumed.rate_hz.or(stated).is_some(),
             spec: empty_task(rate),
             fields: Vec::new(),
             cameras: Vec::new(),
@@ -199,7 +209,7 @@ impl Dataset for Robomimic {
         about.insert("format".to_owned(), self.description.format.clone());
         about.insert("episode".to_owned(), name.clone());
         recorder.metadata(about)?;
-        Ok((recorder, others.success()))
+        Ok((recorder, others.success(self.success_column.as_deref())))
     }
 }
 

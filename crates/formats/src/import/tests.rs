@@ -18,10 +18,10 @@ fn fixture(name: &str) -> PathBuf {
 
 /// The steps of an episode of a dataset, read by the task of its description.
 fn steps(dataset: &Path, episode: u64) -> (Episode, Report, Converted) {
-    let description = describe(dataset, None).unwrap();
+    let description = describe(dataset, &Assumed::default()).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.mcap");
-    let converted = convert(dataset, None, episode, &out).unwrap();
+    let converted = convert(dataset, &Assumed::default(), episode, &out).unwrap();
     let reading = read_episode(&out, &description.spec).unwrap();
     (reading.episode, reading.report, converted)
 }
@@ -55,7 +55,7 @@ fn assert_numbers(episode: &Episode, number: u8, case: &str) {
 
 #[test]
 fn a_dataset_describes_its_task() {
-    let description = describe(&fixture("lerobot_v30_images"), None).unwrap();
+    let description = describe(&fixture("lerobot_v30_images"), &Assumed::default()).unwrap();
     assert_eq!((description.format.as_str(), description.episodes, description.steps), ("LeRobot v3.0", 2, 21));
     let spec = &description.spec;
     let names = |fields: &[gleaner_core::FieldSpec]| fields.iter().map(|field| field.name.clone()).collect::<Vec<_>>();
@@ -67,15 +67,21 @@ fn a_dataset_describes_its_task() {
     assert!(range.minimum == 0.0 && (range.maximum - 0.9).abs() < 1e-6, "{range:?}");
     assert!(description.rate_stated && description.left_out.is_empty());
 
-    let description = describe(&fixture("lerobot_v21"), None).unwrap();
+    let description = describe(&fixture("lerobot_v21"), &Assumed::default()).unwrap();
     assert_eq!(description.format, "LeRobot v2.1");
     assert_eq!(description.spec.cameras.len(), 2);
     assert_eq!(description.fields[4].range.unwrap().minimum, 1.0, "statistics of each episode");
 
-    let description = describe(&fixture("robomimic.hdf5"), None).unwrap();
+    let description = describe(&fixture("robomimic.hdf5"), &Assumed::default()).unwrap();
     assert_eq!((description.episodes, description.steps, description.spec.rate_hz), (2, 21, 10.0));
     assert_eq!(names(&description.spec.proprioception), ["object", "robot0_eef_pos"]);
-    assert_eq!(describe(&fixture("robomimic.hdf5"), Some(5.0)).unwrap().spec.rate_hz, 5.0);
+    assert_eq!(
+        describe(&fixture("robomimic.hdf5"), &Assumed { rate_hz: Some(5.0), ..Assumed::default() })
+            .unwrap()
+            .spec
+            .rate_hz,
+        5.0
+    );
 }
 
 #[test]
@@ -101,7 +107,7 @@ fn pictures_of_video_are_those_that_ffmpeg_decodes() {
             let (episode, _, converted) = steps(&fixture(name), number.into());
             assert_eq!(converted.steps, LENGTHS[usize::from(number)]);
             assert_numbers(&episode, number, name);
-            let cameras = describe(&fixture(name), None).unwrap().spec.cameras;
+            let cameras = describe(&fixture(name), &Assumed::default()).unwrap().spec.cameras;
             let frames = episode.frames();
             let frames: Vec<&[u8]> = frames.as_ref().chunks(48 * 64 * 3).collect();
             for (at, camera) in cameras.iter().enumerate() {
@@ -139,16 +145,44 @@ fn demonstrations_are_those_of_the_file() {
 }
 
 #[test]
+fn a_column_that_is_named_states_the_outcome() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.mcap");
+    let by = |column: &str| Assumed { success_column: Some(column.to_owned()), ..Assumed::default() };
+    for (name, column, expected) in [
+        ("lerobot_v30_images", "next.success", [true, false]),
+        ("lerobot_v21", "next.reward", [true, false]),
+        // The index of the last row is above zero in both, and the number of the first episode is not.
+        ("lerobot_v21", "frame_index", [true, true]),
+        ("lerobot_v21", "episode_index", [false, true]),
+        ("robomimic.hdf5", "dones", [true, true]),
+        ("robomimic.hdf5", "rewards", [true, false]),
+    ] {
+        for (episode, success) in (0..).zip(expected) {
+            let converted = convert(&fixture(name), &by(column), episode, &out).unwrap();
+            assert_eq!(converted.success, Some(success), "{name} {column} {episode}");
+        }
+    }
+    for (name, known) in [("lerobot_v21", "next.reward"), ("robomimic.hdf5", "dones, rewards")] {
+        // Neither is there, nor has one number a step.
+        for column in ["succes", "action", "actions"] {
+            let error = describe(&fixture(name), &by(column)).unwrap_err().to_string();
+            assert!(error.contains(column) && error.contains(known) && error.contains(name), "{error}");
+        }
+    }
+}
+
+#[test]
 fn everything_else_is_kept_beside_the_steps() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.mcap");
-    convert(&fixture("lerobot_v21"), None, 0, &out).unwrap();
+    convert(&fixture("lerobot_v21"), &Assumed::default(), 0, &out).unwrap();
     let survey = gleaner_recording::survey(&out, &gleaner_recording::Limits::default(), None).unwrap();
     let frame = survey.topics.iter().find(|topic| topic.topic == "/dataset/frame").unwrap();
     let field = |path: &str| frame.fields.iter().find(|field| field.path == path).unwrap();
     assert_eq!((frame.messages, field("task").text.as_str()), (12, "pick the cube"));
     assert_eq!(field("next.reward").values, [0.0, 1.0]);
-    convert(&fixture("robomimic.hdf5"), None, 1, &out).unwrap();
+    convert(&fixture("robomimic.hdf5"), &Assumed::default(), 1, &out).unwrap();
     let survey = gleaner_recording::survey(&out, &gleaner_recording::Limits::default(), None).unwrap();
     let frame = survey.topics.iter().find(|topic| topic.topic == "/dataset/frame").unwrap();
     let paths: Vec<&str> = frame.fields.iter().map(|field| field.path.as_str()).collect();
@@ -162,10 +196,10 @@ fn the_same_episode_gives_the_same_bytes_wherever_it_lies() {
     for name in ["lerobot_v30_images", "lerobot_v30_video", "lerobot_v21", "robomimic.hdf5"] {
         let copy = at(name);
         damage::copy(&fixture(name), &copy);
-        convert(&fixture(name), None, 1, &at("one")).unwrap();
-        convert(&copy, None, 1, &at("two")).unwrap();
+        convert(&fixture(name), &Assumed::default(), 1, &at("one")).unwrap();
+        convert(&copy, &Assumed::default(), 1, &at("two")).unwrap();
         assert!(std::fs::read(at("one")).unwrap() == std::fs::read(at("two")).unwrap(), "{name}");
     }
-    let beyond = convert(&fixture("lerobot_v21"), None, 2, &at("one")).unwrap_err().to_string();
+    let beyond = convert(&fixture("lerobot_v21"), &Assumed::default(), 2, &at("one")).unwrap_err().to_string();
     assert!(beyond.contains("no episode 2") && !at("one").exists(), "{beyond}");
 }

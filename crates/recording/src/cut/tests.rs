@@ -23,13 +23,27 @@ fn episodes(events: &[(i64, Value)]) -> Vec<(i64, i64, Option<bool>)> {
     let (folder, path) = recorded(events);
     let out = folder.path().join("out");
     std::fs::create_dir(&out).unwrap();
-    let cut = cut(&path, "/episode", &Limits::default(), &out).unwrap();
-    let mut found = Vec::new();
-    for CutEpisode { file_name, success } in cut {
-        let stamps = read_episode(&out.join(file_name), &numbers_only()).unwrap().episode.stamps().to_vec();
-        found.push((stamps[0] / 1_000_000, stamps.last().unwrap() / 1_000_000, success));
-    }
-    found
+    let cut = cut(&path, Cuts::Topic("/episode"), &Limits::default(), &out).unwrap();
+    cut.into_iter().map(|episode| stamps(&out, episode)).collect()
+}
+
+/// Stamps of the first and last step in milliseconds, and the outcome, of one episode.
+fn stamps(folder: &Path, CutEpisode { file_name, success }: CutEpisode) -> (i64, i64, Option<bool>) {
+    let stamps = read_episode(&folder.join(file_name), &numbers_only()).unwrap().episode.stamps().to_vec();
+    (stamps[0] / 1_000_000, stamps.last().unwrap() / 1_000_000, success)
+}
+
+#[test]
+fn ranges_of_time_are_episodes_in_their_order() {
+    let (folder, path) = recorded(&[]);
+    let range = |start_s, end_s, success| TimeRange { start_s, end_s, success };
+    let ranges = [range(1.2, 1.9, Some(false)), range(0.25, 1.0, None), range(1.0, 1.2, Some(true))];
+    let cut = cut(&path, Cuts::Ranges(&ranges), &Limits::default(), folder.path()).unwrap();
+    let found: Vec<_> = cut.into_iter().map(|episode| stamps(folder.path(), episode)).collect();
+    assert_eq!(found, [(1300, 1900, None), (2000, 2100, Some(true)), (2200, 2900, Some(false))]);
+    let late = [range(5.0, 6.0, None)];
+    let refused = super::cut(&path, Cuts::Ranges(&late), &Limits::default(), folder.path()).unwrap_err().to_string();
+    assert!(refused.contains("5 to 6 s is outside of the recording") && refused.contains("1.90 s"), "{refused}");
 }
 
 #[test]
@@ -62,7 +76,7 @@ fn the_same_recording_gives_the_same_bytes() {
     for name in ["one", "two"] {
         let out = folder.path().join(name);
         std::fs::create_dir(&out).unwrap();
-        let cut = cut(&path, "/episode", &Limits::default(), &out).unwrap();
+        let cut = cut(&path, Cuts::Topic("/episode"), &Limits::default(), &out).unwrap();
         found.push(std::fs::read(out.join(&cut[0].file_name)).unwrap());
     }
     assert!(found[0] == found[1]);
@@ -71,11 +85,12 @@ fn the_same_recording_gives_the_same_bytes() {
 #[test]
 fn a_topic_without_events_is_refused_with_those_there_are() {
     let (folder, path) = recorded(&[(1500, json!({"data": "stop"}))]);
-    let refused = |topic: &str| cut(&path, topic, &Limits::default(), folder.path()).unwrap_err().to_string();
+    let refused =
+        |topic: &str| cut(&path, Cuts::Topic(topic), &Limits::default(), folder.path()).unwrap_err().to_string();
     let error = refused("/marker");
     assert!(error.contains("/marker") && error.contains("/joints") && error.contains("/episode"), "{error}");
     assert!(refused("/episode").contains("none begins one"));
     let damaged = folder.path().join("damaged.mcap");
     std::fs::write(&damaged, b"no recording").unwrap();
-    assert!(cut(&damaged, "/episode", &Limits::default(), folder.path()).is_err());
+    assert!(cut(&damaged, Cuts::Topic("/episode"), &Limits::default(), folder.path()).is_err());
 }

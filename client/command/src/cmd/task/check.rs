@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use gleaner_client::find_recordings;
+use gleaner_inspector::Assumed;
 use gleaner_recording::{Report, Severity, printable};
 use serde_json::{Value, json};
 
@@ -41,7 +42,7 @@ impl CheckArgs {
         };
         let inspector = Inspector::find()?;
         let mut reports = inspector.check(&recordings, &spec).await?;
-        for intake in Intake::open_all(&datasets, self.rate).await? {
+        for intake in Intake::open_all(&datasets, &Assumed { rate_hz: self.rate, ..Assumed::default() }).await? {
             for number in 0..intake.description.episodes {
                 let report = match intake.episode(number).await? {
                     Ok(episode) => inspector.check(std::slice::from_ref(&episode.recording), &spec).await?.pop(),

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use gleaner_client::{find_recordings, read_labels};
+use gleaner_inspector::Assumed;
 use serde_json::json;
 
 use crate::context::Context;
@@ -40,7 +41,7 @@ impl DraftArgs {
         match (datasets.as_slice(), others.first()) {
             ([], _) => {}
             ([one], None) => {
-                let intake = Intake::open(one, self.rate).await?;
+                let intake = Intake::open(one, &Assumed { rate_hz: self.rate, ..Assumed::default() }).await?;
                 let name = self.name.clone().unwrap_or_else(|| intake.name());
                 return show(context, &of_description(&intake.description, name), &one.display().to_string());
             }

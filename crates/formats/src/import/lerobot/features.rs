@@ -98,6 +98,24 @@ impl Features {
         Ok(features)
     }
 
+    /// Keeps the exact values of a column with one number or flag beside the steps, also of one that is in them.
+    ///
+    /// # Errors
+    /// The columns that there are.
+    pub(super) fn keep_column<'a>(&mut self, info: &'a Info, name: &str) -> Result<(), Vec<&'a str>> {
+        let single = |(_, feature): &(&String, &Feature)| {
+            NUMBERS.contains(&feature.dtype.as_str()) && matches!(feature.shape.as_slice(), [] | [1])
+        };
+        let known: Vec<&str> = info.features.iter().filter(single).map(|(name, _)| name.as_str()).collect();
+        if !known.contains(&name) {
+            return Err(known);
+        }
+        if !self.others.iter().any(|other| other == name) {
+            self.wide.insert(name.to_owned());
+        }
+        Ok(())
+    }
+
     /// The pictures that lie in the table.
     pub(super) fn stored(&self) -> impl Iterator<Item = &Picture> {
         self.pictures.iter().filter(|picture| picture.source == Source::Table)

@@ -48,7 +48,7 @@ pub(super) struct Feature {
 
 impl Info {
     pub(super) fn read(folder: &Path) -> Result<Self, Problem> {
-        let path = folder.join("meta/info.json");
+        let path = folder.join(super::INFO);
         let wrong = |problem: String| unfit(&path, &problem);
         let value: Value = serde_json::from_slice(&bytes(&path)?)
             .map_err(|error| wrong(format!("it is not JSON: {error}; download the dataset again")))?;

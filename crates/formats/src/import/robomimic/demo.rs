@@ -123,6 +123,12 @@ impl Demo {
         Ok(Others { columns })
     }
 
+    /// The names of numbers with one value a step.
+    pub(super) fn single_columns(&self) -> Result<Vec<String>, Problem> {
+        let columns = self.others()?.columns;
+        Ok(columns.into_iter().filter(|(_, size, _)| *size == 1).map(|(name, ..)| name).collect())
+    }
+
     pub(super) fn attrs(&self) -> Result<HashMap<String, AttrValue>, Problem> {
         self.group.attrs().map_err(|error| self.damaged("", &error))
     }
@@ -171,8 +177,13 @@ impl Others {
         self.columns.iter().map(of).collect()
     }
 
-    /// Whether the demonstration succeeded: rewards of 0 and 1 alone state it.
-    pub(super) fn success(&self) -> Option<bool> {
+    /// Whether the demonstration succeeded: by the last value of a column that was named, else by its rewards, where they
+    /// are 0 and 1 alone.
+    pub(super) fn success(&self, column: Option<&str>) -> Option<bool> {
+        if let Some(column) = column {
+            let (.., values) = self.columns.iter().find(|(name, ..)| name == column)?;
+            return values.last().filter(|value| !value.is_nan()).map(|value| *value > 0.0);
+        }
         let (_, _, rewards) = self.columns.iter().find(|(name, ..)| name == "rewards")?;
         let sparse = rewards.iter().all(|reward| *reward == 0.0 || *reward == 1.0);
         sparse.then(|| rewards.contains(&1.0))

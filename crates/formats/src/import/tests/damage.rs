@@ -47,8 +47,8 @@ impl Copy {
     /// The error of the first episode; nothing of it may remain.
     fn refused(&self) -> String {
         let out = self.folder.path().join("out.mcap");
-        let described = describe(&self.path(), None).map(|_| ());
-        let converted = convert(&self.path(), None, 0, &out).map(|_| ());
+        let described = describe(&self.path(), &Assumed::default()).map(|_| ());
+        let converted = convert(&self.path(), &Assumed::default(), 0, &out).map(|_| ());
         assert!(!out.exists());
         described.and(converted).unwrap_err().to_string()
     }
@@ -82,7 +82,7 @@ fn contradictions_are_named_with_their_fix() {
     for (at, (copy, parts)) in cases.iter().enumerate() {
         if parts.is_empty() {
             // An episode may use a part of its table's rows, as after a cut of its end.
-            assert_eq!(convert(&copy.path(), None, 0, &copy.file("out.mcap")).unwrap().steps, 11);
+            assert_eq!(convert(&copy.path(), &Assumed::default(), 0, &copy.file("out.mcap")).unwrap().steps, 11);
             continue;
         }
         let error = copy.refused();
@@ -95,7 +95,7 @@ fn missing_files_are_named_before_anything_is_converted() {
     for name in [VIDEO, DATA, INFO, "meta/tasks.parquet", "meta/episodes/chunk-000/file-000.parquet"] {
         let copy = Copy::of("lerobot_v30_video");
         fs::remove_file(copy.file(name)).unwrap();
-        let error = describe(&copy.path(), None).unwrap_err().to_string();
+        let error = describe(&copy.path(), &Assumed::default()).unwrap_err().to_string();
         let named = name.rsplit('/').next().unwrap();
         assert!(error.contains(named) || error.contains("meta/episodes"), "{name}: {error}");
     }
@@ -124,7 +124,7 @@ fn cut_and_damaged_files_are_errors_at_every_place() {
             damaged[place..].copy_from_slice(&bytes[place..]);
             damaged[place] ^= 0x5a;
             fs::write(&path, &damaged).unwrap();
-            convert(&copy.path(), None, 0, &copy.folder.path().join("out.mcap")).ok();
+            convert(&copy.path(), &Assumed::default(), 0, &copy.folder.path().join("out.mcap")).ok();
         }
     }
 }

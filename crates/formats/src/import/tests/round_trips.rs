@@ -15,7 +15,7 @@ fn exported(format: ExportFormat) -> Lab {
 #[test]
 fn lerobot_there_and_back_has_the_same_steps() {
     let lab = exported(ExportFormat::Lerobot);
-    let description = describe(lab.out.path(), None).unwrap();
+    let description = describe(lab.out.path(), &Assumed::default()).unwrap();
     let task = lab.task();
     assert_eq!(description.spec.proprioception, task.proprioception);
     assert_eq!(description.spec.action, task.action);
@@ -44,7 +44,7 @@ fn jpeg_files_are_copied_bit_for_bit() {
     let lab = exported(ExportFormat::Lerobot);
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.mcap");
-    convert(lab.out.path(), None, 0, &out).unwrap();
+    convert(lab.out.path(), &Assumed::default(), 0, &out).unwrap();
     let jpegs = |path: &Path| {
         let spool = tempfile::tempfile().unwrap();
         gleaner_recording::StepJpegs::read(path, lab.task(), &(0..8), spool).unwrap()
@@ -60,7 +60,7 @@ fn jpeg_files_are_copied_bit_for_bit() {
 fn robomimic_there_and_back_has_the_same_steps() {
     let lab = exported(ExportFormat::Robomimic);
     let dataset = lab.out.path().join("dataset.hdf5");
-    let description = describe(&dataset, None).unwrap();
+    let description = describe(&dataset, &Assumed::default()).unwrap();
     assert_eq!((description.spec.rate_hz, description.rate_stated), (10.0, true));
     assert_eq!(description.spec.cameras, lab.task().cameras);
     for (at, piece) in lab.pieces().iter().enumerate() {
