@@ -1,7 +1,6 @@
 //! Exports: a dataset's files into a new folder, and a whole episode with its scores into one file. A folder or file
 //! appears under its name only when it is complete.
 
-use std::collections::BTreeMap;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
@@ -11,7 +10,7 @@ use gleaner_proto::v1::{
     DownloadExportFileRequest, Episode, EpisodeScores, ExportFile, GetEpisodeScoresRequest, GetTaskRequest,
     ListExportFilesRequest, Outcome,
 };
-use gleaner_recording::{Kept, RecordingError, StepScore};
+use gleaner_recording::{Kept, RecordingError, WholeEpisode};
 
 use crate::connection::Client;
 use crate::download::{relative, save};
@@ -85,7 +84,7 @@ impl Client {
         let task = self.tasks().get_task(GetTaskRequest { task: episode.task_id.clone() }).await?.into_inner().task;
         let spec = task.and_then(|task| task.spec).ok_or(ClientError::Contract { missing: "a task" })?;
         let spec = spec_from_proto(spec).map_err(|error| ClientError::Invalid(error.to_string()))?;
-        let kept = Kept { first_step: 0, scores: step_scores(&scores, beta), about: about(&episode, run_id, beta) };
+        let kept = kept(&episode, run_id, beta, &scores);
         let out = out.to_owned();
         let copied = tokio::task::spawn_blocking(move || gleaner_recording::extract(&recording, &spec, &kept, &out));
         let ended = |error: tokio::task::JoinError| RecordingError::BrokenImage { problem: error.to_string() };
@@ -117,31 +116,28 @@ fn parent(path: &Path) -> &Path {
     }
 }
 
-fn step_scores(scores: &EpisodeScores, beta: f64) -> Vec<StepScore> {
-    let expert = |at: usize| {
-        let index = usize::try_from(*scores.match_episode.get(at)?).ok()?;
-        Some((scores.expert_ids.get(index)?.clone(), *scores.match_step.get(at)?))
-    };
-    let score =
-        |(at, (&q, &w)): (usize, (&f32, &f64))| StepScore { q, w, kept: f64::from(q) > beta, matched: expert(at) };
-    scores.q.iter().zip(&scores.w).enumerate().map(score).collect()
-}
-
-fn about(episode: &Episode, run_id: &str, beta: f64) -> BTreeMap<String, String> {
+/// What the scores state of an episode.
+fn kept(episode: &Episode, run_id: &str, beta: f64, scores: &EpisodeScores) -> Kept {
     let outcome = match episode.outcome() {
         Outcome::Success => "success",
         Outcome::Failure => "failure",
         Outcome::Unknown | Outcome::Unspecified => "unknown",
     };
-    let about = [
-        ("episode", episode.id.clone()),
-        ("episode_source", episode.file_name.clone()),
-        ("outcome", outcome.to_owned()),
-        ("cohort", episode.cohort.clone()),
-        ("run", run_id.to_owned()),
-        ("beta", beta.to_string()),
-    ];
-    about.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    let whole = WholeEpisode {
+        id: &episode.id,
+        file_name: &episode.file_name,
+        outcome,
+        cohort: &episode.cohort,
+        run: run_id,
+        beta,
+        q: &scores.q,
+        w: &scores.w,
+    };
+    // Scorers without matches, such as imports, have empty lists.
+    whole.kept(|at| {
+        let index = usize::try_from(*scores.match_episode.get(at)?).ok()?;
+        Some((scores.expert_ids.get(index)?.clone(), *scores.match_step.get(at)?))
+    })
 }
 
 #[cfg(test)]
@@ -162,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn every_step_has_its_score_and_its_match() {
+    fn every_step_has_its_match() {
         let scores = EpisodeScores {
             q: vec![0.25, 0.95],
             w: vec![-2.0, -1.0],
@@ -171,13 +167,12 @@ mod tests {
             expert_ids: vec!["ep_a".into(), "ep_b".into()],
             ..EpisodeScores::default()
         };
-        let expected = [
-            StepScore { q: 0.25, w: -2.0, kept: false, matched: Some(("ep_b".into(), 4)) },
-            StepScore { q: 0.95, w: -1.0, kept: true, matched: Some(("ep_a".into(), 9)) },
-        ];
-        assert_eq!(step_scores(&scores, 0.9), expected);
-        // Scorers without matches, such as imports.
+        let matches = |scores: &EpisodeScores| {
+            let kept = kept(&Episode::default(), "run_1", 0.9, scores);
+            kept.scores.into_iter().map(|score| score.matched).collect::<Vec<_>>()
+        };
+        assert_eq!(matches(&scores), [Some(("ep_b".into(), 4)), Some(("ep_a".into(), 9))]);
         let none = EpisodeScores { match_episode: Vec::new(), match_step: Vec::new(), ..scores };
-        assert!(step_scores(&none, 0.9).iter().all(|score| score.matched.is_none()));
+        assert_eq!(matches(&none), [None, None]);
     }
 }

@@ -7,10 +7,10 @@ use std::{
 };
 
 use gleaner_proto::v1::*;
-use gleaner_recording::read_episode;
+use gleaner_recording::{Limits, read_episode, survey};
 use serde_json::Value;
 
-use crate::support::{api::Api, command, lab, shared::shared};
+use crate::support::{api::Api, command, http, lab, shared::shared};
 
 async fn dataset(api: &mut Api, run: &str, beta: f64) -> String {
     let request = CreateDatasetRequest { score_run_id: run.to_owned(), selection: Some(lab::above(beta)) };
@@ -94,6 +94,19 @@ async fn an_episode_is_exported_whole_with_its_scores() {
     assert_eq!((quality.messages, quality.encoding.as_str()), (failed.steps, "protobuf"));
     let refused = command::gleaner(url, &line).await;
     assert!(!refused.success && refused.errors.contains("exists; give another name"), "{}", refused.errors);
+    // Its page has the same messages; the file that they come from has another name there.
+    let page = format!("{}/episodes/{}", shared.server.pages(), failed.id);
+    let served = http::file(&format!("{page}/scored.mcap?run={}", shared.run)).await;
+    let copy = fresh("served");
+    std::fs::create_dir_all(&copy).unwrap();
+    std::fs::write(copy.join("scored.mcap"), served).unwrap();
+    let [own, other] = [&out, &copy.join("scored.mcap")].map(|path| read_episode(path, &lab::spec()).unwrap());
+    assert!(own.episode.frames().as_ref() == other.episode.frames().as_ref());
+    assert_eq!(own.report.topics, other.report.topics);
+    let numbers = |path: &Path| survey(path, &Limits::default(), None).unwrap().topics;
+    assert_eq!(numbers(&out), numbers(&copy.join("scored.mcap")), "with the ranges of q and w");
+    let shown = http::get(&page).await;
+    assert!(shown.contains(&format!("/scored.mcap?run={}&amp;beta=0.9", shared.run)), "{shown}");
     let left: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left, ["scored.mcap"]);
 }

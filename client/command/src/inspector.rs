@@ -222,7 +222,8 @@ fn refusal(verdict: Verdict) -> String {
         | Verdict::Surveyed(_)
         | Verdict::Described(_)
         | Verdict::Converted(_)
-        | Verdict::Cut(_) => UNEXPECTED.to_owned(),
+        | Verdict::Cut(_)
+        | Verdict::Extracted => UNEXPECTED.to_owned(),
     }
 }
 
@@ -251,6 +252,7 @@ fn basic_order(recording: &Path, folder: &TempDir, spec: Option<&TaskSpec>) -> R
         convert: None,
         cut: None,
         cut_ranges: None,
+        extract: None,
         success_column: None,
         rate_hz: None,
         memory_bytes: MEMORY_BYTES,

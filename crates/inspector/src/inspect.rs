@@ -8,8 +8,8 @@ use std::path::Path;
 use gleaner_formats::Problem;
 use gleaner_formats::import::{self, Assumed, Converted, Description};
 use gleaner_recording::{
-    CutEpisode, Cuts, ImageThreads, RecordingError, Report, Survey, TaskSpec, TimeRange, cache_episode, cut, salvage,
-    survey,
+    CutEpisode, Cuts, ImageThreads, Kept, RecordingError, Report, Survey, TaskSpec, TimeRange, cache_episode, cut,
+    extract, salvage, survey,
 };
 
 use crate::{InspectError, Order, limits};
@@ -33,6 +33,8 @@ pub enum Verdict {
     Converted(Converted),
     /// The recording is cut into these episodes.
     Cut(Vec<CutEpisode>),
+    /// A copy of the recording with scores is written.
+    Extracted,
     /// The recording is rejected, with the reason and the fix.
     Refused(String),
     /// The disk filled up.
@@ -88,6 +90,10 @@ fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> 
         return Ok(found.map(Verdict::Surveyed));
     }
     let spec: TaskSpec = json(&order.spec, "reading the spec")?;
+    if let Some(kept) = &order.extract {
+        let kept: Kept = json(kept, "reading the scores")?;
+        return Ok(extract(&order.recording, &spec, &kept, &order.frames).map(|()| Verdict::Extracted));
+    }
     let bytes = usize::try_from(order.memory_bytes / UNDER_WAY).unwrap_or(usize::MAX);
     let threads = ImageThreads { count: order.threads, bytes };
     let cached = cache_episode(&order.recording, &spec, (&order.limits.limits(), threads), &order.frames);

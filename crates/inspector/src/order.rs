@@ -44,6 +44,9 @@ pub struct Order {
     /// read.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["salvage", "survey", "describe", "convert", "cut"])]
     pub cut_ranges: Option<PathBuf>,
+    /// Write a copy of the recording with the scores in this JSON file beside its messages to the file of frames.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["salvage", "survey", "describe", "convert", "cut", "cut_ranges"])]
+    pub extract: Option<PathBuf>,
     /// With --describe or --convert, the column of a dataset that states whether an episode succeeded.
     #[arg(long, value_name = "NAME")]
     pub success_column: Option<String>,
@@ -84,7 +87,17 @@ impl Order {
     pub fn arguments(&self) -> Vec<OsString> {
         let Self { recording, spec, report, frames, salvage, survey, pictures, limits, .. } = self;
         let Self {
-            describe, convert, cut, cut_ranges, success_column, rate_hz, memory_bytes, seconds, threads, ..
+            describe,
+            convert,
+            cut,
+            cut_ranges,
+            extract,
+            success_column,
+            rate_hz,
+            memory_bytes,
+            seconds,
+            threads,
+            ..
         } = self;
         let paths = [
             ("--recording", Some(recording)),
@@ -94,6 +107,7 @@ impl Order {
             ("--salvage", salvage.as_ref()),
             ("--pictures", pictures.as_ref()),
             ("--cut-ranges", cut_ranges.as_ref()),
+            ("--extract", extract.as_ref()),
         ];
         let paths = paths.into_iter().filter_map(|(flag, path)| Some([flag.into(), path?.into()])).flatten();
         let threads = u64::try_from(*threads).unwrap_or(u64::MAX);
@@ -138,6 +152,7 @@ mod tests {
             convert: None,
             cut: None,
             cut_ranges: None,
+            extract: None,
             success_column: None,
             rate_hz: None,
             memory_bytes: 7,
@@ -149,9 +164,10 @@ mod tests {
         let survey = Order { survey: true, pictures: Some("p".into()), ..order.clone() };
         let describe = Order { describe: true, rate_hz: Some(12.5), ..order.clone() };
         let convert = Order { convert: Some(3), success_column: Some("next success".into()), ..order.clone() };
+        let extract = Order { extract: Some("kept.json".into()), ..order.clone() };
         let ranges = Order { cut_ranges: Some("a/ranges.json".into()), ..order.clone() };
         let cut = Order { cut: Some("/episode marker".into()), ..order.clone() };
-        for order in [salvage, survey, describe, convert, cut, ranges, order] {
+        for order in [salvage, survey, describe, convert, cut, ranges, extract, order] {
             let words = [vec!["x".into()], order.arguments()].concat();
             assert_eq!(Flags::try_parse_from(words).unwrap().order, order);
         }

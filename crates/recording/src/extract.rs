@@ -3,6 +3,7 @@
 //! The messages' bytes are not touched: the copy reads as the same steps, with the same task.
 
 mod scores;
+mod whole_episode;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::File;
@@ -24,9 +25,12 @@ use crate::whole_file::write_whole;
 use crate::write::mcap_writer;
 use gleaner_core::TaskSpec;
 use scores::ScoreChannels;
+use serde::{Deserialize, Serialize};
+
+pub use whole_episode::WholeEpisode;
 
 /// Consecutive steps of an episode with what a score run states of each.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Kept {
     /// First step of the stretch.
     pub first_step: u64,
@@ -45,16 +49,31 @@ impl Kept {
 }
 
 /// What a score run states of one step.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StepScore {
     /// q: from 0 to 1.
     pub q: f32,
     /// w: the similarity that q was made from.
+    #[serde(with = "bits")]
     pub w: f64,
     /// Whether the segment that ends at the step is kept.
     pub kept: bool,
     /// The nearest expert and its step, if the scorer matches any.
     pub matched: Option<(String, u32)>,
+}
+
+/// 64-bit floats as their bits: decimal digits are read back with a rounding.
+mod bits {
+    use serde::{Deserialize as _, Deserializer, Serializer};
+
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+    pub(super) fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u64(value.to_bits())
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        u64::deserialize(deserializer).map(f64::from_bits)
+    }
 }
 
 /// Writes one stretch of a recording to `out`: its original messages unchanged, what a score run states of each step, and

@@ -124,6 +124,18 @@ pub trait Episodes: Send + Sync {
     async fn numbers(&self, episode: &EpisodeId) -> Result<Numbers>;
     /// The recording as uploaded.
     async fn recording(&self, episode: &Episode) -> Result<BoxStream<'static, Result<Bytes>>>;
+    /// The recording of an episode with the scores of a run beside its messages, whose steps with a q above `beta` are
+    /// marked as kept; and its size in bytes.
+    ///
+    /// # Errors
+    /// Exhausted when too many are being read.
+    async fn scored_recording(
+        &self,
+        caller: &Caller,
+        episode: &Episode,
+        run: &ScoreRunId,
+        beta: f64,
+    ) -> Result<(u64, BoxStream<'static, Result<Bytes>>)>;
 }
 
 /// Score runs.

@@ -42,7 +42,7 @@ impl Caller {
     }
 
     /// The id of the caller's token.
-    pub(super) fn token_id(&self) -> Option<&TokenId> {
+    pub fn token_id(&self) -> Option<&TokenId> {
         match self {
             Self::Known { token, .. } => Some(&token.id),
             Self::Anyone => None,

@@ -104,6 +104,8 @@ pages! {
     EpisodeScores = GET "/episodes/{id}/scores.json" reads Viewer,
     /// Its recording.
     EpisodeRecording = GET "/episodes/{id}/recording.mcap" reads Viewer,
+    /// Its recording with the scores of a run.
+    ScoredEpisode = GET "/episodes/{id}/scored.mcap" reads Viewer,
     /// A task's score runs and policies.
     Runs = GET "/tasks/{task}/runs" reads Viewer,
     /// One score run under a threshold.

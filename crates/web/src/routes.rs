@@ -63,5 +63,6 @@ fn handler(page: Page) -> MethodRouter {
         Page::EpisodeFrame => get(frames::show),
         Page::EpisodeScores => get(episode::scores),
         Page::EpisodeRecording => get(episode::recording),
+        Page::ScoredEpisode => get(episode::scored_recording),
     }
 }

@@ -4,6 +4,7 @@
 //! Must not depend on pages, wire types or SQL.
 
 mod picture;
+mod scored;
 mod steps;
 mod summary;
 

@@ -1,5 +1,6 @@
 //! Runs inspections: child processes, a limited number at once, each with limits and a deadline.
 
+mod extract;
 mod failure;
 
 use std::{
@@ -151,6 +152,7 @@ impl Inspector {
             convert: None,
             cut: None,
             cut_ranges: None,
+            extract: None,
             success_column: None,
             rate_hz: None,
             memory_bytes: self.memory_bytes,
@@ -167,7 +169,9 @@ impl Inspector {
         let verdict = off_runtime("reading an inspection's report", move || Ok(std::fs::read(report).ok())).await?;
         let verdict = verdict.and_then(|json| serde_json::from_slice(&json).ok());
         match verdict {
-            Some(found @ (Verdict::Usable(_) | Verdict::Salvaged(_))) if status.success() => Ok(found),
+            Some(found @ (Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Extracted)) if status.success() => {
+                Ok(found)
+            }
             Some(Verdict::Refused(why)) if status.success() => {
                 // The caller does not know our paths.
                 let why = why.replace(&order.recording.display().to_string(), shown);
@@ -182,6 +186,7 @@ impl Inspector {
                 | Verdict::Described(_)
                 | Verdict::Converted(_)
                 | Verdict::Cut(_)
+                | Verdict::Extracted
                 | Verdict::Refused(_),
             )
             | None => Err(failure::broken(order, status, &stderr_text)),

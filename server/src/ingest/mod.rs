@@ -16,6 +16,7 @@ mod limits;
 mod part;
 mod passing;
 mod recover;
+mod scored;
 mod slots;
 #[cfg(test)]
 pub(crate) mod testing;
@@ -37,6 +38,7 @@ pub(crate) use self::{
     frames::Frames,
     keep::NewRecording,
     passing::{Declared, InspectionPermit, Passing},
+    scored::ScoredCopy,
     upload::Started,
     write::Chunk,
 };
@@ -57,6 +59,8 @@ pub struct Ingest {
     inspector: Arc<Inspector>,
     /// One for each recording that is inspected and not stored.
     passing: Arc<Semaphore>,
+    /// One for each copy of an episode with scores that is read.
+    scored: Arc<Semaphore>,
     data_dir: Arc<Path>,
     max_upload_bytes: u64,
     /// `None`: no limit.
@@ -79,6 +83,7 @@ impl Ingest {
             claims: Claims::default(),
             inspector: Arc::new(Inspector::new(&config.data_dir, &config.limits)?),
             passing: Arc::new(Semaphore::new(passing::AT_ONCE)),
+            scored: Arc::new(Semaphore::new(scored::AT_ONCE)),
             data_dir,
             max_upload_bytes: config.limits.max_upload_bytes,
             max_open_uploads: config.uploads.max_open_per_client(),

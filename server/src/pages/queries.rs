@@ -3,11 +3,12 @@
 use async_trait::async_trait;
 use bytes::Bytes;
 use futures::{StreamExt as _, stream::BoxStream};
-use gleaner_web::{Artifacts, Deployments, Episodes, Jobs, Tasks};
+use gleaner_web::{Artifacts, Caller, Deployments, Episodes, Jobs, Tasks};
 
 use super::{PageBackend, live_frame};
 use crate::{
     domain::{
+        client::Client,
         curation::{
             FrozenEpisode, Input, Labelled, Lineage, SnapshotChanges, SnapshotUse, SortKey, TableFilter, TableRow,
             TaskOverview, Totals,
@@ -129,6 +130,18 @@ impl Episodes for PageBackend {
 
     async fn recording(&self, episode: &Episode) -> Result<BoxStream<'static, Result<Bytes>>> {
         Ok(self.services.blobs.stream(&episode.recording).await?.boxed())
+    }
+
+    async fn scored_recording(
+        &self,
+        caller: &Caller,
+        episode: &Episode,
+        run: &ScoreRunId,
+        beta: f64,
+    ) -> Result<(u64, BoxStream<'static, Result<Bytes>>)> {
+        let client = caller.token_id().map_or(Client::Server, Client::token);
+        let copy = self.services.curation.scored_copy(&client, episode, run, beta).await?;
+        Ok((copy.size_bytes, copy.bytes))
     }
 }
 

@@ -9,9 +9,20 @@ use super::wait::within;
 
 /// Requests a page of a server by its address.
 pub async fn get(url: &str) -> String {
+    String::from_utf8(bytes(url).await).unwrap()
+}
+
+/// Requests a file of a server by its address; returns its bytes after the headers.
+pub async fn file(url: &str) -> Vec<u8> {
+    let response = bytes(url).await;
+    let end = response.windows(4).position(|window| window == b"\r\n\r\n").unwrap();
+    response[end + 4..].to_vec()
+}
+
+async fn bytes(url: &str) -> Vec<u8> {
     let (address, path) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
     let request = format!("GET /{path} HTTP/1.1\r\nHost: {address}\r\nAccept: text/html, */*\r\n\r\n");
-    String::from_utf8(exchange(address, request.as_bytes()).await).unwrap()
+    exchange(address, request.as_bytes()).await
 }
 
 /// Sends bytes on a new connection and reads until the server closes it.

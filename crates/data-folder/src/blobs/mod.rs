@@ -25,6 +25,7 @@ pub use self::{
     copy::Copied,
     hold::{Copying, Removing},
     list::Found,
+    stream::stream_file,
 };
 use crate::BLOBS;
 use gleaner_core::{

@@ -1,5 +1,7 @@
 //! A blob as a stream of pieces; one piece at a time is in memory.
 
+use std::path::PathBuf;
+
 use bytes::{Bytes, BytesMut};
 use futures::{Stream, stream::try_unfold};
 use tokio::{fs::File, io::AsyncReadExt as _};
@@ -19,16 +21,23 @@ impl Blobs {
     /// # Errors
     /// Internal when the blob is missing or cannot be read.
     pub async fn stream(&self, id: &BlobId) -> Result<impl Stream<Item = Result<Bytes>> + Send + 'static> {
-        let path = self.path(id);
-        let fault = |error| Error::internal(format!("reading {}", path.display()), error);
-        let file = File::open(&path).await.map_err(fault)?;
-        Ok(try_unfold((file, path), |(mut file, path)| async move {
-            let mut piece = BytesMut::with_capacity(PIECE_BYTES);
-            let fault = |error| Error::internal(format!("reading {}", path.display()), error);
-            let read = (&mut file).take(PIECE_BYTES as u64).read_buf(&mut piece).await.map_err(fault)?;
-            Ok((read > 0).then(|| (piece.freeze(), (file, path))))
-        }))
+        stream_file(self.path(id)).await
     }
+}
+
+/// The bytes of any file in pieces, also after its name is removed.
+///
+/// # Errors
+/// Internal when it cannot be read.
+pub async fn stream_file(path: PathBuf) -> Result<impl Stream<Item = Result<Bytes>> + Send + 'static> {
+    let fault = |error| Error::internal(format!("reading {}", path.display()), error);
+    let file = File::open(&path).await.map_err(fault)?;
+    Ok(try_unfold((file, path), |(mut file, path)| async move {
+        let mut piece = BytesMut::with_capacity(PIECE_BYTES);
+        let fault = |error| Error::internal(format!("reading {}", path.display()), error);
+        let read = (&mut file).take(PIECE_BYTES as u64).read_buf(&mut piece).await.map_err(fault)?;
+        Ok((read > 0).then(|| (piece.freeze(), (file, path))))
+    }))
 }
 
 #[cfg(test)]

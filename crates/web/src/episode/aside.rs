@@ -178,6 +178,11 @@ fn facts(view: &View) -> Markup {
                 dt { "BLAKE3" } dd.id { (episode.recording) }
             }
             p { a.button href=(format!("/episodes/{}/recording.mcap", episode.id)) download { "Download the MCAP" } }
+            @if let Some(scored) = &view.scored {
+                p { a.button download
+                    href=(format!("/episodes/{}/scored.mcap?run={}&beta={}", episode.id, scored.run.id, view.beta))
+                    { "Download it with scores" } }
+            }
         }
     }
 }

@@ -23,7 +23,7 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::json;
 
-pub(super) use self::data::{recording, scores};
+pub(super) use self::data::{recording, scored_recording, scores};
 use super::{
     page_request::PageRequest,
     refusal::Answer,
@@ -110,7 +110,7 @@ pub(super) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
 
 async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> Result<View> {
     let backend = request.backend();
-    let beta = if parameters.beta.is_empty() { DEFAULT_BETA } else { beta(&parameters.beta)? };
+    let beta = threshold(&parameters.beta)?;
     // Before the episode: a label stored in between then has a newer version than the shown one.
     let version = backend.label_version(id).await?;
     let inspected = backend.episode(id).await?;
@@ -150,8 +150,11 @@ async fn scored(backend: &dyn Backend, id: &EpisodeId, run: ScoreRun) -> Result<
     Ok(Scored { run, scores, segment_length })
 }
 
-/// Parses a threshold.
-fn beta(text: &str) -> Result<f64> {
+/// Parses a threshold; without a text, the default.
+fn threshold(text: &str) -> Result<f64> {
+    if text.is_empty() {
+        return Ok(DEFAULT_BETA);
+    }
     let read = text.parse::<f64>().ok().filter(|beta| (0.0..=1.0).contains(beta));
     read.ok_or_else(|| Error::invalid("beta", "must be a number from 0 to 1; segments with a higher q are kept"))
 }
@@ -219,9 +222,9 @@ mod tests {
 
     #[test]
     fn a_threshold_is_a_number_between_0_and_1() {
-        assert_eq!([beta("0").unwrap(), beta("0.75").unwrap(), beta("1").unwrap()], [0.0, 0.75, 1.0]);
-        for wrong in ["", "high", "NaN", "1.01", "-0.1", "inf"] {
-            assert!(beta(wrong).unwrap_err().message().starts_with("beta: "), "{wrong}");
+        assert_eq!(["0", "0.75", "1", ""].map(|text| threshold(text).unwrap()), [0.0, 0.75, 1.0, DEFAULT_BETA]);
+        for wrong in ["high", "NaN", "1.01", "-0.1", "inf"] {
+            assert!(threshold(wrong).unwrap_err().message().starts_with("beta: "), "{wrong}");
         }
     }
 

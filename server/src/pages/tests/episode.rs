@@ -142,6 +142,7 @@ async fn the_page_links_to_its_snapshots() {
 async fn an_invalid_address_is_refused_by_name() {
     let lab = lab().await;
     let episode = lab.recorded(Outcome::Success).await;
+    let other = "run_01ARZ3NDEKTSV4RRFFQ69G5FAV";
     for (path, status, content) in [
         ("/episodes/7".to_owned(), StatusCode::BAD_REQUEST, "episode: "),
         ("/episodes/ep_01ARZ3NDEKTSV4RRFFQ69G5FAV".to_owned(), StatusCode::NOT_FOUND, "no episode "),
@@ -149,6 +150,9 @@ async fn an_invalid_address_is_refused_by_name() {
         (format!("/episodes/{}?step=20", episode.id), StatusCode::NOT_FOUND, "no step 20"),
         (format!("/episodes/{}?run=x", episode.id), StatusCode::BAD_REQUEST, "run: "),
         (format!("/episodes/{}/scores.json", episode.id), StatusCode::NOT_FOUND, "no score run of"),
+        (format!("/episodes/{}/scored.mcap", episode.id), StatusCode::NOT_FOUND, "no score run of"),
+        (format!("/episodes/{}/scored.mcap?beta=2", episode.id), StatusCode::BAD_REQUEST, "beta: "),
+        (format!("/episodes/{}/scored.mcap?run={other}", episode.id), StatusCode::NOT_FOUND, other),
     ] {
         let reply = lab.get(&path).await;
         assert_eq!(reply.status, status, "{path}");
