@@ -3,6 +3,7 @@
 mod access;
 mod children;
 mod connections;
+mod database;
 mod engine;
 mod maintenance;
 mod openpi;
@@ -25,8 +26,11 @@ pub use self::{
     access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
     children::{cluster_environment, worker_environment},
     connections::ConnectionsConfig,
+    database::DatabaseConfig,
     engine::{EngineConfig, EngineKind},
-    maintenance::{BackupConfig, CheckConfig, MaintenanceCommand, MaintenanceConfig, RebuildConfig, RestoreConfig},
+    maintenance::{
+        BackupConfig, CheckConfig, MaintenanceCommand, MaintenanceConfig, MigrateConfig, RebuildConfig, RestoreConfig,
+    },
     openpi::OpenpiConfig,
     plan::PlanConfig,
     policies::PoliciesConfig,
@@ -87,6 +91,9 @@ pub struct ServeConfig {
     /// at once).
     #[arg(long, env = "GLEANER_DRAIN_SECONDS", default_value_t = 20, value_name = "SECONDS")]
     pub drain_seconds: u64,
+    /// The database.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
     /// Tokens and TLS.
     #[command(flatten)]
     pub access: AccessConfig,
@@ -209,6 +216,7 @@ impl ServeConfig {
     /// A sentence that names the flag and the fix.
     pub fn validate(&self) -> Result<(), String> {
         self.access.validate(self.listen, self.insecure)?;
+        self.database.validate()?;
         if self.limits.max_message_bytes < 4 << 20 {
             return Err("--max-message-bytes: must be at least 4194304 for uploads and images to fit".to_owned());
         }

@@ -83,7 +83,9 @@ async fn keep(command: MaintenanceCommand) -> Result<bool> {
     let escape = match &command {
         MaintenanceCommand::Check(config) if config.json => Escape::Json,
         MaintenanceCommand::Check(_) | MaintenanceCommand::Backup(_) => Escape::Lines,
-        MaintenanceCommand::Restore(_) | MaintenanceCommand::Rebuild(_) => Escape::Lines,
+        MaintenanceCommand::Restore(_) | MaintenanceCommand::Rebuild(_) | MaintenanceCommand::Migrate(_) => {
+            Escape::Lines
+        }
     };
     gleaner_server::maintenance::run(&command, &mut output(escape)).await
 }

@@ -1,6 +1,6 @@
 //! The commands `gleaner-server token …` and `audit`, beside a running server or without one.
 
-use std::{io::Write, path::Path};
+use std::io::Write;
 
 use gleaner_recording::printable;
 use jiff::{Timestamp, civil, tz::TimeZone};
@@ -19,7 +19,7 @@ use crate::{
     },
     error::{Error, Result},
     lock::DataLock,
-    store::Store,
+    store::{Database, Store},
 };
 
 /// Creates, lists or revokes tokens.
@@ -27,11 +27,12 @@ use crate::{
 /// # Errors
 /// Invalid naming a flag; NotFound; Exists; Precondition when the data folder cannot be used.
 pub async fn token(config: TokenConfig, out: &mut impl Write) -> Result<()> {
-    let TokenConfig { data_dir, command } = config;
+    let TokenConfig { data_dir, database, command } = config;
+    let database = Database::configured(&data_dir, &database)?;
     match command {
-        TokenCommand::Create(new) => create(&open(&data_dir, true).await?, new, out).await,
-        TokenCommand::List => list(&open(&data_dir, false).await?, out).await,
-        TokenCommand::Revoke { token } => revoke(&open(&data_dir, false).await?, &token, out).await,
+        TokenCommand::Create(new) => create(&open(&database, true).await?, new, out).await,
+        TokenCommand::List => list(&open(&database, false).await?, out).await,
+        TokenCommand::Revoke { token } => revoke(&open(&database, false).await?, &token, out).await,
     }
 }
 
@@ -41,7 +42,7 @@ pub async fn token(config: TokenConfig, out: &mut impl Write) -> Result<()> {
 /// Invalid for a malformed time; Precondition when the data folder cannot be used.
 pub async fn audit(config: AuditConfig, out: &mut impl Write) -> Result<()> {
     let since = since(&config.since, Millis::now()).map_err(|problem| Error::invalid("--since", problem))?;
-    let store = open(&config.data_dir, false).await?;
+    let store = open(&Database::configured(&config.data_dir, &config.database)?, false).await?;
     for entry in store.audit(since, config.limit).await? {
         let AuditEntry { at, token_id, caller, peer, rpc, subjects, outcome } = entry;
         let id = token_id.map_or_else(|| "-".to_owned(), |id| id.to_string());
@@ -112,17 +113,19 @@ async fn note(store: &Store, command: &str, token: &Token) -> Result<()> {
 
 /// Opens the database of a data folder. Beside a running server it is opened as it is; without one it is migrated, and
 /// created if `create` is set.
-async fn open(data_dir: &Path, create: bool) -> Result<Store> {
+async fn open(database: &Database, create: bool) -> Result<Store> {
+    let data_dir = database.data_dir.as_path();
     let path = data_folder::database(data_dir);
-    if !create && !path.is_file() {
+    if database.postgres.is_none() && !create && !path.is_file() {
         let folder = data_dir.display();
         return Err(Error::precondition(format!(
             "{folder} holds no database; --data-dir names a server's data folder"
         )));
     }
-    match DataLock::take(data_dir) {
-        Ok(_alone) => Store::open_with_blobs(data_dir, &Blobs::open(data_dir)?, false).await,
-        Err(_) => Store::open_shared(&path).await,
+    match (DataLock::take(data_dir), &database.postgres) {
+        (Ok(_alone), _) => Store::open_with_blobs(database, &Blobs::open(data_dir)?, false).await,
+        (Err(_), None) => Store::open_shared(&path).await,
+        (Err(_), Some(at)) => Store::open_beside(at).await,
     }
 }
 
@@ -150,7 +153,9 @@ fn output_error(error: std::io::Error) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{domain::access::Role, error::Kind};
+    use std::path::Path;
+
+    use crate::{config::DatabaseConfig, domain::access::Role, error::Kind};
 
     #[test]
     fn times_are_parsed_in_each_format() {
@@ -163,7 +168,8 @@ mod tests {
 
     async fn run(data_dir: &Path, command: TokenCommand) -> Result<String> {
         let mut out = Vec::new();
-        token(TokenConfig { data_dir: data_dir.to_owned(), command }, &mut out).await?;
+        token(TokenConfig { data_dir: data_dir.to_owned(), database: DatabaseConfig::default(), command }, &mut out)
+            .await?;
         Ok(String::from_utf8(out).unwrap())
     }
 
@@ -194,7 +200,8 @@ mod tests {
         );
 
         let mut log = Vec::new();
-        let config = AuditConfig { data_dir: folder.clone(), since: "1h".into(), limit: 10 };
+        let database = DatabaseConfig::default();
+        let config = AuditConfig { data_dir: folder.clone(), since: "1h".into(), limit: 10, database };
         audit(config, &mut log).await.unwrap();
         let log = String::from_utf8(log).unwrap();
         assert!(log.contains("token create") && log.contains("token revoke") && log.contains("command line"), "{log}");

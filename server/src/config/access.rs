@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::DatabaseConfig;
+
 use crate::domain::access::Role;
 
 /// Tokens and TLS.
@@ -34,6 +36,9 @@ pub struct TokenConfig {
     /// Data folder of the server, which may be running.
     #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data", global = true, value_name = "DIR")]
     pub data_dir: PathBuf,
+    /// The database.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
     /// The action.
     #[command(subcommand)]
     pub command: TokenCommand,
@@ -82,6 +87,9 @@ pub struct AuditConfig {
     /// Maximum number of entries; the newest are printed.
     #[arg(long, default_value_t = 1000, value_name = "N")]
     pub limit: u32,
+    /// The database.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
 }
 
 fn role(word: &str) -> Result<Role, String> {

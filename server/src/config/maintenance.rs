@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use gleaner_core::Secret;
+
+use super::DatabaseConfig;
 
 /// Retention and disk space.
 #[derive(Debug, Clone, Args)]
@@ -51,6 +54,8 @@ pub enum MaintenanceCommand {
     Restore(RestoreConfig),
     /// Restore a lost database from the sidecars of the blobs, or complete an older one. Needs a stopped server.
     Rebuild(RebuildConfig),
+    /// Move the database between SQLite and PostgreSQL, compared row by row. Needs a stopped server.
+    Migrate(MigrateConfig),
 }
 
 /// Arguments of `rebuild`.
@@ -62,6 +67,24 @@ pub struct RebuildConfig {
     /// Compare sizes only; skips the digests, which takes less time and misses changed bytes.
     #[arg(long)]
     pub fast: bool,
+    /// The database.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
+}
+
+/// Arguments of `migrate`.
+#[derive(Debug, Clone, Args)]
+pub struct MigrateConfig {
+    /// The new database, which must be empty: postgres://USER@HOST:PORT/NAME for PostgreSQL, or `sqlite` for the file in
+    /// the data folder, from the database that `--database` names.
+    #[arg(long, value_name = "URL")]
+    pub to: Secret,
+    /// Data folder of a stopped server.
+    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data", value_name = "DIR")]
+    pub data_dir: PathBuf,
+    /// The database.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
 }
 
 /// Arguments of `backup`.
@@ -80,6 +103,9 @@ pub struct BackupConfig {
     /// After the backup, remove its blobs without a row in its new database.
     #[arg(long)]
     pub prune: bool,
+    /// The database.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
 }
 
 /// Arguments of `restore`.
@@ -105,6 +131,9 @@ pub struct CheckConfig {
     /// Print the findings as JSON.
     #[arg(long)]
     pub json: bool,
+    /// The database.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
 }
 
 impl MaintenanceConfig {

@@ -245,11 +245,11 @@ async fn the_end_of_an_attempt_is_stored_once_the_disk_accepts_it() {
     let bench = Bench::new().await;
     let id = submit(&bench, pretrain()).await.unwrap().id;
     bench.claim().await;
-    crate::store::testing::run(&bench.store, "pragma query_only = on").await;
+    crate::store::testing::set_read_only(&bench.store, true).await;
     let next = testing::start(&bench.dir, &bench.store).await;
     let (attempt, end) = (bench.store.running_attempts().await.unwrap().remove(0).attempt, AttemptEnd::Stopped);
     assert_eq!(bench.store.end_attempt(&attempt, &end).await.unwrap_err().kind(), Kind::Exhausted);
-    crate::store::testing::run(&bench.store, "pragma query_only = off").await;
+    crate::store::testing::set_read_only(&bench.store, false).await;
     assert_eq!(until_queued(&next, &id).await.attempt, 0);
     next.stop().await;
 }

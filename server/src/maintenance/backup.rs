@@ -36,9 +36,10 @@ use crate::{
 /// Backs a data folder up and writes a summary to `out`; true when no blob is missing.
 ///
 /// # Errors
-/// Precondition when the target is not usable for a backup, or there is no database to back up; Exhausted when its disk
+/// Precondition when the database is in PostgreSQL, the target is not usable for a backup, or there is no database to back up; Exhausted when its disk
 /// is full; Internal when a disk fails.
 pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> Result<bool> {
+    target::expect_sqlite(&config.database, "backup")?;
     let (source, target) = (config.data_dir.as_path(), config.target.as_path());
     let _lock = target::claim(source, target)?;
     let blobs = Blobs::open(target)?;

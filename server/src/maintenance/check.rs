@@ -9,7 +9,7 @@ use crate::{
     config::CheckConfig,
     data_folder::{DATABASE, stamp::Stamp},
     error::{Error, Result},
-    store::ReadOnlyDatabase,
+    store::{Database, ReadOnlyDatabase},
 };
 
 /// Checks a data folder or a backup and writes a report to `out`; true when there is no problem.
@@ -27,7 +27,7 @@ pub(super) async fn check(config: &CheckConfig, out: &mut impl Write) -> Result<
 }
 
 pub(super) async fn check_folder(config: &CheckConfig) -> Result<Report> {
-    let database = ReadOnlyDatabase::open(&config.data_dir.join(DATABASE)).await?;
+    let database = ReadOnlyDatabase::configured(&Database::configured(&config.data_dir, &config.database)?).await?;
     // From here on a server on this folder removes no blob between the reading of its row and of its file.
     let _copying = Copying::begin(&config.data_dir)?;
     let mut report = Report::new(config.data_dir.clone(), database.schema, !config.fast);

@@ -1,5 +1,5 @@
 //! Maintenance of a data folder: checking it (`check`), copying it (`backup`, `restore`), rebuilding its database
-//! (`rebuild`), and removing unneeded data (the sweep).
+//! (`rebuild`), moving its database (`migrate`), and removing unneeded data (the sweep).
 //!
 //! The commands work on the folder from outside, with or without a running server. Must not depend on models or wire
 //! types.
@@ -10,6 +10,7 @@ mod check;
 mod describe;
 mod files;
 mod manifest;
+mod migrate;
 mod rebuild;
 mod report;
 mod restore;
@@ -53,6 +54,7 @@ pub async fn run(command: &MaintenanceCommand, out: &mut impl Write) -> Result<b
         MaintenanceCommand::Backup(config) => backup::backup(config, out).await,
         MaintenanceCommand::Restore(config) => restore::restore(config, out).await,
         MaintenanceCommand::Rebuild(config) => rebuild::rebuild(config, out).await,
+        MaintenanceCommand::Migrate(config) => migrate::migrate(config, out).await.map(|()| true),
     }
 }
 

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{describe::describe_queued, files::Progress, worth};
+use super::{describe::describe_queued, files::Progress, target, worth};
 use crate::{
     blobs::{self, Blobs, Found, sync_folder},
     config::RebuildConfig,
@@ -46,8 +46,9 @@ struct Rebuild<'a> {
 /// episode again. After an interruption a server does not start on the folder until a second rebuild completes it.
 ///
 /// # Errors
-/// Precondition when a server runs on the folder or there are no blobs; Exhausted or Internal when the disk fails.
+/// Precondition when the database is in PostgreSQL, a server runs on the folder, or there are no blobs; Exhausted or Internal when the disk fails.
 pub(super) async fn rebuild(config: &RebuildConfig, out: &mut impl io::Write) -> Result<bool> {
+    target::expect_sqlite(&config.database, "rebuild")?;
     let data_dir = config.data_dir.as_path();
     if !data_dir.join(BLOBS).is_dir() {
         return Err(Error::precondition(format!(

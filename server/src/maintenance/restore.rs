@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     blobs::{self, Blobs, Copied, sync_folder},
-    config::{CheckConfig, RestoreConfig},
+    config::{CheckConfig, DatabaseConfig, RestoreConfig},
     data_folder::DATABASE,
     error::{Error, Result},
     store::ReadOnlyDatabase,
@@ -37,7 +37,8 @@ pub(super) async fn restore(config: &RestoreConfig, out: &mut impl io::Write) ->
         fs::create_dir_all(&parent).and_then(|()| tempfile::Builder::new().prefix(".restoring-").tempdir_in(&parent));
     let draft = made.map_err(fault("making a folder in", &parent))?;
     fill(backup, draft.path()).await?;
-    let check = CheckConfig { data_dir: draft.path().to_owned(), fast: true, json: false };
+    let check =
+        CheckConfig { data_dir: draft.path().to_owned(), fast: true, json: false, database: DatabaseConfig::default() };
     let mut report = check_folder(&check).await?;
     // An empty folder is replaced; a folder that has been filled in the meantime is an error.
     fs::rename(draft.path(), place).map_err(fault("moving the restored folder to", place))?;

@@ -6,6 +6,7 @@ use std::{
 };
 
 use crate::{
+    config::DatabaseConfig,
     data_folder::DATABASE,
     error::{Error, Result},
     lock::DataLock,
@@ -45,6 +46,24 @@ pub(super) fn claim(source: &Path, target: &Path) -> Result<DataLock> {
     let lock = DataLock::take(target)?;
     fs::write(&mark, NOTICE).map_err(fault)?;
     Ok(lock)
+}
+
+/// Rejects a command on a database that is not in the data folder.
+///
+/// # Errors
+/// Precondition, with the commands to use.
+pub(super) fn expect_sqlite(database: &DatabaseConfig, command: &str) -> Result<()> {
+    if database.database.is_none() {
+        return Ok(());
+    }
+    let instead = match command {
+        "rebuild" => {
+            "restore the dump of PostgreSQL with `pg_restore`, or rebuild a SQLite database in the folder without --database \
+             and move it with `gleaner-server migrate`"
+        }
+        _ => "dump the database with `pg_dump` first, then copy `blobs/` and the stamp of the data folder",
+    };
+    Err(Error::precondition(format!("{command} works on SQLite in the data folder, not on PostgreSQL: {instead}")))
 }
 
 /// Whether the folder is a backup that was finished at least once.

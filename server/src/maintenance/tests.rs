@@ -13,7 +13,7 @@ use tempfile::TempDir;
 use super::{check::check_folder, report::Report};
 use crate::{
     blobs::Blobs,
-    config::CheckConfig,
+    config::{CheckConfig, DatabaseConfig},
     domain::{episode::Outcome, id::BlobId, task::Task},
     ingest::{Ingest, testing::open_on},
     store::{
@@ -36,7 +36,8 @@ pub(super) struct Lab {
 
 /// One episode of each role, an encoder and a policy with the same content, all jobs finished.
 pub(super) async fn lab() -> Lab {
-    let (dir, store) = testing::store().await;
+    // The commands work on SQLite in the folder.
+    let (dir, store) = testing::sqlite().await;
     let blobs = Blobs::open(dir.path()).unwrap();
     let task = testing::task(&store).await;
     let mut recording = None;
@@ -57,5 +58,7 @@ pub(super) async fn lab() -> Lab {
 }
 
 pub(super) async fn checked(data_dir: &Path, fast: bool) -> Report {
-    check_folder(&CheckConfig { data_dir: data_dir.to_owned(), fast, json: false }).await.unwrap()
+    check_folder(&CheckConfig { data_dir: data_dir.to_owned(), fast, json: false, database: DatabaseConfig::default() })
+        .await
+        .unwrap()
 }

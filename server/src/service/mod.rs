@@ -27,9 +27,19 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::serve::serve;
 use crate::{
-    blobs::Blobs, config::ServeConfig, curation::Curation, data_folder, domain::id::TaskId, error::Result,
-    ingest::Ingest, jobs::Jobs, maintenance::Maintenance, policies::Policies, rollouts::Rollouts, scorers::Scorers,
-    store::Store,
+    blobs::Blobs,
+    config::ServeConfig,
+    curation::Curation,
+    data_folder,
+    domain::id::TaskId,
+    error::Result,
+    ingest::Ingest,
+    jobs::Jobs,
+    maintenance::Maintenance,
+    policies::Policies,
+    rollouts::Rollouts,
+    scorers::Scorers,
+    store::{Database, Store},
 };
 
 /// Every module that a service may call, built once.
@@ -60,7 +70,9 @@ impl Services {
             .sparing(config.maintenance.min_free_bytes)
             .limiting_caches(config.maintenance.max_cache_bytes)?;
         let accept = config.maintenance.accept_database;
-        let store = Store::open_with_blobs(&config.data_dir, &blobs, accept).await?;
+        let database = Database::configured(&config.data_dir, &config.database)?;
+        tracing::info!(%database, "opening the database");
+        let store = Store::open_with_blobs(&database, &blobs, accept).await?;
         data_folder::access::warn_if_open(&config.data_dir);
         let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await?;
         let curation = Curation::new(store.clone(), ingest.clone());

@@ -1,11 +1,10 @@
 //! The attempt of a job: whether it is running, which process may speak for it, and where it runs.
 
-use sqlx::{Sqlite, Transaction};
-
 use super::{
     Store, fault,
     job::by_id,
     row::{self, Column as _, Record as _},
+    sql::{self, Transaction},
 };
 use crate::{
     domain::{attempt::Attempt, job::Job, placement::Placement},
@@ -38,12 +37,12 @@ pub(super) fn attempt_is_over() -> Error {
 }
 
 /// The job of an attempt inside a write, if that attempt is running.
-pub(super) async fn running(tx: &mut Transaction<'_, Sqlite>, attempt: &Attempt) -> Result<Option<Job>> {
+pub(super) async fn running(tx: &mut Transaction, attempt: &Attempt) -> Result<Option<Job>> {
     let held: Option<i64> =
-        sqlx::query_scalar("select 1 from jobs where id = ? and coalesce(token_hash, '') = ? and state = 'running'")
+        row::query_as("select 1 from jobs where id = $1 and coalesce(token_hash, '') = $2 and state = 'running'")
             .bind(attempt.job_id.param())
             .bind(&attempt.token_hash)
-            .fetch_optional(&mut **tx)
+            .fetch_optional(&mut *tx)
             .await
             .map_err(fault("looking for an attempt"))?;
     if held.is_some() { by_id(tx, &attempt.job_id).await } else { Ok(None) }
@@ -79,7 +78,7 @@ impl Store {
 
     /// The process of a running attempt, once one has called; `None` for an attempt that is not running.
     async fn bound_process(&self, attempt: &Attempt) -> Result<Option<Option<String>>> {
-        sqlx::query_scalar("select process from jobs where id = ? and token_hash = ? and state = 'running'")
+        row::query_as("select process from jobs where id = $1 and token_hash = $2 and state = 'running'")
             .bind(attempt.job_id.param())
             .bind(&attempt.token_hash)
             .fetch_optional(self.read())
@@ -89,15 +88,15 @@ impl Store {
 
     async fn bind_process(&self, attempt: &Attempt, process: &str, node: &str) -> Result<()> {
         let mut tx = self.write().await?;
-        sqlx::query(
-            "update jobs set process = ?, waiting = '', node = coalesce(nullif(?, ''), node) \
-             where id = ? and token_hash = ? and state = 'running' and process is null",
+        sql::query(
+            "update jobs set process = $1, waiting = '', node = coalesce(nullif($2, ''), node) \
+             where id = $3 and token_hash = $4 and state = 'running' and process is null",
         )
         .bind(process)
         .bind(node)
         .bind(attempt.job_id.param())
         .bind(&attempt.token_hash)
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await
         .map_err(fault("binding an attempt to its process"))?;
         crate::fail_point::pass("process.row_written");
@@ -109,9 +108,9 @@ impl Store {
     /// Stores where a running attempt runs; an unknown node keeps the recorded one.
     pub(crate) async fn place_attempt(&self, attempt: &Attempt, placement: &Placement) -> Result<()> {
         let mut tx = self.write().await?;
-        sqlx::query(
-            "update jobs set engine = ?, engine_id = ?, node = coalesce(nullif(?, ''), node), waiting = ? \
-             where id = ? and token_hash = ? and state = 'running'",
+        sql::query(
+            "update jobs set engine = $1, engine_id = $2, node = coalesce(nullif($3, ''), node), waiting = $4 \
+             where id = $5 and token_hash = $6 and state = 'running'",
         )
         .bind(&placement.engine)
         .bind(&placement.engine_id)
@@ -119,7 +118,7 @@ impl Store {
         .bind(&placement.waiting)
         .bind(attempt.job_id.param())
         .bind(&attempt.token_hash)
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await
         .map_err(fault("storing the place of an attempt"))?;
         self.commit(tx).await
@@ -127,7 +126,7 @@ impl Store {
 
     /// Every running attempt according to the rows: at the start, those of an earlier server.
     pub(crate) async fn running_attempts(&self) -> Result<Vec<RunningAttempt>> {
-        sqlx::query(
+        sql::query(
             "select id, coalesce(token_hash, '') as token_hash, engine, engine_id, node, waiting, \
              process is not null as bound from jobs where state = 'running'",
         )

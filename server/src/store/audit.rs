@@ -3,6 +3,7 @@
 use super::{
     Store, fault,
     row::{self, Column as _, record},
+    sql,
 };
 use crate::{
     domain::{access::AuditEntry, time::Millis},
@@ -18,25 +19,27 @@ impl Store {
     /// Adds an entry.
     pub(crate) async fn insert_audit(&self, entry: &AuditEntry) -> Result<()> {
         let mut tx = self.write().await?;
-        sqlx::query("insert into audit (at, token_id, who, peer, rpc, subjects, outcome) values (?, ?, ?, ?, ?, ?, ?)")
-            .bind(entry.at.param())
-            .bind(entry.token_id.param())
-            .bind(&entry.caller)
-            .bind(&entry.peer)
-            .bind(&entry.rpc)
-            .bind(entry.subjects.param())
-            .bind(&entry.outcome)
-            .execute(&mut *tx)
-            .await
-            .map_err(fault("writing the audit log"))?;
+        sql::query(
+            "insert into audit (at, token_id, who, peer, rpc, subjects, outcome) values ($1, $2, $3, $4, $5, $6, $7)",
+        )
+        .bind(entry.at.param())
+        .bind(entry.token_id.param())
+        .bind(&entry.caller)
+        .bind(&entry.peer)
+        .bind(&entry.rpc)
+        .bind(entry.subjects.param())
+        .bind(&entry.outcome)
+        .execute(&mut tx)
+        .await
+        .map_err(fault("writing the audit log"))?;
         self.commit(tx).await
     }
 
     /// The entries since a time, oldest first: the newest `most` of them.
     pub(crate) async fn audit(&self, since: Millis, most: u32) -> Result<Vec<AuditEntry>> {
-        sqlx::query(
-            "select at, token_id, who, peer, rpc, subjects, outcome from (select * from audit where at >= ? \
-             order by at desc, id desc limit ?) order by at, id",
+        sql::query(
+            "select at, token_id, who, peer, rpc, subjects, outcome from (select * from audit where at >= $1 \
+             order by at desc, id desc limit $2) as newest order by at, id",
         )
         .bind(since.param())
         .bind(most)
@@ -51,13 +54,12 @@ impl Store {
         let mut forgotten = 0;
         loop {
             let mut tx = self.write().await?;
-            let some = sqlx::query("delete from audit where id in (select id from audit where at < ? limit ?)")
+            let some = sql::query("delete from audit where id in (select id from audit where at < $1 limit $2)")
                 .bind(before.param())
                 .bind(FORGOTTEN_AT_ONCE)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await
-                .map_err(fault("forgetting the audit log"))?
-                .rows_affected();
+                .map_err(fault("forgetting the audit log"))?;
             self.commit(tx).await?;
             forgotten += some;
             if some < u64::from(FORGOTTEN_AT_ONCE) {

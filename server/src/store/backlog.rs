@@ -1,6 +1,6 @@
 //! The amount of waiting work, for monitoring.
 
-use super::{Store, fault, row};
+use super::{Store, fault, row, sql};
 use crate::{
     domain::{job::JobState, time::Millis},
     error::Result,
@@ -19,7 +19,7 @@ impl Store {
     /// Counts the jobs.
     pub(crate) async fn backlog(&self) -> Result<Backlog> {
         let counts: Vec<(JobState, u64, Millis)> =
-            sqlx::query("select state, count(*), min(created_at) from jobs group by state")
+            sql::query("select state, count(*), min(created_at) from jobs group by state")
                 .try_map(row::read)
                 .fetch_all(self.read())
                 .await

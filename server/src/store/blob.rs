@@ -4,6 +4,7 @@
 use super::{
     Store, fault,
     row::{self, Column as _, record},
+    sql,
 };
 use crate::{domain::id::BlobId, error::Result};
 
@@ -16,9 +17,9 @@ macro_rules! named_blobs {
          union all select checkpoint, id, null from policies \
          union all select blob, export_id || ' (its file ' || name || ')', size_bytes from export_files \
          union all select checkpoint, id || ' (to resume from)', null from jobs where checkpoint is not null \
-         union all select substr(weights, -64), id || ' (to begin with)', null from \
+         union all select substr(weights, length(weights) - 63), id || ' (to begin with)', null from \
          (select id, case when json_valid(spec) then json_extract(spec, '$.spec.image_weights') end as weights \
-          from jobs where state in ('queued', 'running')) where substr(weights, -65, 1) = '@'"
+          from jobs where state in ('queued', 'running')) as named where substr(weights, length(weights) - 64, 1) = '@'"
     };
 }
 
@@ -38,10 +39,10 @@ pub(crate) struct NamedBlob {
 impl Store {
     /// Whether any row names this blob, or an open upload may be about to.
     pub(crate) async fn names_blob(&self, blob: &BlobId) -> Result<bool> {
-        sqlx::query_scalar(concat!(
+        row::query_as(concat!(
             "select exists (select 1 from (",
             named_blobs!(),
-            ") where blob = ?1) or exists (select 1 from uploads where blake3 = ?1 and committed = size_bytes)"
+            ") as named where blob = $1) or exists (select 1 from uploads where blake3 = $1 and committed = size_bytes)"
         ))
         .bind(blob.param())
         .fetch_one(self.read())
@@ -51,7 +52,7 @@ impl Store {
 
     /// Every blob that a row names, once for each such row, sorted by blob; read at one moment.
     pub(crate) async fn named_blobs(&self) -> Result<Vec<NamedBlob>> {
-        sqlx::query(concat!(named_blobs!(), " order by 1, 2"))
+        sql::query(concat!(named_blobs!(), " order by 1, 2"))
             .try_map(row::read)
             .fetch_all(self.read())
             .await

@@ -5,7 +5,7 @@ use gleaner_core::ScoreSpec;
 use gleaner_recording::{Report, TaskSpec};
 use serde::de::DeserializeOwned;
 
-use super::{Store, fault};
+use super::{Store, fault, row};
 use crate::{
     domain::{
         evaluation::SeedResult, id::EpisodeId, job::JobSpec, order::JobOrder, schedule::PipelineSpec,
@@ -88,14 +88,14 @@ impl Store {
     pub(crate) async fn wrong_rows(&self) -> Result<Vec<(String, String)>> {
         let mut wrong = Vec::new();
         for (what, query, unreadable) in DOCUMENTS {
-            let mut rows = sqlx::query_as::<_, (String, String)>(query).fetch(self.read());
+            let mut rows = row::query_as::<(String, String)>(query).fetch(self.read());
             while let Some((id, json)) = rows.try_next().await.map_err(fault("checking documents"))? {
                 wrong.extend(unreadable(&json).map(|error| (id, format!("{what} does not read: {error}"))));
             }
         }
         for rule in RULES {
             let found: Vec<(String, String)> =
-                sqlx::query_as(rule).fetch_all(self.read()).await.map_err(fault("checking rows"))?;
+                row::query_as(rule).fetch_all(self.read()).await.map_err(fault("checking rows"))?;
             wrong.extend(found);
         }
         Ok(wrong)

@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::{
     Store, fault,
     row::{self, Column as _},
+    sql,
 };
 use crate::{domain::time::Millis, error::Result};
 
@@ -19,8 +20,8 @@ impl Store {
     /// process has just started. Returns the jump, if there was one.
     pub(crate) async fn note_time(&self, now: Millis, ran: Option<Duration>) -> Result<Option<Duration>> {
         let mut tx = self.write().await?;
-        let seen: Option<i64> = sqlx::query_scalar("select seen_at from lab")
-            .fetch_one(&mut *tx)
+        let seen: Option<i64> = row::query_as("select seen_at from lab")
+            .fetch_one(&mut tx)
             .await
             .map_err(fault("reading when the clock was noted"))?;
         let passed = seen.and_then(|seen| u64::try_from(now.0.saturating_sub(seen)).ok());
@@ -31,17 +32,17 @@ impl Store {
             Some(_) | None => (passed, None),
         };
         if let Some(jump) = jump {
-            sqlx::query("insert into clock_jumps (elapsed_ms, jump_ms) select elapsed_ms + ?, ? from lab")
+            sql::query("insert into clock_jumps (elapsed_ms, jump_ms) select elapsed_ms + $1, $2 from lab")
                 .bind(millis(elapsed))
                 .bind(millis(jump))
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await
                 .map_err(fault("noting a jump of the clock"))?;
         }
-        sqlx::query("update lab set elapsed_ms = elapsed_ms + ?, seen_at = ?")
+        sql::query("update lab set elapsed_ms = elapsed_ms + $1, seen_at = $2")
             .bind(millis(elapsed))
             .bind(now.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("noting the clock"))?;
         self.commit(tx).await?;
@@ -50,8 +51,8 @@ impl Store {
 
     /// Sum of the clock's jumps within the newest `age` of the time during which the database was in use.
     pub(crate) async fn jumped_within(&self, age: Duration) -> Result<Duration> {
-        let jumped = sqlx::query(
-            "select coalesce(sum(jump_ms), 0) from clock_jumps, lab where clock_jumps.elapsed_ms > lab.elapsed_ms - ?",
+        let jumped = sql::query(
+            "select cast(coalesce(sum(jump_ms), 0) as bigint) from clock_jumps, lab where clock_jumps.elapsed_ms > lab.elapsed_ms - $1",
         )
         .bind(millis(age))
         .try_map(row::read)

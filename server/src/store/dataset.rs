@@ -1,13 +1,13 @@
 //! Datasets: selections of score runs, and their contents.
 
 use futures::TryStreamExt as _;
-use sqlx::{Sqlite, Transaction, sqlite::SqliteRow};
 use tokio::sync::mpsc;
 
 use super::{
     Store, fault,
     kept::{Matched, Recorded},
     row::{self, Column as _, Record, column, record, unreadable},
+    sql::{self, Row, Transaction},
 };
 use crate::{
     domain::{
@@ -25,7 +25,7 @@ record! { DatasetCounts: kept_segments, kept_episodes, expert_segments }
 record! { Dataset: id, task_id, score_run_id, created_at; selection }
 
 impl Record for Selection {
-    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+    fn decode(row: &Row) -> sqlx::Result<Self> {
         let (beta, top_fraction): (Option<f64>, Option<f64>) = (column(row, "beta")?, column(row, "top_fraction")?);
         let rule = beta.map(Rule::Beta).or(top_fraction.map(Rule::TopFraction));
         let rule = rule.ok_or_else(|| unreadable("beta", "the dataset has neither β nor a top fraction"))?;
@@ -69,11 +69,11 @@ fn columns(rule: Rule) -> (Option<f64>, Option<f64>) {
 }
 
 /// Adds a dataset; its run, or the job that makes it, must exist.
-pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, dataset: &Dataset) -> Result<()> {
+pub(super) async fn insert(tx: &mut Transaction, dataset: &Dataset) -> Result<()> {
     let (beta, top_fraction) = columns(dataset.selection.rule);
-    sqlx::query(
+    sql::query(
         "insert into datasets (id, task_id, score_run_id, beta, top_fraction, shape, created_at) \
-         values (?, ?, ?, ?, ?, ?, ?)",
+         values ($1, $2, $3, $4, $5, $6, $7)",
     )
     .bind(dataset.id.param())
     .bind(dataset.task_id.param())
@@ -82,7 +82,7 @@ pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, dataset: &Dataset) 
     .bind(top_fraction)
     .bind(dataset.selection.shape.param())
     .bind(dataset.created_at.param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("adding a dataset"))?;
     Ok(())
@@ -103,8 +103,9 @@ impl Store {
         };
         let mut tx = self.write().await?;
         let (beta, top_fraction) = columns(selection.rule);
-        let same = sqlx::query(
-            "select * from datasets where score_run_id = ? and beta is ? and top_fraction is ? and shape is ? \
+        let same = sql::query(
+            "select * from datasets where score_run_id = $1 and beta is not distinct from $2 \
+             and top_fraction is not distinct from $3 and shape is not distinct from $4 \
              order by id limit 1",
         )
         .bind(run.param())
@@ -112,7 +113,7 @@ impl Store {
         .bind(top_fraction)
         .bind(selection.shape.param())
         .try_map(row::read)
-        .fetch_optional(&mut *tx)
+        .fetch_optional(&mut tx)
         .await
         .map_err(fault("looking for a dataset"))?;
         if let Some(same) = same {
@@ -130,7 +131,7 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn dataset(&self, id: &DatasetId) -> Result<Dataset> {
-        sqlx::query("select * from datasets where id = ?")
+        sql::query("select * from datasets where id = $1")
             .bind(id.param())
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -144,7 +145,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn datasets(&self, task: &TaskId) -> Result<Vec<Dataset>> {
-        sqlx::query("select * from datasets where task_id = ? order by id desc")
+        sql::query("select * from datasets where task_id = $1 order by id desc")
             .bind(task.param())
             .try_map(row::read)
             .fetch_all(self.read())
@@ -157,7 +158,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn datasets_of_run(&self, run: &ScoreRunId) -> Result<Vec<Dataset>> {
-        sqlx::query("select * from datasets where score_run_id = ? order by id desc")
+        sql::query("select * from datasets where score_run_id = $1 order by id desc")
             .bind(run.param())
             .try_map(row::read)
             .fetch_all(self.read())
@@ -170,10 +171,10 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn dataset_counts(&self, id: &DatasetId) -> Result<Option<DatasetCounts>> {
-        sqlx::query(
+        sql::query(
             "select kept_segments, kept_episodes, expert_steps as expert_segments from datasets \
              join score_runs on score_runs.id = score_run_id join snapshots on snapshots.id = snapshot_id \
-             where datasets.id = ? and kept_segments is not null",
+             where datasets.id = $1 and kept_segments is not null",
         )
         .bind(id.param())
         .try_map(row::read)
@@ -188,11 +189,11 @@ impl Store {
     /// Internal.
     pub(crate) async fn keep_counts(&self, id: &DatasetId, kept: Kept) -> Result<()> {
         let mut tx = self.write().await?;
-        sqlx::query("update datasets set kept_segments = ?, kept_episodes = ? where id = ?")
+        sql::query("update datasets set kept_segments = $1, kept_episodes = $2 where id = $3")
             .bind(kept.segments.param())
             .bind(kept.episodes.param())
             .bind(id.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("storing the counts of a dataset"))?;
         self.commit(tx).await

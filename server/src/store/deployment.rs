@@ -1,10 +1,9 @@
 //! Deployments and their history.
 
-use sqlx::{SqliteExecutor, sqlite::SqliteRow};
-
 use super::{
     Store, fault,
     row::{self, Column, Record as _, record},
+    sql::{self, Row, Target},
 };
 use crate::{
     domain::{
@@ -28,16 +27,16 @@ impl Store {
     /// Precondition when the name belongs to another task.
     pub(crate) async fn deploy(&self, name: &str, task: &TaskId, assignment: &Assignment) -> Result<Deployment> {
         let mut tx = self.write().await?;
-        sqlx::query("insert into deployments (name, task_id) values (?, ?) on conflict do nothing")
+        sql::query("insert into deployments (name, task_id) values ($1, $2) on conflict do nothing")
             .bind(name)
             .bind(task.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("adding a deployment"))?;
-        let owner: TaskId = sqlx::query("select task_id from deployments where name = ?")
+        let owner: TaskId = sql::query("select task_id from deployments where name = $1")
             .bind(name)
             .try_map(row::read)
-            .fetch_one(&mut *tx)
+            .fetch_one(&mut tx)
             .await
             .map_err(fault("reading a deployment's task"))?;
         if owner != *task {
@@ -45,22 +44,22 @@ impl Store {
                 "deployment {name} belongs to {owner}, the policy to {task}; deploy it under another name"
             )));
         }
-        sqlx::query(
+        sql::query(
             "insert into deployment_changes (name, policy_id, score_run_id, hide_history, created_at, previous) \
-             select ?1, ?2, ?3, ?4, ?5, (select max(id) from deployment_changes where name = ?1) where not exists \
-             (select 1 from deployment_changes where id = (select max(id) from deployment_changes where name = ?1) \
-             and policy_id = ?2 and score_run_id is ?3 and hide_history = ?4)",
+             select $1, $2, $3, $4, $5, (select max(id) from deployment_changes where name = $1) where not exists \
+             (select 1 from deployment_changes where id = (select max(id) from deployment_changes where name = $1) \
+             and policy_id = $2 and score_run_id is not distinct from $3 and hide_history = $4)",
         )
         .bind(name)
         .bind(assignment.policy_id.param())
         .bind(assignment.score_run_id.param())
         .bind(assignment.hide_history)
         .bind(Millis::now().param())
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await
         .map_err(fault("changing a deployment"))?;
         // Read before the commit, so that a failed read leaves the deployment unchanged.
-        let deployment = deployment(&mut *tx, name).await?;
+        let deployment = deployment(&mut tx, name).await?;
         crate::fail_point::pass("deployment.row_written");
         self.commit(tx).await?;
         crate::fail_point::pass("deployment.committed");
@@ -72,10 +71,10 @@ impl Store {
     /// # Errors
     /// NotFound; Precondition when there is no earlier assignment.
     pub(crate) async fn before(&self, name: &str) -> Result<Assignment> {
-        let before: Vec<Assignment> = sqlx::query(
+        let before: Vec<Assignment> = sql::query(
             "select earlier.policy_id, earlier.score_run_id, earlier.hide_history from deployment_changes now \
              join deployment_changes earlier on earlier.id = now.previous \
-             where now.id = (select max(id) from deployment_changes where name = ?)",
+             where now.id = (select max(id) from deployment_changes where name = $1)",
         )
         .bind(name)
         .try_map(row::read)
@@ -95,20 +94,20 @@ impl Store {
     /// NotFound; Precondition when there is no earlier assignment.
     pub(crate) async fn roll_back(&self, name: &str) -> Result<Deployment> {
         let mut tx = self.write().await?;
-        let changed = sqlx::query(
+        let changed = sql::query(
             "insert into deployment_changes (name, policy_id, score_run_id, hide_history, created_at, previous) \
-             select ?1, earlier.policy_id, earlier.score_run_id, earlier.hide_history, ?2, earlier.previous \
+             select $1, earlier.policy_id, earlier.score_run_id, earlier.hide_history, $2, earlier.previous \
              from deployment_changes now \
              join deployment_changes earlier on earlier.id = now.previous \
-             where now.id = (select max(id) from deployment_changes where name = ?1)",
+             where now.id = (select max(id) from deployment_changes where name = $1)",
         )
         .bind(name)
         .bind(Millis::now().param())
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await
         .map_err(fault("rolling a deployment back"))?;
-        let deployment = deployment(&mut *tx, name).await?;
-        if changed.rows_affected() == 0 {
+        let deployment = deployment(&mut tx, name).await?;
+        if changed == 0 {
             return Err(nothing_before(name));
         }
         self.commit(tx).await?;
@@ -128,9 +127,9 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn deployments(&self, task: Option<&TaskId>) -> Result<Vec<Deployment>> {
-        let rows = sqlx::query(
+        let rows = sql::query(
             "select name, task_id, policy_id, score_run_id, hide_history, created_at from deployment_changes join deployments \
-             using (name) where ?1 is null or task_id = ?1 order by name, deployment_changes.id",
+             using (name) where $1 is null or task_id = $1 order by name, deployment_changes.id",
         )
         .bind(task.map(Column::param))
         .try_map(change)
@@ -142,10 +141,10 @@ impl Store {
 }
 
 /// A deployment with its history, read through this connection.
-async fn deployment(from: impl SqliteExecutor<'_>, name: &str) -> Result<Deployment> {
-    let rows = sqlx::query(
+async fn deployment(from: impl Into<Target<'_>>, name: &str) -> Result<Deployment> {
+    let rows = sql::query(
         "select name, task_id, policy_id, score_run_id, hide_history, created_at from deployment_changes join deployments \
-         using (name) where name = ? order by deployment_changes.id",
+         using (name) where name = $1 order by deployment_changes.id",
     )
     .bind(name)
     .try_map(change)
@@ -159,7 +158,7 @@ fn nothing_before(name: &str) -> Error {
     Error::precondition(format!("deployment {name} has no policy before the one in force; deploy another instead"))
 }
 
-fn change(row: SqliteRow) -> sqlx::Result<Change> {
+fn change(row: Row) -> sqlx::Result<Change> {
     Ok((row::column(&row, "name")?, row::column(&row, "task_id")?, DeploymentChange::decode(&row)?))
 }
 

@@ -1,10 +1,9 @@
 //! Encoders: results of pretraining.
 
-use sqlx::{Sqlite, Transaction};
-
 use super::{
     Store, fault,
     row::{self, Column as _, record},
+    sql::{self, Transaction},
 };
 use crate::{
     domain::{
@@ -18,9 +17,9 @@ use crate::{
 record! { Encoder: id, task_id, job_id, snapshot_id, checkpoint, created_at }
 
 /// Adds a finished encoder.
-pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, encoder: &Encoder) -> Result<()> {
-    sqlx::query(
-        "insert into encoders (id, task_id, job_id, snapshot_id, checkpoint, created_at) values (?, ?, ?, ?, ?, ?)",
+pub(super) async fn insert(tx: &mut Transaction, encoder: &Encoder) -> Result<()> {
+    sql::query(
+        "insert into encoders (id, task_id, job_id, snapshot_id, checkpoint, created_at) values ($1, $2, $3, $4, $5, $6)",
     )
     .bind(encoder.id.param())
     .bind(encoder.task_id.param())
@@ -28,7 +27,7 @@ pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, encoder: &Encoder) 
     .bind(encoder.snapshot_id.param())
     .bind(encoder.checkpoint.param())
     .bind(encoder.created_at.param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("adding an encoder"))?;
     Ok(())
@@ -40,7 +39,7 @@ impl Store {
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
     pub(crate) async fn encoder(&self, id: &EncoderId) -> Result<Encoder> {
-        let found = sqlx::query("select * from encoders where id = ?")
+        let found = sql::query("select * from encoders where id = $1")
             .bind(id.param())
             .try_map(row::read)
             .fetch_optional(self.read())

@@ -2,11 +2,10 @@
 
 pub(super) mod label;
 
-use sqlx::{QueryBuilder, Sqlite, Transaction};
-
 use super::{
     Store, fault,
     row::{self, Column as _, record},
+    sql::{self, QueryBuilder, Transaction},
 };
 use crate::{
     domain::{
@@ -40,12 +39,12 @@ impl Store {
     /// NotFound, also for an episode that is permanently deleted.
     pub(crate) async fn episode(&self, id: &EpisodeId) -> Result<InspectedEpisode> {
         let missing = || Error::not_found("episode", id);
-        let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
+        let mut tx = self.read().begin_read().await.map_err(fault("reading an episode"))?;
         let episode = by_id(&mut tx, id).await?.ok_or_else(missing)?;
-        let report = sqlx::query("select report from episodes where id = ?")
+        let report = sql::query("select report from episodes where id = $1")
             .bind(id.param())
             .try_map(row::read)
-            .fetch_one(&mut *tx)
+            .fetch_one(&mut tx)
             .await
             .map_err(fault("reading a report"))?;
         Ok(InspectedEpisode { episode, report })
@@ -56,7 +55,7 @@ impl Store {
     /// # Errors
     /// NotFound, also for an episode that is permanently deleted.
     pub(crate) async fn recording_of(&self, id: &EpisodeId) -> Result<(TaskId, BlobId)> {
-        sqlx::query("select task_id, recording from episodes where id = ? and purged_at is null")
+        sql::query("select task_id, recording from episodes where id = $1 and purged_at is null")
             .bind(id.param())
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -67,7 +66,7 @@ impl Store {
 
     /// The task's episode with this recording, if any, also from the trash.
     pub(crate) async fn episode_of(&self, task: &TaskId, recording: &BlobId) -> Result<Option<Episode>> {
-        let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
+        let mut tx = self.read().begin_read().await.map_err(fault("reading an episode"))?;
         by_recording(&mut tx, task, recording).await
     }
 
@@ -79,7 +78,7 @@ impl Store {
         after: Option<&EpisodeId>,
         size: u32,
     ) -> Result<(Vec<Episode>, Option<EpisodeId>)> {
-        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        let mut query = QueryBuilder::new(COLUMNS);
         query.push("where task_id = ").push_bind(filter.task_id.param());
         query.push(if filter.deleted {
             " and deleted_at is not null and purged_at is null"
@@ -108,43 +107,35 @@ impl Store {
 }
 
 /// An episode that is not permanently deleted.
-pub(super) async fn by_id(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<Episode>> {
+pub(super) async fn by_id(tx: &mut Transaction, id: &EpisodeId) -> Result<Option<Episode>> {
     let mut query = QueryBuilder::new(COLUMNS);
     query.push("where id = ").push_bind(id.param()).push(" and purged_at is null");
     one(tx, query).await
 }
 
 /// The task's episode with this recording, if any.
-pub(super) async fn by_recording(
-    tx: &mut Transaction<'_, Sqlite>,
-    task: &TaskId,
-    recording: &BlobId,
-) -> Result<Option<Episode>> {
+pub(super) async fn by_recording(tx: &mut Transaction, task: &TaskId, recording: &BlobId) -> Result<Option<Episode>> {
     let mut query = QueryBuilder::new(COLUMNS);
     query.push("where task_id = ").push_bind(task.param());
     query.push(" and recording = ").push_bind(recording.param()).push(" and purged_at is null");
     one(tx, query).await
 }
 
-async fn one(tx: &mut Transaction<'_, Sqlite>, mut query: QueryBuilder<Sqlite>) -> Result<Option<Episode>> {
-    query.build().try_map(row::read).fetch_optional(&mut **tx).await.map_err(fault("reading an episode"))
+async fn one(tx: &mut Transaction, query: QueryBuilder) -> Result<Option<Episode>> {
+    query.build().try_map(row::read).fetch_optional(&mut *tx).await.map_err(fault("reading an episode"))
 }
 
 /// Makes an episode visible, with its first label. If the task had this recording and it was permanently deleted, the row
 /// of that episode is restored instead.
-pub(super) async fn insert(
-    tx: &mut Transaction<'_, Sqlite>,
-    inspected: &InspectedEpisode,
-    author: &str,
-) -> Result<Episode> {
+pub(super) async fn insert(tx: &mut Transaction, inspected: &InspectedEpisode, author: &str) -> Result<Episode> {
     let InspectedEpisode { episode, report } = inspected;
     if let Some(revived) = revive(tx, episode).await? {
         label::insert(tx, &revived, author, "pushed again").await?;
         return Ok(revived);
     }
-    sqlx::query(
+    sql::query(
         "insert into episodes (id, task_id, file_name, recording, size_bytes, steps, duration_s, mapping, warnings, \
-             report, outcome, cohort, created_at) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+             report, outcome, cohort, created_at) values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)",
     )
     .bind(episode.id.param())
     .bind(episode.task_id.param())
@@ -159,7 +150,7 @@ pub(super) async fn insert(
     .bind(episode.outcome.param())
     .bind(&episode.cohort)
     .bind(episode.created_at.param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("inserting an episode"))?;
     label::insert(tx, episode, author, "").await?;
@@ -167,17 +158,17 @@ pub(super) async fn insert(
 }
 
 /// Restores the row of an episode whose recording was lost.
-async fn revive(tx: &mut Transaction<'_, Sqlite>, episode: &Episode) -> Result<Option<Episode>> {
-    let revived: Option<EpisodeId> = sqlx::query(
-        "update episodes set purged_at = null, deleted_at = null, delete_forced = 0, outcome = ?, cohort = ? \
-         where task_id = ? and recording = ? and purged_at is not null returning id",
+async fn revive(tx: &mut Transaction, episode: &Episode) -> Result<Option<Episode>> {
+    let revived: Option<EpisodeId> = sql::query(
+        "update episodes set purged_at = null, deleted_at = null, delete_forced = false, outcome = $1, cohort = $2 \
+         where task_id = $3 and recording = $4 and purged_at is not null returning id",
     )
     .bind(episode.outcome.param())
     .bind(&episode.cohort)
     .bind(episode.task_id.param())
     .bind(episode.recording.param())
     .try_map(row::read)
-    .fetch_optional(&mut **tx)
+    .fetch_optional(&mut *tx)
     .await
     .map_err(fault("bringing an episode back"))?;
     match revived {

@@ -1,10 +1,9 @@
 //! Evaluations of policies.
 
-use sqlx::{Sqlite, Transaction};
-
 use super::{
     Store, fault,
     row::{self, Column as _, record},
+    sql::{self, Transaction},
 };
 use crate::{
     domain::{
@@ -18,9 +17,9 @@ use crate::{
 record! { Evaluation: id, policy_id, job_id, simulation, seeds, created_at }
 
 /// Adds an evaluation.
-pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, evaluation: &Evaluation) -> Result<()> {
-    sqlx::query(
-        "insert into evaluations (id, policy_id, job_id, simulation, seeds, created_at) values (?, ?, ?, ?, ?, ?)",
+pub(super) async fn insert(tx: &mut Transaction, evaluation: &Evaluation) -> Result<()> {
+    sql::query(
+        "insert into evaluations (id, policy_id, job_id, simulation, seeds, created_at) values ($1, $2, $3, $4, $5, $6)",
     )
     .bind(evaluation.id.param())
     .bind(evaluation.policy_id.param())
@@ -28,7 +27,7 @@ pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, evaluation: &Evalua
     .bind(&evaluation.simulation)
     .bind(evaluation.seeds.param())
     .bind(evaluation.created_at.param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("adding an evaluation"))?;
     Ok(())
@@ -50,7 +49,7 @@ impl Store {
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
     pub(crate) async fn evaluation(&self, id: &EvaluationId) -> Result<Evaluation> {
-        let found = sqlx::query("select * from evaluations where id = ?")
+        let found = sql::query("select * from evaluations where id = $1")
             .bind(id.param())
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -67,7 +66,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn evaluations(&self, policy: &PolicyId) -> Result<Vec<Evaluation>> {
-        sqlx::query("select * from evaluations where policy_id = ? order by created_at desc, id desc")
+        sql::query("select * from evaluations where policy_id = $1 order by created_at desc, id desc")
             .bind(policy.param())
             .try_map(row::read)
             .fetch_all(self.read())

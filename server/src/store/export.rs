@@ -1,10 +1,9 @@
 //! Exports and their files.
 
-use sqlx::{Sqlite, Transaction};
-
 use super::{
     Store, fault,
     row::{self, Column as _, record},
+    sql::{self, Transaction},
 };
 use crate::{
     domain::{
@@ -20,30 +19,32 @@ record! { ExportFile: name, blob, size_bytes }
 
 /// Adds a finished export.
 pub(super) async fn insert(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction,
     export: &ExportId,
     dataset: &DatasetId,
     job: &JobId,
     files: &[ExportFile],
 ) -> Result<()> {
-    sqlx::query("insert into exports (id, dataset_id, job_id, created_at) values (?, ?, ?, ?)")
+    sql::query("insert into exports (id, dataset_id, job_id, created_at) values ($1, $2, $3, $4)")
         .bind(export.param())
         .bind(dataset.param())
         .bind(job.param())
         .bind(Millis::now().param())
-        .execute(&mut **tx)
+        .execute(&mut *tx)
         .await
         .map_err(fault("adding an export"))?;
     for (position, file) in (0i64..).zip(files) {
-        sqlx::query("insert into export_files (export_id, position, name, blob, size_bytes) values (?, ?, ?, ?, ?)")
-            .bind(export.param())
-            .bind(position)
-            .bind(&file.name)
-            .bind(file.blob.param())
-            .bind(file.size_bytes.param())
-            .execute(&mut **tx)
-            .await
-            .map_err(fault("adding a file of an export"))?;
+        sql::query(
+            "insert into export_files (export_id, position, name, blob, size_bytes) values ($1, $2, $3, $4, $5)",
+        )
+        .bind(export.param())
+        .bind(position)
+        .bind(&file.name)
+        .bind(file.blob.param())
+        .bind(file.size_bytes.param())
+        .execute(&mut *tx)
+        .await
+        .map_err(fault("adding a file of an export"))?;
     }
     Ok(())
 }
@@ -54,7 +55,7 @@ impl Store {
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
     pub(crate) async fn export_files(&self, id: &ExportId) -> Result<Vec<ExportFile>> {
-        let there: i64 = sqlx::query_scalar("select count(*) from exports where id = ?")
+        let there: i64 = row::query_as("select count(*) from exports where id = $1")
             .bind(id.param())
             .fetch_one(self.read())
             .await
@@ -62,7 +63,7 @@ impl Store {
         if there == 0 {
             return Err(self.missing(JobKind::Export, "export", id.as_str()).await);
         }
-        sqlx::query("select name, blob, size_bytes from export_files where export_id = ? order by position")
+        sql::query("select name, blob, size_bytes from export_files where export_id = $1 order by position")
             .bind(id.param())
             .try_map(row::read)
             .fetch_all(self.read())

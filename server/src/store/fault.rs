@@ -1,4 +1,8 @@
-//! The causes of database errors: a full disk, a slow disk, or a defect.
+//! The causes of database errors: a full disk, a slow disk, a database that is away, or a defect.
+
+use std::fmt::Display;
+
+use sqlx::postgres::PgDatabaseError;
 
 use crate::{
     error::{DISK_FULL, DISK_READ_ONLY, Error},
@@ -20,8 +24,23 @@ const WRITE_FAILED: [i32; 5] = [778, 1034, 1290, 1546, 4874];
 /// Converts a database error into [`Error`], with the action that failed.
 pub(super) fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
     move |error| {
-        if matches!(error, sqlx::Error::PoolTimedOut) {
-            return too_slow();
+        match &error {
+            sqlx::Error::PoolTimedOut => return too_slow(),
+            // SQLite has no connection to lose.
+            sqlx::Error::Io(_) | sqlx::Error::Tls(_) => return away(doing, error),
+            sqlx::Error::Database(database) => {
+                if let Some(code) = database.try_downcast_ref::<PgDatabaseError>().map(PgDatabaseError::code) {
+                    return match cause(code) {
+                        Cause::Full => Error::refused_by_disk(DISK_FULL, doing, error),
+                        Cause::Unwritable => Error::refused_by_disk(DISK_READ_ONLY, doing, error),
+                        Cause::Busy => too_slow(),
+                        Cause::Away => away(doing, error),
+                        Cause::Text => Error::invalid("text", "contains a NUL character, which cannot be stored"),
+                        Cause::Defect => Error::internal(doing, error),
+                    };
+                }
+            }
+            _ => {}
         }
         let code = error.as_database_error().and_then(|error| error.code()?.parse::<i32>().ok());
         match code {
@@ -49,6 +68,62 @@ fn too_slow() -> Error {
     Error::unavailable("the server's database is busy: its disk is slow or another process holds it; retry")
 }
 
+fn away(doing: &'static str, error: sqlx::Error) -> Error {
+    tracing::warn!(%error, "the database was away: {doing}");
+    Error::unavailable("the server's database cannot be reached, or was restarted; retry")
+}
+
+/// What PostgreSQL's SQLSTATE means to a caller.
+#[derive(Debug, PartialEq, Eq)]
+enum Cause {
+    Full,
+    Unwritable,
+    Busy,
+    Away,
+    Text,
+    Defect,
+}
+
+fn cause(code: &str) -> Cause {
+    match code {
+        "53100" => Cause::Full,
+        // A standby, or a server that was made one; a disk that fails.
+        "25006" | "58030" => Cause::Unwritable,
+        // Serialisation failures, deadlocks and locks waited for too long.
+        "40001" | "40P01" | "55P03" => Cause::Busy,
+        "22021" => Cause::Text,
+        code if ["08", "53", "57P"].iter().any(|class| code.starts_with(class)) => Cause::Away,
+        _ => Cause::Defect,
+    }
+}
+
+/// The error of a database that cannot be opened, for its operator.
+pub(super) fn connecting(shown: impl Display, error: sqlx::Error) -> Error {
+    let code = match &error {
+        sqlx::Error::Database(database) => database.code().unwrap_or_default().into_owned(),
+        _ => String::new(),
+    };
+    let help = match (&error, code.as_str()) {
+        (sqlx::Error::PoolTimedOut, _) => {
+            return Error::precondition(format!(
+                "{shown}: PostgreSQL did not answer within 10 seconds; check the host and port of --database, and that its \
+                 server runs"
+            ));
+        }
+        (sqlx::Error::Io(_), _) => "check the host and port of --database, and that its server runs",
+        (sqlx::Error::Tls(_), _) => "check its certificate and `sslmode` in --database",
+        (_, "28P01" | "28000") => {
+            "PostgreSQL rejects the user or the password; set --database-password-file, or PGPASSWORD or PGPASSFILE"
+        }
+        (_, "3D000") => "create the database with `createdb`",
+        (_, "53300") => "raise `max_connections` of PostgreSQL; a server uses up to 10",
+        (_, "42501") => "the user must own the database, or its schema `public`",
+        (_, "57P03") => "PostgreSQL is starting or stopping; retry",
+        _ => return Error::internal(format!("opening {shown}"), error),
+    };
+    Error::precondition(format!("cannot open the database {shown}: {error}. {help}"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::{ReadOnlyDatabase, testing};
@@ -57,7 +132,7 @@ mod tests {
     /// SQLite reports a database at its maximum size in the same way as a full disk.
     #[tokio::test]
     async fn a_full_disk_refuses_writes_until_there_is_room() {
-        let (_dir, store) = testing::store().await;
+        let (_dir, store) = testing::sqlite().await;
         let task = testing::task(&store).await;
         let pages = "pragma max_page_count = ";
         testing::run(&store, &format!("{pages}1")).await;
@@ -82,7 +157,7 @@ mod tests {
 
     #[tokio::test]
     async fn an_unwritable_database_is_reported_as_such() {
-        let (dir, store) = testing::store().await;
+        let (dir, store) = testing::sqlite().await;
         let task = testing::task(&store).await;
         store.close().await;
         let database = ReadOnlyDatabase::open(&dir.path().join("gleaner.db")).await.unwrap();
@@ -92,6 +167,26 @@ mod tests {
     }
 
     /// The end-to-end tests have a real limit; this test covers every code.
+    #[test]
+    fn codes_of_postgresql_have_their_cause() {
+        use super::{Cause, cause};
+        for (code, expected) in [
+            ("53100", Cause::Full),
+            ("58030", Cause::Unwritable),
+            ("25006", Cause::Unwritable),
+            ("40001", Cause::Busy),
+            ("55P03", Cause::Busy),
+            ("08006", Cause::Away),
+            ("53300", Cause::Away),
+            ("57P01", Cause::Away),
+            ("57P03", Cause::Away),
+            ("57014", Cause::Defect),
+            ("23505", Cause::Defect),
+        ] {
+            assert_eq!(cause(code), expected, "{code}");
+        }
+    }
+
     #[test]
     fn a_failed_write_of_a_process_with_a_file_size_limit_names_the_limit() {
         use super::{DISK_FULL, DISK_READ_ONLY, FILE_LIMIT_REACHED, FULL, READ_ONLY, WRITE_FAILED, refusal};
@@ -104,7 +199,7 @@ mod tests {
 
     #[tokio::test]
     async fn an_unreadable_column_is_an_internal_error_with_its_name() {
-        let (_dir, store) = testing::store().await;
+        let (_dir, store) = testing::sqlite().await;
         let task = testing::task(&store).await;
         let episode = testing::episode(&store, &task, Outcome::Success, "").await;
         testing::run(&store, "pragma ignore_check_constraints = 1").await;

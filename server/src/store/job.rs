@@ -1,11 +1,10 @@
 //! Rows of jobs: reading them and queueing new ones. Changes of state are in `queue`.
 
-use sqlx::{QueryBuilder, Sqlite, Transaction};
-
 use super::{
     Store, curation, dataset, fault, is_duplicate,
     row::{self, Column as _, record},
     schedule,
+    sql::{self, QueryBuilder, Transaction},
 };
 use crate::{
     domain::{
@@ -22,7 +21,7 @@ use crate::{
 macro_rules! select_jobs {
     ($rest:literal) => {
         concat!(
-            "select *, (select group_concat(needs) from job_dependencies where job_id = jobs.id) as needs from jobs ",
+            "select *, (select string_agg(needs, ',' order by needs) from job_dependencies where job_id = jobs.id) as needs from jobs ",
             $rest
         )
     };
@@ -36,11 +35,11 @@ record! { Job:
 record! { Placement: engine, engine_id, node, waiting }
 
 /// Reads a job inside a write.
-pub(super) async fn by_id(tx: &mut Transaction<'_, Sqlite>, id: &JobId) -> Result<Option<Job>> {
-    sqlx::query(select_jobs!("where id = ?"))
+pub(super) async fn by_id(tx: &mut Transaction, id: &JobId) -> Result<Option<Job>> {
+    sql::query(select_jobs!("where id = $1"))
         .bind(id.param())
         .try_map(row::read)
-        .fetch_optional(&mut **tx)
+        .fetch_optional(&mut *tx)
         .await
         .map_err(fault("reading a job"))
 }
@@ -51,7 +50,7 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn job(&self, id: &JobId) -> Result<Job> {
-        sqlx::query(select_jobs!("where id = ?"))
+        sql::query(select_jobs!("where id = $1"))
             .bind(id.param())
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -62,7 +61,7 @@ impl Store {
 
     /// The job that makes or made this result, in any state.
     pub(crate) async fn job_of_result(&self, result_id: &str) -> Result<Option<Job>> {
-        sqlx::query(select_jobs!("where result_id = ?"))
+        sql::query(select_jobs!("where result_id = $1"))
             .bind(result_id)
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -73,8 +72,8 @@ impl Store {
     /// Jobs of a task whose specs name one of these ids (of snapshots, results or datasets), oldest first. Ids occur in
     /// a spec only where they name an object, so the result has all such jobs, whether or not they had to wait.
     pub(crate) async fn jobs_naming(&self, task: &TaskId, ids: &[&str]) -> Result<Vec<Job>> {
-        sqlx::query(select_jobs!(
-            "where task_id = ? and exists (select 1 from json_each(?) where instr(jobs.spec, value) > 0) order by id"
+        sql::query(select_jobs!(
+            "where task_id = $1 and exists (select 1 from json_each($2) where instr(jobs.spec, value) > 0) order by id"
         ))
         .bind(task.param())
         .bind(serde_json::json!(ids).to_string())
@@ -86,9 +85,9 @@ impl Store {
 
     /// The task's job of this key that has not failed and was not cancelled, and its order.
     pub(crate) async fn job_of_key(&self, task: &TaskId, key: &str) -> Result<Option<(Job, JobOrder)>> {
-        let held = "select id, ordered from jobs where task_id = ? and key = ? and key <> '' \
+        let held = "select id, ordered from jobs where task_id = $1 and key = $2 and key <> '' \
              and state not in ('failed', 'cancelled')";
-        let found: Option<(JobId, JobOrder)> = sqlx::query(held)
+        let found: Option<(JobId, JobOrder)> = sql::query(held)
             .bind(task.param())
             .bind(key)
             .try_map(row::read)
@@ -109,7 +108,7 @@ impl Store {
         before: Option<&JobId>,
         size: u32,
     ) -> Result<(Vec<Job>, Option<JobId>)> {
-        let mut query = QueryBuilder::<Sqlite>::new(select_jobs!("where true"));
+        let mut query = QueryBuilder::new(select_jobs!("where true"));
         if let Some(task) = &filter.task_id {
             query.push(" and task_id = ").push_bind(task.param());
         }
@@ -163,12 +162,12 @@ impl Store {
     }
 }
 
-async fn insert(tx: &mut Transaction<'_, Sqlite>, job: &NewJob) -> Result<()> {
+async fn insert(tx: &mut Transaction, job: &NewJob) -> Result<()> {
     let ordered = job.keyed.as_ref().map(|keyed| serde_json::to_string(&keyed.order)).transpose();
     let ordered = ordered.map_err(|error| Error::internal("writing an order", error))?;
-    sqlx::query(
+    sql::query(
         "insert into jobs (id, task_id, kind, spec, state, priority, result_id, max_attempts, created_at, key, ordered) \
-         values (?, ?, ?, ?, 'queued', ?, ?, ?, ?, ?, ?)",
+         values ($1, $2, $3, $4, 'queued', $5, $6, $7, $8, $9, $10)",
     )
     .bind(job.id.param())
     .bind(job.task_id.param())
@@ -180,7 +179,7 @@ async fn insert(tx: &mut Transaction<'_, Sqlite>, job: &NewJob) -> Result<()> {
     .bind(Millis::now().param())
     .bind(job.keyed.as_ref().map_or("", |keyed| keyed.key.as_str()))
     .bind(ordered.unwrap_or_default())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(|error| match &job.keyed {
         Some(keyed) if is_duplicate(&error) => Error::exists(format!("the key {:?} belongs to another job", keyed.key)),
@@ -189,10 +188,10 @@ async fn insert(tx: &mut Transaction<'_, Sqlite>, job: &NewJob) -> Result<()> {
     for needed in &job.needs {
         let found = by_id(tx, needed).await?.ok_or_else(|| Error::not_found("job", needed))?;
         may_be_waited_for(&found)?;
-        sqlx::query("insert or ignore into job_dependencies (job_id, needs) values (?, ?)")
+        sql::query("insert into job_dependencies (job_id, needs) values ($1, $2) on conflict do nothing")
             .bind(job.id.param())
             .bind(needed.param())
-            .execute(&mut **tx)
+            .execute(&mut *tx)
             .await
             .map_err(fault("adding a dependency"))?;
     }

@@ -3,12 +3,10 @@
 
 use std::collections::HashMap;
 
-use futures::{Stream, StreamExt as _, TryStreamExt as _};
-use sqlx::sqlite::SqliteRow;
-
 use super::{
     Store, fault,
     row::{self, Column as _, Record, column, record},
+    sql::{self, Row},
 };
 use crate::{
     domain::{
@@ -19,6 +17,7 @@ use crate::{
     },
     error::{Error, Result},
 };
+use futures::{Stream, StreamExt as _, TryStreamExt as _};
 
 /// An imperfect episode with its matches, if the scorer gives any.
 pub(super) struct Matched {
@@ -36,7 +35,7 @@ pub(super) struct Recorded {
 record! { Matched: match_episode, match_step; candidate }
 
 impl Record for Recorded {
-    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+    fn decode(row: &Row) -> sqlx::Result<Self> {
         Ok(Self { matched: Record::decode(row)?, episode: Record::decode(row)? })
     }
 }
@@ -55,7 +54,7 @@ impl AsMut<Matched> for Recorded {
 
 impl Record for Candidate {
     /// Without places, which are computed from the matches.
-    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+    fn decode(row: &Row) -> sqlx::Result<Self> {
         let (episode_id, cohort) = (column(row, "episode_id")?, column(row, "cohort")?);
         Ok(Self { episode_id, cohort, w: column(row, "w")?, q: column(row, "q")?, places: Vec::new() })
     }
@@ -68,9 +67,9 @@ macro_rules! imperfect {
             "select episode_scores.episode_id, snapshot_episodes.cohort, w, q",
             $columns,
             " from episode_scores join snapshot_episodes \
-             on snapshot_id = ? and snapshot_episodes.episode_id = episode_scores.episode_id ",
+             on snapshot_id = $1 and snapshot_episodes.episode_id = episode_scores.episode_id ",
             $($joined,)?
-            " where score_run_id = ? and episode_scores.role = 'imperfect' order by episode_scores.position"
+            " where score_run_id = $2 and episode_scores.role = 'imperfect' order by episode_scores.position"
         )
     };
 }
@@ -81,7 +80,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn expert_qualities(&self, run: &ScoreRunId) -> Result<Vec<Vec<f32>>> {
-        sqlx::query("select q from episode_scores where score_run_id = ? and role = 'expert' order by position")
+        sql::query("select q from episode_scores where score_run_id = $1 and role = 'expert' order by position")
             .bind(run.param())
             .try_map(row::read)
             .fetch_all(self.read())
@@ -99,7 +98,7 @@ impl Store {
         if places {
             return self.matched(&run, true).await?.map_ok(|matched| matched.candidate).try_collect().await;
         }
-        sqlx::query(imperfect!(""))
+        sql::query(imperfect!(""))
             .bind(run.snapshot_id.param())
             .bind(run.id.param())
             .try_map(row::read)
@@ -148,7 +147,7 @@ impl Store {
             }
             Ok(row)
         };
-        let rows = sqlx::query(query)
+        let rows = sql::query(query)
             .bind(run.snapshot_id.param())
             .bind(run.id.param())
             .try_map(row::read::<T>)
@@ -158,9 +157,9 @@ impl Store {
 
     /// The number of steps of each expert of a run.
     async fn expert_lengths(&self, run: &ScoreRun) -> Result<Vec<u64>> {
-        let rows: Vec<(EpisodeId, u64)> = sqlx::query(
+        let rows: Vec<(EpisodeId, u64)> = sql::query(
             "select episode_id, steps from snapshot_episodes join episodes on episodes.id = episode_id \
-             where snapshot_id = ? and role = 'expert'",
+             where snapshot_id = $1 and role = 'expert'",
         )
         .bind(run.snapshot_id.param())
         .try_map(row::read)
@@ -180,7 +179,7 @@ impl Store {
     /// # Errors
     /// As for [`Store::score_run`].
     pub(crate) async fn scored_episodes(&self, run: &ScoreRunId) -> Result<Vec<EpisodeId>> {
-        sqlx::query("select episode_id from episode_scores where score_run_id = ? order by position")
+        sql::query("select episode_id from episode_scores where score_run_id = $1 order by position")
             .bind(run.param())
             .try_map(row::read)
             .fetch_all(self.read())

@@ -5,13 +5,14 @@ mod fit;
 
 use std::{path::Path, sync::Arc};
 
-use sqlx::SqlitePool;
 use tokio_util::sync::CancellationToken;
 
 use self::fit::{damaged, file, found, misfit};
 use super::{
-    Store, fault,
+    Database, Store, fault,
     row::{self, Column as _, record},
+    schema,
+    sql::{self, Pool, Transaction},
 };
 use crate::{
     blobs::Blobs,
@@ -68,9 +69,12 @@ impl Store {
     /// # Errors
     /// Precondition, with the remedies, when the database is missing, damaged, of another folder, or older than the
     /// blobs, and when there is nothing to accept; as for [`Store::open`].
-    pub(crate) async fn open_with_blobs(data_dir: &Path, blobs: &Blobs, accept: bool) -> Result<Self> {
-        let path = data_folder::database(data_dir);
-        let found = found(&path, data_dir).await?;
+    pub(crate) async fn open_with_blobs(database: &Database, blobs: &Blobs, accept: bool) -> Result<Self> {
+        let data_dir = database.data_dir.as_path();
+        let found = match &database.postgres {
+            None => found(&data_folder::database(data_dir), data_dir).await?,
+            Some(at) => fit::found_in_postgres(at).await?,
+        };
         let stamp = match Stamp::read(data_dir) {
             // After a crash or on a full disk during the first stamp.
             Err(_) if accept || found.as_ref().is_some_and(|lab| !lab.stamped) => None,
@@ -79,13 +83,12 @@ impl Store {
         let misfit = misfit(found.as_ref(), stamp.as_ref(), blobs)?;
         match &misfit {
             Some(misfit) if !accept => {
-                return Err(Error::precondition(format!("{}: {misfit}. {}", path.display(), way_to_accept(data_dir))));
+                return Err(Error::precondition(format!("{database}: {misfit}. {}", way_to_accept(data_dir))));
             }
-            Some(misfit) => tracing::warn!(file.path = %path.display(), "accepted by --accept-database: {misfit}"),
+            Some(misfit) => tracing::warn!(%database, "accepted by --accept-database: {misfit}"),
             None if accept => {
                 return Err(Error::precondition(format!(
-                    "--accept-database: {} belongs to the blobs beside it; start without this flag",
-                    path.display()
+                    "--accept-database: {database} belongs to the blobs beside it; start without this flag"
                 )));
             }
             None if found.is_none() => tracing::info!(
@@ -94,7 +97,13 @@ impl Store {
             ),
             None => {}
         }
-        let store = Self::open(&path).await.map_err(|error| damaged(&path, data_dir, error))?;
+        let store = match &database.postgres {
+            None => {
+                let path = data_folder::database(data_dir);
+                Self::open(&path).await.map_err(|error| damaged(&path, data_dir, error))?
+            }
+            Some(at) => Self::serve_postgres(at).await?,
+        };
         if misfit.is_some() {
             // The sidecars may be newer than these rows.
             store.forget_queued_sidecars().await?;
@@ -122,7 +131,7 @@ impl Store {
         let stamp = StampFile::put(data_dir, Stamp { folder: lab.folder, generation, inode, bytes })?;
         if !lab.stamped {
             let mut tx = self.write().await?;
-            sqlx::query("update lab set stamped = 1").execute(&mut *tx).await.map_err(fault("noting the stamp"))?;
+            sql::query("update lab set stamped = true").execute(&mut tx).await.map_err(fault("noting the stamp"))?;
             self.commit(tx).await?;
         }
         // The write-ahead log exists from here on.
@@ -133,22 +142,25 @@ impl Store {
 
     async fn start_generation(&self, least: u64) -> Result<Lab> {
         let mut tx = self.write().await?;
-        let lab = sqlx::query(concat!("update lab set generation = max(generation, ?) + 1 returning ", columns!()))
-            .bind(least.param())
-            .try_map(row::read)
-            .fetch_one(&mut *tx)
-            .await
-            .map_err(fault("starting a generation"))?;
+        let lab = sql::query(concat!(
+            "update lab set generation = case when generation < $1 then $1 else generation end + 1 returning ",
+            columns!()
+        ))
+        .bind(least.param())
+        .try_map(row::read)
+        .fetch_one(&mut tx)
+        .await
+        .map_err(fault("starting a generation"))?;
         self.commit(tx).await?;
         Ok(lab)
     }
 
     /// Commits a write whose loss in an older copy of the database must be detected: when this returns, the stamp has
     /// the new generation.
-    pub(super) async fn commit_generation(&self, mut tx: sqlx::Transaction<'static, sqlx::Sqlite>) -> Result<()> {
-        let generation = sqlx::query("update lab set generation = generation + 1 returning generation")
+    pub(super) async fn commit_generation(&self, mut tx: Transaction) -> Result<()> {
+        let generation = sql::query("update lab set generation = generation + 1 returning generation")
             .try_map(row::read)
-            .fetch_one(&mut *tx)
+            .fetch_one(&mut tx)
             .await
             .map_err(fault("counting a generation"))?;
         self.commit(tx).await?;
@@ -205,24 +217,21 @@ impl Store {
 
 /// Removes a copy's link to its folder: the first folder it is served in becomes its own, and every row is described
 /// again.
-pub(super) async fn detach(copy: &SqlitePool) -> Result<()> {
-    let there: bool = sqlx::query_scalar("select exists (select 1 from sqlite_master where name = 'lab')")
-        .fetch_one(copy)
-        .await
-        .map_err(fault("looking for the database's row"))?;
+pub(super) async fn detach(copy: &Pool) -> Result<()> {
+    let there = schema::has_table(copy, "lab").await?;
     let statements = [
         "update lab set folder = lower(hex(randomblob(16))), stamped = 0, generation = 0",
         "insert or ignore into sidecar_queue (id) select id from tasks union all select id from episodes \
          where purged_at is null union all select id from encoders union all select id from policies",
     ];
     for statement in statements.into_iter().filter(|_| there) {
-        sqlx::query(statement).execute(copy).await.map_err(fault("detaching a copy of the database"))?;
+        sql::query(statement).execute(copy).await.map_err(fault("detaching a copy of the database"))?;
     }
     Ok(())
 }
 
-async fn lab(pool: &SqlitePool) -> Result<Lab> {
-    sqlx::query(concat!("select ", columns!(), " from lab"))
+async fn lab(pool: &Pool) -> Result<Lab> {
+    sql::query(concat!("select ", columns!(), " from lab"))
         .try_map(row::read)
         .fetch_one(pool)
         .await

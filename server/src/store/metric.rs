@@ -1,10 +1,9 @@
 //! Reports of running jobs: progress on the job's row, and a row for each metric.
 
-use sqlx::{Sqlite, Transaction};
-
 use super::{
     Store, attempt, fault,
     row::{self, Column as _, record},
+    sql::{self, Transaction},
 };
 use crate::{
     domain::{attempt::Attempt, id::JobId, job::Metric, work::Progress},
@@ -19,25 +18,25 @@ impl Store {
     pub(crate) async fn report_progress(&self, attempt: &Attempt, progress: &Progress) -> Result<bool> {
         let mut tx = self.write().await?;
         let job = attempt::running(&mut tx, attempt).await?.ok_or_else(attempt::attempt_is_over)?;
-        sqlx::query(
-            "update jobs set done = ?1, total = ?2, message = iif(cancel_requested, message, ?3), \
-             peak_memory_bytes = max(peak_memory_bytes, ?4) where id = ?5",
+        sql::query(
+            "update jobs set done = $1, total = $2, message = case when cancel_requested then message else $3 end, \
+             peak_memory_bytes = case when peak_memory_bytes < $4 then $4 else peak_memory_bytes end where id = $5",
         )
         .bind(progress.done.param())
         .bind(progress.total.param())
         .bind(&progress.message)
         .bind(progress.peak_memory_bytes.param())
         .bind(job.id.param())
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await
         .map_err(fault("keeping progress"))?;
         for (step, name, value) in &progress.metrics {
-            sqlx::query("insert into job_metrics (job_id, step, name, value) values (?, ?, ?, ?)")
+            sql::query("insert into job_metrics (job_id, step, name, value) values ($1, $2, $3, $4)")
                 .bind(job.id.param())
                 .bind(step.param())
                 .bind(name)
                 .bind(value)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await
                 .map_err(fault("keeping a metric"))?;
         }
@@ -49,7 +48,7 @@ impl Store {
 
     /// At most `limit` metrics of a job that arrived after `sequence`, in order of arrival.
     pub(crate) async fn metrics(&self, job: &JobId, sequence: i64, limit: u32) -> Result<Vec<Metric>> {
-        sqlx::query("select id, step, name, value from job_metrics where job_id = ? and id > ? order by id limit ?")
+        sql::query("select id, step, name, value from job_metrics where job_id = $1 and id > $2 order by id limit $3")
             .bind(job.param())
             .bind(sequence)
             .bind(limit)
@@ -64,10 +63,10 @@ impl Store {
     /// A job's metrics for a plot, in order of arrival: about `points` of each name, evenly spaced, and the newest.
     /// Values in between are left out, peaks included.
     pub(crate) async fn sparse_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>> {
-        sqlx::query(
+        sql::query(
             "select id, step, name, value from (select *, row_number() over (partition by name order by id) as place, \
-               count(*) over (partition by name) as places from job_metrics where job_id = ?1) \
-             where place = places or (place - 1) % ((places + ?2 - 1) / ?2) = 0 order by id",
+               count(*) over (partition by name) as places from job_metrics where job_id = $1) as placed \
+             where place = places or (place - 1) % ((places + $2 - 1) / $2) = 0 order by id",
         )
         .bind(job.param())
         .bind(points.max(1))
@@ -81,15 +80,11 @@ impl Store {
 record! { Metric: sequence = "id", step, name, value }
 
 /// Removes the metrics of steps that the next attempt will repeat.
-pub(super) async fn cut_back(
-    tx: &mut Transaction<'_, Sqlite>,
-    job: &JobId,
-    checkpoint_step: Option<u64>,
-) -> Result<()> {
-    sqlx::query("delete from job_metrics where job_id = ? and step > ?")
+pub(super) async fn cut_back(tx: &mut Transaction, job: &JobId, checkpoint_step: Option<u64>) -> Result<()> {
+    sql::query("delete from job_metrics where job_id = $1 and step > $2")
         .bind(job.param())
         .bind(checkpoint_step.map_or(-1, |step| i64::try_from(step).unwrap_or(i64::MAX)))
-        .execute(&mut **tx)
+        .execute(&mut *tx)
         .await
         .map_err(fault("cutting metrics back"))?;
     Ok(())

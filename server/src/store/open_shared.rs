@@ -4,10 +4,7 @@ use std::{path::Path, time::Duration};
 
 use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions, SqliteSynchronous};
 
-use super::{
-    Store, check_version,
-    read_only::{known_schema, newest_schema},
-};
+use super::{Store, schema, sql::Pool, sqlite::check_version};
 use crate::error::{Error, Result};
 
 /// Longest wait for a server that has just started and may still be migrating.
@@ -33,8 +30,9 @@ impl Store {
             .await
             .map_err(|error| unusable(error.to_string()))?;
         check_version(&pool).await?;
+        let pool = Pool::Sqlite(pool);
         let migrated = tokio::time::timeout(STARTING, async {
-            while known_schema(&pool, path).await? != newest_schema() {
+            while schema::known(&pool, path.display()).await? != schema::newest() {
                 tokio::time::sleep(POLL_INTERVAL).await;
             }
             Ok(())
@@ -43,7 +41,7 @@ impl Store {
             unusable("the server that uses it has an older version; use the gleaner-server of that version".to_owned())
         };
         migrated.await.map_err(older)??;
-        Ok(Self { writer: pool.clone(), readers: pool, tie: std::sync::Arc::default() })
+        Ok(Self::untied(pool.clone(), pool))
     }
 }
 

@@ -1,10 +1,9 @@
 //! Policies.
 
-use sqlx::{Sqlite, Transaction};
-
 use super::{
     Store, fault,
     row::{self, Column as _, record},
+    sql::{self, Transaction},
 };
 use crate::{
     domain::{
@@ -18,10 +17,10 @@ use crate::{
 record! { Policy: id, task_id, job_id, kind, encoder_id, dataset_id, checkpoint, created_at }
 
 /// Adds a finished policy.
-pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, policy: &Policy) -> Result<()> {
-    sqlx::query(
+pub(super) async fn insert(tx: &mut Transaction, policy: &Policy) -> Result<()> {
+    sql::query(
         "insert into policies (id, task_id, job_id, kind, encoder_id, dataset_id, checkpoint, created_at) \
-         values (?, ?, ?, ?, ?, ?, ?, ?)",
+         values ($1, $2, $3, $4, $5, $6, $7, $8)",
     )
     .bind(policy.id.param())
     .bind(policy.task_id.param())
@@ -31,7 +30,7 @@ pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, policy: &Policy) ->
     .bind(policy.dataset_id.param())
     .bind(policy.checkpoint.param())
     .bind(policy.created_at.param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("adding a policy"))?;
     Ok(())
@@ -43,7 +42,7 @@ impl Store {
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
     pub(crate) async fn policy(&self, id: &PolicyId) -> Result<Policy> {
-        let found = sqlx::query("select * from policies where id = ?")
+        let found = sql::query("select * from policies where id = $1")
             .bind(id.param())
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -60,7 +59,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn policies(&self, task: &TaskId) -> Result<Vec<Policy>> {
-        sqlx::query("select * from policies where task_id = ? order by id desc")
+        sql::query("select * from policies where task_id = $1 order by id desc")
             .bind(task.param())
             .try_map(row::read)
             .fetch_all(self.read())

@@ -1,12 +1,11 @@
 //! Changes of jobs' states: claimed, ended, cancelled. Each one checks `JobState::may_become`.
 
-use sqlx::{Sqlite, Transaction};
-
 use super::{
     Store, attempt, fault,
     job::by_id,
     metric,
     row::{self, Column as _},
+    sql::{self, Transaction},
 };
 use crate::{
     domain::{
@@ -32,8 +31,8 @@ impl Store {
     /// highest priority, then the oldest.
     pub(crate) async fn claim_job(&self, token_hash: &str, engine: &str) -> Result<Option<Job>> {
         let mut tx = self.write().await?;
-        let claimed: Option<JobId> = sqlx::query(
-            "update jobs set state = 'running', attempt = attempt + 1, token_hash = ?1, started_at = ?2, engine = ?3, \
+        let claimed: Option<JobId> = sql::query(
+            "update jobs set state = 'running', attempt = attempt + 1, token_hash = $1, started_at = $2, engine = $3, \
              engine_id = '', node = '', waiting = '', process = null where id = (select id from jobs as ready where state = 'queued' and not exists ( \
                select 1 from job_dependencies join jobs as needed on needed.id = job_dependencies.needs \
                where job_dependencies.job_id = ready.id and needed.state <> 'succeeded') \
@@ -43,7 +42,7 @@ impl Store {
         .bind(Millis::now().param())
         .bind(engine)
         .try_map(row::read)
-        .fetch_optional(&mut *tx)
+        .fetch_optional(&mut tx)
         .await
         .map_err(fault("claiming a job"))?;
         let Some(id) = claimed else { return Ok(None) };
@@ -64,10 +63,10 @@ impl Store {
             checkpoint_step: job.checkpoint_step,
             cancel_requested: job.cancel_requested,
         });
-        sqlx::query("update jobs set attempt = ? where id = ?")
+        sql::query("update jobs set attempt = $1 where id = $2")
             .bind(next.attempt)
             .bind(job.id.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("counting attempts"))?;
         let moved = advance(&mut tx, &job, next.state, &next.message, &next.error).await?;
@@ -88,9 +87,9 @@ impl Store {
         let mut tx = self.write().await?;
         let job = by_id(&mut tx, id).await?.ok_or_else(|| Error::not_found("job", id))?;
         let moved = if job.state == JobState::Running {
-            sqlx::query("update jobs set cancel_requested = 1, message = 'cancelling' where id = ?")
+            sql::query("update jobs set cancel_requested = true, message = 'cancelling' where id = $1")
                 .bind(id.param())
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await
                 .map_err(fault("asking a job to stop"))?;
             drop_dependents(&mut tx, id, JobState::Cancelled).await?;
@@ -111,11 +110,11 @@ impl Store {
     pub(crate) async fn save_checkpoint(&self, attempt: &Attempt, step: u64, blob: &BlobId) -> Result<Option<BlobId>> {
         let mut tx = self.write().await?;
         let job = attempt::running(&mut tx, attempt).await?.ok_or_else(attempt::attempt_is_over)?;
-        sqlx::query("update jobs set checkpoint = ?, checkpoint_step = ? where id = ?")
+        sql::query("update jobs set checkpoint = $1, checkpoint_step = $2 where id = $3")
             .bind(blob.param())
             .bind(step.param())
             .bind(job.id.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("saving a checkpoint"))?;
         crate::fail_point::pass("checkpoint.row_written");
@@ -129,9 +128,9 @@ impl Store {
     /// Restarts a running job without its checkpoint and its reports.
     pub(crate) async fn drop_checkpoint(&self, id: &JobId) -> Result<()> {
         let mut tx = self.write().await?;
-        sqlx::query("update jobs set checkpoint = null, checkpoint_step = null, done = 0 where id = ?")
+        sql::query("update jobs set checkpoint = null, checkpoint_step = null, done = 0 where id = $1")
             .bind(id.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("dropping a checkpoint"))?;
         metric::cut_back(&mut tx, id, None).await?;
@@ -142,7 +141,7 @@ impl Store {
 /// Changes a job's state to `next`. Its worker's reports are rejected afterwards; if it has ended, its checkpoint is
 /// dropped, and the jobs that wait for a failed result end too.
 pub(super) async fn advance(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction,
     job: &Job,
     next: JobState,
     message: &str,
@@ -152,9 +151,10 @@ pub(super) async fn advance(
         return Err(Error::precondition(format!("{} has already ended: it is {}", job.id, job.state.as_str())));
     }
     let ended = next.ended();
-    sqlx::query(
-        "update jobs set state = ?1, message = ?2, error = ?3, token_hash = null, ended_at = ?4, waiting = '', \
-         checkpoint = iif(?5, null, checkpoint), checkpoint_step = iif(?5, null, checkpoint_step) where id = ?6",
+    sql::query(
+        "update jobs set state = $1, message = $2, error = $3, token_hash = null, ended_at = $4, waiting = '', \
+         checkpoint = case when $5 then null else checkpoint end, \
+         checkpoint_step = case when $5 then null else checkpoint_step end where id = $6",
     )
     .bind(next.param())
     .bind(message)
@@ -162,7 +162,7 @@ pub(super) async fn advance(
     .bind(ended.then(Millis::now).param())
     .bind(ended)
     .bind(job.id.param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("moving a job"))?;
     if matches!(next, JobState::Failed | JobState::Cancelled) {
@@ -172,17 +172,17 @@ pub(super) async fn advance(
 }
 
 /// Ends every queued job that waits, directly or not, for a job without a result.
-async fn drop_dependents(tx: &mut Transaction<'_, Sqlite>, id: &JobId, state: JobState) -> Result<()> {
+async fn drop_dependents(tx: &mut Transaction, id: &JobId, state: JobState) -> Result<()> {
     let (message, error) = match state {
         JobState::Failed => ("failed", format!("{id}, which this job waits for, failed")),
         JobState::Cancelled | JobState::Queued | JobState::Running | JobState::Succeeded => {
             ("cancelled with the job it waits for", String::new())
         }
     };
-    sqlx::query(
-        "with recursive waiting(id) as (select job_id from job_dependencies where needs = ?1 \
+    sql::query(
+        "with recursive waiting(id) as (select job_id from job_dependencies where needs = $1 \
            union select job_id from job_dependencies join waiting on needs = waiting.id) \
-         update jobs set state = ?2, message = ?3, error = ?4, ended_at = ?5 \
+         update jobs set state = $2, message = $3, error = $4, ended_at = $5 \
          where state = 'queued' and id in (select id from waiting)",
     )
     .bind(id.param())
@@ -190,13 +190,13 @@ async fn drop_dependents(tx: &mut Transaction<'_, Sqlite>, id: &JobId, state: Jo
     .bind(message)
     .bind(error)
     .bind(Millis::now().param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("ending the jobs that wait"))?;
     Ok(())
 }
 
-async fn reread(tx: &mut Transaction<'_, Sqlite>, id: &JobId) -> Result<Job> {
+async fn reread(tx: &mut Transaction, id: &JobId) -> Result<Job> {
     by_id(tx, id).await?.ok_or_else(|| Error::internal("reading a job back", "it is gone"))
 }
 

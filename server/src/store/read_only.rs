@@ -2,14 +2,14 @@
 
 use std::{path::Path, time::Duration};
 
-use sqlx::{
-    SqlitePool,
-    sqlite::{SqliteConnectOptions, SqlitePoolOptions},
-};
+use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
 use tempfile::TempDir;
 
-use super::{MIGRATIONS, Store, check_version, fault};
-use crate::error::{Error, Kind, Result};
+use super::{Database, Store, fault, row, schema, sql::Pool, sqlite::check_version};
+use crate::{
+    data_folder,
+    error::{Error, Kind, Result},
+};
 
 /// A database that is only read.
 #[derive(Debug)]
@@ -22,37 +22,24 @@ pub(crate) struct ReadOnlyDatabase {
     _copy: Option<TempDir>,
 }
 
-/// The newest migration of this program.
-pub(crate) fn newest_schema() -> i64 {
-    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or_default()
-}
-
-/// Rejects a database migrated by a newer program; returns its newest migration, 0 for none.
-pub(super) async fn known_schema(pool: &SqlitePool, path: &Path) -> Result<i64> {
-    let there: bool = sqlx::query_scalar("select exists (select 1 from sqlite_master where name = '_sqlx_migrations')")
-        .fetch_one(pool)
-        .await
-        .map_err(fault("reading the database's schema"))?;
-    if !there {
-        return Ok(0);
-    }
-    let found: Option<i64> = sqlx::query_scalar("select max(version) from _sqlx_migrations")
-        .fetch_one(pool)
-        .await
-        .map_err(fault("reading the database's version"))?;
-    let (found, newest) = (found.unwrap_or_default(), newest_schema());
-    if found > newest {
-        return Err(Error::precondition(format!(
-            "the database {} has schema version {found}, and gleaner-server {} supports versions up to {newest}: use \
-             the newer gleaner-server that made it, or restore an earlier backup",
-            path.display(),
-            env!("CARGO_PKG_VERSION"),
-        )));
-    }
-    Ok(found)
-}
-
 impl ReadOnlyDatabase {
+    /// Opens the configured database of a data folder.
+    ///
+    /// # Errors
+    /// As for [`ReadOnlyDatabase::open`]; Precondition when a database in PostgreSQL has an older schema.
+    pub(crate) async fn configured(database: &Database) -> Result<Self> {
+        let Some(at) = &database.postgres else { return Self::open(&data_folder::database(&database.data_dir)).await };
+        let store = Store::look_at(at).await?;
+        match schema::known(&store.readers, at).await? {
+            0 => Err(Error::precondition(format!("{at} is not a gleaner database"))),
+            found if found == schema::newest() => Ok(Self { store, schema: found, _copy: None }),
+            found => Err(Error::precondition(format!(
+                "{at} has schema version {found}, and this program {}; start its server once",
+                schema::newest()
+            ))),
+        }
+    }
+
     /// Opens the database at `path`. An older schema is copied and migrated in the copy.
     ///
     /// # Errors
@@ -66,10 +53,10 @@ impl ReadOnlyDatabase {
         }
         let opened = async {
             let store = open_read_only(path).await?;
-            let schema = known_schema(&store.readers, path).await?;
-            Ok((store, schema))
+            let found = schema::known(&store.readers, path.display()).await?;
+            Ok((store, found))
         };
-        let (store, schema) = opened.await.map_err(|error: Error| {
+        let (store, found) = opened.await.map_err(|error: Error| {
             if error.kind() != Kind::Internal {
                 return error;
             }
@@ -79,11 +66,11 @@ impl ReadOnlyDatabase {
                 path.display()
             ))
         })?;
-        if schema == 0 {
+        if found == 0 {
             return Err(Error::precondition(format!("{} is not a gleaner database", path.display())));
         }
-        if schema == newest_schema() {
-            return Ok(Self { store, schema, _copy: None });
+        if found == schema::newest() {
+            return Ok(Self { store, schema: found, _copy: None });
         }
         let folder = tempfile::tempdir().map_err(|error| Error::internal("making a folder for a copy", error))?;
         let copy = folder.path().join("gleaner.db");
@@ -91,19 +78,22 @@ impl ReadOnlyDatabase {
         store.close().await;
         // Opening migrates it.
         Store::open(&copy).await?.close().await;
-        Ok(Self { store: open_read_only(&copy).await?, schema, _copy: Some(folder) })
+        Ok(Self { store: open_read_only(&copy).await?, schema: found, _copy: Some(folder) })
     }
 }
 
 impl Store {
-    /// SQLite's own integrity findings, and dangling rows.
+    /// SQLite's own integrity findings, and dangling rows. PostgreSQL has none: it enforces references itself.
     pub(crate) async fn integrity(&self) -> Result<Vec<(String, String)>> {
+        if let Pool::Postgres(_) = self.readers {
+            return Ok(Vec::new());
+        }
         let fault = || fault("checking the database");
         let lines: Vec<String> =
-            sqlx::query_scalar("pragma integrity_check").fetch_all(self.read()).await.map_err(fault())?;
+            row::query_as("pragma integrity_check").fetch_all(self.read()).await.map_err(fault())?;
         let damage = lines.into_iter().filter(|line| line != "ok").map(|line| ("database".to_owned(), line));
         let dangling: Vec<(String, Option<i64>, String)> =
-            sqlx::query_as("select \"table\", rowid, parent from pragma_foreign_key_check")
+            row::query_as("select \"table\", rowid, parent from pragma_foreign_key_check")
                 .fetch_all(self.read())
                 .await
                 .map_err(fault())?;
@@ -122,5 +112,6 @@ pub(super) async fn open_read_only(path: &Path) -> Result<Store> {
         Error::precondition(format!("cannot open the database {} to read: {error}", path.display()))
     })?;
     check_version(&pool).await?;
-    Ok(Store { writer: pool.clone(), readers: pool, tie: std::sync::Arc::default() })
+    let pool = Pool::Sqlite(pool);
+    Ok(Store::untied(pool.clone(), pool))
 }

@@ -7,14 +7,12 @@ use std::result::Result;
 
 use gleaner_core::ScoreSpec;
 use gleaner_recording::{Report, TaskSpec};
-use sqlx::{
-    Column as _, ColumnIndex, Decode, Encode, Row as _, Sqlite, Type,
-    encode::IsNull,
-    error::BoxDynError,
-    sqlite::{SqliteArgumentsBuffer, SqliteRow, SqliteTypeInfo},
-};
+use sqlx::error::BoxDynError;
 
-use super::packed::{pack, unpack};
+use super::{
+    packed::{pack, unpack},
+    sql::{self, Argument, Form, Index, Row, Statement, Value},
+};
 use crate::domain::{
     access,
     client::Client,
@@ -34,8 +32,8 @@ use crate::domain::{
 
 /// A value of one column.
 pub(super) trait Column: Sized {
-    /// The type that sqlx reads and binds.
-    type Form: Type<Sqlite> + for<'r> Decode<'r, Sqlite> + for<'q> Encode<'q, Sqlite> + 'static;
+    /// The type that both databases read and bind.
+    type Form: Form;
 
     fn decode(form: Self::Form) -> Result<Self, BoxDynError>;
     fn encode(&self) -> Result<Self::Form, BoxDynError>;
@@ -48,18 +46,23 @@ pub(super) trait Column: Sized {
 
 /// A value of several columns: a row, or a part of one.
 pub(super) trait Record: Sized {
-    fn decode(row: &SqliteRow) -> sqlx::Result<Self>;
+    fn decode(row: &Row) -> sqlx::Result<Self>;
 }
 
-/// Reads a row; for sqlx's `try_map`.
-pub(super) fn read<T: Record>(row: SqliteRow) -> sqlx::Result<T> {
+/// A statement whose rows are read as values of `T`.
+pub(super) fn query_as<T: Record>(text: impl sqlx::SqlSafeStr) -> Statement<fn(Row) -> sqlx::Result<T>> {
+    sql::query(text).try_map(read::<T> as fn(Row) -> sqlx::Result<T>)
+}
+
+/// Reads a row; for `try_map`.
+pub(super) fn read<T: Record>(row: Row) -> sqlx::Result<T> {
     T::decode(&row)
 }
 
 /// Reads the column of this name or position.
-pub(super) fn column<T: Column>(row: &SqliteRow, index: impl ColumnIndex<SqliteRow> + Copy) -> sqlx::Result<T> {
-    let form = row.try_get(index)?;
-    T::decode(form).or_else(|source| Err(unreadable(row.try_column(index)?.name(), source)))
+pub(super) fn column<T: Column>(row: &Row, index: impl Index) -> sqlx::Result<T> {
+    let form = T::Form::read(row, index)?;
+    T::decode(form).or_else(|source| Err(unreadable(row.name(index)?, source)))
 }
 
 /// The error of a column with a value that its type does not have.
@@ -71,15 +74,11 @@ pub(super) fn unreadable(column: &str, source: impl Into<BoxDynError>) -> sqlx::
 #[derive(Debug)]
 pub(super) struct Param<'a, T>(&'a T);
 
-impl<T: Column> Type<Sqlite> for Param<'_, T> {
-    fn type_info() -> SqliteTypeInfo {
-        T::Form::type_info()
-    }
-}
+impl<T: Column> Argument for Param<'_, T> {
+    const NULL: Value = <T::Form as Argument>::NULL;
 
-impl<T: Column> Encode<'_, Sqlite> for Param<'_, T> {
-    fn encode_by_ref(&self, buffer: &mut SqliteArgumentsBuffer) -> Result<IsNull, BoxDynError> {
-        self.0.encode()?.encode(buffer)
+    fn value(self) -> Result<Value, BoxDynError> {
+        self.0.encode()?.value()
     }
 }
 
@@ -105,7 +104,8 @@ macro_rules! columns {
     )+};
 }
 
-columns!(String i64 u32 i32 f64 bool);
+columns!(String i64 f64 bool);
+columns!(i64: u32 i32; |number| Ok(number.try_into()?); |number| Ok(i64::from(*number)));
 columns!(i64: u64; |count| Ok(u64::try_from(count)?); |count| Ok(i64::try_from(*count).unwrap_or(i64::MAX)));
 columns!(i64: Millis; |time| Ok(Millis(time)); |time| Ok(time.0));
 columns!(String: BlobId DatasetId EncoderId EpisodeId EvaluationId ExportId JobId PolicyId ScheduleId ScoreRunId
@@ -141,7 +141,7 @@ impl<T: Column> Column for Option<T> {
 macro_rules! record {
     ($record:ident: $($field:ident $(= $column:literal)?),+ $(; $($part:ident),+)?) => {
         impl $crate::store::row::Record for $record {
-            fn decode(row: &sqlx::sqlite::SqliteRow) -> sqlx::Result<Self> {
+            fn decode(row: &$crate::store::sql::Row) -> sqlx::Result<Self> {
                 Ok(Self {
                     $($field: $crate::store::row::column(row, $crate::store::row::record!(@ $field $($column)?))?,)+
                     $($($part: $crate::store::row::Record::decode(row)?,)+)?
@@ -155,7 +155,7 @@ macro_rules! record {
 pub(super) use record;
 
 impl<T: Column> Record for T {
-    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+    fn decode(row: &Row) -> sqlx::Result<Self> {
         column(row, 0)
     }
 }
@@ -163,7 +163,7 @@ impl<T: Column> Record for T {
 macro_rules! tuples {
     ($(($($value:ident $index:literal),+))+) => {$(
         impl<$($value: Column),+> Record for ($($value),+) {
-            fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+            fn decode(row: &Row) -> sqlx::Result<Self> {
                 Ok(($(column(row, $index)?),+))
             }
         }

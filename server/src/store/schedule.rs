@@ -1,10 +1,9 @@
 //! Rows of schedules, and the number of episodes labelled since each last started.
 
-use sqlx::{Sqlite, Transaction, sqlite::SqliteRow};
-
 use super::{
     Store, fault, is_duplicate,
     row::{self, Column, Record, column, unreadable},
+    sql::{self, Row, Transaction},
 };
 use crate::{
     domain::{
@@ -28,7 +27,7 @@ macro_rules! select_schedules {
 }
 
 impl Record for Schedule {
-    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+    fn decode(row: &Row) -> sqlx::Result<Self> {
         let paused = column(row, "paused")?;
         Ok(Self {
             id: column(row, "id")?,
@@ -62,9 +61,9 @@ impl Store {
             Trigger::LabelledEpisodes(episodes) => (None, Some(*episodes)),
         };
         let mut tx = self.write().await?;
-        sqlx::query(
+        sql::query(
             "insert into schedules (id, task_id, name, cron, labelled_episodes, pipeline, paused, next_run_at, \
-             label_mark, created_at) values (?, ?, ?, ?, ?, ?, ?, ?, (select coalesce(max(id), 0) from labels), ?)",
+             label_mark, created_at) values ($1, $2, $3, $4, $5, $6, $7, $8, (select coalesce(max(id), 0) from labels), $9)",
         )
         .bind(schedule.id.param())
         .bind(schedule.task_id.param())
@@ -75,7 +74,7 @@ impl Store {
         .bind(schedule.paused)
         .bind(schedule.next_run_at.param())
         .bind(Millis::now().param())
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await
         .map_err(|error| {
             if is_duplicate(&error) {
@@ -96,7 +95,7 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn schedule(&self, id: &ScheduleId) -> Result<Schedule> {
-        sqlx::query(select_schedules!("where id = ?"))
+        sql::query(select_schedules!("where id = $1"))
             .bind(id.param())
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -107,7 +106,7 @@ impl Store {
 
     /// The schedules of a task, or of all, oldest first.
     pub(crate) async fn schedules(&self, task: Option<&TaskId>) -> Result<Vec<Schedule>> {
-        sqlx::query(select_schedules!("where ?1 is null or task_id = ?1 order by id"))
+        sql::query(select_schedules!("where $1 is null or task_id = $1 order by id"))
             .bind(task.map(Column::param))
             .try_map(row::read)
             .fetch_all(self.read())
@@ -117,7 +116,7 @@ impl Store {
 
     /// The number of the newest label.
     pub(crate) async fn newest_label(&self) -> Result<i64> {
-        sqlx::query_scalar("select coalesce(max(id), 0) from labels")
+        row::query_as("select coalesce(max(id), 0) from labels")
             .fetch_one(self.read())
             .await
             .map_err(fault("reading the newest label"))
@@ -134,14 +133,14 @@ impl Store {
         next_run_at: Option<Millis>,
     ) -> Result<Schedule> {
         let mut tx = self.write().await?;
-        sqlx::query(
-            "update schedules set paused = ?1, next_run_at = ?2, label_mark = (select coalesce(max(id), 0) from labels) \
-             where id = ?3 and paused <> ?1",
+        sql::query(
+            "update schedules set paused = $1, next_run_at = $2, label_mark = (select coalesce(max(id), 0) from labels) \
+             where id = $3 and paused <> $1",
         )
         .bind(paused)
         .bind(next_run_at.param())
         .bind(id.param())
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await
         .map_err(fault("pausing a schedule"))?;
         self.commit(tx).await?;
@@ -156,11 +155,11 @@ impl Store {
         next_run_at: Option<Millis>,
     ) -> Result<()> {
         let mut tx = self.write().await?;
-        sqlx::query("update schedules set last_error = ?, next_run_at = ? where id = ?")
+        sql::query("update schedules set last_error = $1, next_run_at = $2 where id = $3")
             .bind(error)
             .bind(next_run_at.param())
             .bind(id.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("noting a failed start"))?;
         self.commit(tx).await
@@ -172,26 +171,28 @@ impl Store {
     /// NotFound.
     pub(crate) async fn delete_schedule(&self, id: &ScheduleId) -> Result<()> {
         let mut tx = self.write().await?;
-        let done = sqlx::query("delete from schedules where id = ?")
+        let done = sql::query("delete from schedules where id = $1")
             .bind(id.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("deleting a schedule"))?;
         self.commit(tx).await?;
-        if done.rows_affected() == 0 { Err(Error::not_found("schedule", id)) } else { Ok(()) }
+        if done == 0 { Err(Error::not_found("schedule", id)) } else { Ok(()) }
     }
 }
 
 /// Stores the state of a schedule after its start.
-pub(super) async fn started(tx: &mut Transaction<'_, Sqlite>, start: &ScheduleStart) -> Result<()> {
-    sqlx::query("update schedules set last_run_at = ?, next_run_at = ?, label_mark = ?, last_error = '' where id = ?")
-        .bind(start.at.param())
-        .bind(start.next_run_at.param())
-        .bind(start.label_mark)
-        .bind(start.id.param())
-        .execute(&mut **tx)
-        .await
-        .map_err(fault("moving a schedule on"))?;
+pub(super) async fn started(tx: &mut Transaction, start: &ScheduleStart) -> Result<()> {
+    sql::query(
+        "update schedules set last_run_at = $1, next_run_at = $2, label_mark = $3, last_error = '' where id = $4",
+    )
+    .bind(start.at.param())
+    .bind(start.next_run_at.param())
+    .bind(start.label_mark)
+    .bind(start.id.param())
+    .execute(&mut *tx)
+    .await
+    .map_err(fault("moving a schedule on"))?;
     Ok(())
 }
 

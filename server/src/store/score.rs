@@ -1,10 +1,9 @@
 //! Score runs and their scores: one row for each episode, arrays packed.
 
-use sqlx::{Sqlite, Transaction, sqlite::SqliteRow};
-
 use super::{
     Store, fault,
     row::{self, Column, Record, column, record},
+    sql::{self, Row, Transaction},
 };
 use crate::{
     domain::{
@@ -23,7 +22,7 @@ record! { RunCounts: imperfect_episodes, imperfect_segments, expert_segments }
 record! { EpisodeScores: episode_id, role, w, q, match_episode, match_step, distances }
 
 impl Record for Origin {
-    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+    fn decode(row: &Row) -> sqlx::Result<Self> {
         match column(row, "job_id")? {
             Some(job_id) => {
                 Ok(Self::Job { job_id, encoder_id: column(row, "encoder_id")?, spec: column(row, "settings")? })
@@ -35,7 +34,7 @@ impl Record for Origin {
 
 /// Adds a finished score run with its scores, in the snapshot's order. `digest` identifies an import.
 pub(super) async fn insert_run(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction,
     run: &ScoreRun,
     digest: Option<&str>,
     scores: &[EpisodeScores],
@@ -46,10 +45,10 @@ pub(super) async fn insert_run(
     };
     let imperfect = || scores.iter().filter(|episode| episode.role == Role::Imperfect);
     let (episodes, segments) = (imperfect().count(), imperfect().map(|episode| episode.q.len()).sum::<usize>());
-    sqlx::query(
+    sql::query(
         "insert into score_runs (id, task_id, job_id, encoder_id, snapshot_id, settings, source, digest, lo, hi, \
          expert_ids, created_at, extends, quantiles, imperfect_episodes, imperfect_segments) \
-         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16)",
     )
     .bind(run.id.param())
     .bind(run.task_id.param())
@@ -67,7 +66,7 @@ pub(super) async fn insert_run(
     .bind(run.quantiles.param())
     .bind((episodes as u64).param())
     .bind((segments as u64).param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("adding a score run"))?;
     for (position, episode) in (0i64..).zip(scores) {
@@ -76,21 +75,16 @@ pub(super) async fn insert_run(
     Ok(())
 }
 
-async fn insert_scores(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: &ScoreRunId,
-    position: i64,
-    scores: &EpisodeScores,
-) -> Result<()> {
+async fn insert_scores(tx: &mut Transaction, run: &ScoreRunId, position: i64, scores: &EpisodeScores) -> Result<()> {
     if !scores.fit() {
         return Err(Error::invalid(
             "scores",
             format!("the lists of {} differ in length; give one entry a step", scores.episode_id),
         ));
     }
-    sqlx::query(
+    sql::query(
         "insert into episode_scores (score_run_id, position, episode_id, role, w, q, match_episode, match_step, \
-         distances) values (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         distances) values ($1, $2, $3, $4, $5, $6, $7, $8, $9)",
     )
     .bind(run.param())
     .bind(position)
@@ -101,7 +95,7 @@ async fn insert_scores(
     .bind(scores.match_episode.param())
     .bind(scores.match_step.param())
     .bind(scores.distances.param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("adding an episode's scores"))?;
     Ok(())
@@ -119,10 +113,10 @@ impl Store {
         scores: &[EpisodeScores],
     ) -> Result<ScoreRun> {
         let mut tx = self.write().await?;
-        let same = sqlx::query("select * from score_runs where digest = ?")
+        let same = sql::query("select * from score_runs where digest = $1")
             .bind(digest)
             .try_map(row::read)
-            .fetch_optional(&mut *tx)
+            .fetch_optional(&mut tx)
             .await
             .map_err(fault("looking for an import"))?;
         if let Some(same) = same {
@@ -151,7 +145,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn imported(&self, id: &ScoreRunId) -> Result<Option<ScoreRun>> {
-        sqlx::query("select * from score_runs where id = ? and job_id is null")
+        sql::query("select * from score_runs where id = $1 and job_id is null")
             .bind(id.param())
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -164,7 +158,7 @@ impl Store {
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
     pub(crate) async fn score_run(&self, id: &ScoreRunId) -> Result<ScoreRun> {
-        let found = sqlx::query("select * from score_runs where id = ?")
+        let found = sql::query("select * from score_runs where id = $1")
             .bind(id.param())
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -181,7 +175,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn score_runs(&self, task: &TaskId) -> Result<Vec<ScoreRun>> {
-        sqlx::query("select * from score_runs where task_id = ? order by id desc")
+        sql::query("select * from score_runs where task_id = $1 order by id desc")
             .bind(task.param())
             .try_map(row::read)
             .fetch_all(self.read())
@@ -191,7 +185,7 @@ impl Store {
 
     /// The newest finished score run of all tasks.
     pub(crate) async fn newest_run(&self) -> Result<Option<ScoreRunId>> {
-        sqlx::query("select id from score_runs order by created_at desc, id desc limit 1")
+        sql::query("select id from score_runs order by created_at desc, id desc limit 1")
             .try_map(row::read)
             .fetch_optional(self.read())
             .await
@@ -205,9 +199,9 @@ impl Store {
     pub(crate) async fn run_counts(&self, run: &ScoreRun) -> Result<RunCounts> {
         // Segments of experts are those of the snapshot: a single expert has no scores, because an episode never matches
         // itself.
-        sqlx::query(
+        sql::query(
             "select imperfect_episodes, imperfect_segments, expert_steps as expert_segments \
-             from score_runs join snapshots on snapshots.id = snapshot_id where score_runs.id = ?",
+             from score_runs join snapshots on snapshots.id = snapshot_id where score_runs.id = $1",
         )
         .bind(run.id.param())
         .try_map(row::read)
@@ -221,7 +215,7 @@ impl Store {
     /// # Errors
     /// As for [`Store::score_run`]; NotFound when the run has no scores of the episode.
     pub(crate) async fn episode_scores(&self, run: &ScoreRunId, episode: &EpisodeId) -> Result<EpisodeScores> {
-        let found = sqlx::query("select * from episode_scores where score_run_id = ? and episode_id = ?")
+        let found = sql::query("select * from episode_scores where score_run_id = $1 and episode_id = $2")
             .bind(run.param())
             .bind(episode.param())
             .try_map(row::read::<EpisodeScores>)

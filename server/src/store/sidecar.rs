@@ -3,6 +3,7 @@
 use super::{
     Store, episode, fault,
     row::{self, Column as _, record},
+    sql,
 };
 use crate::{
     domain::{
@@ -39,7 +40,7 @@ pub(crate) enum Described {
 impl Store {
     /// Up to `most` rows whose sidecars are out of date, oldest changes first, after `after`.
     pub(crate) async fn undescribed(&self, after: Option<&Undescribed>, most: u32) -> Result<Vec<Undescribed>> {
-        sqlx::query("select seq, id from sidecar_queue where seq > ? order by seq limit ?")
+        sql::query("select seq, id from sidecar_queue where seq > $1 order by seq limit $2")
             .bind(after.map_or(0, |row| row.seq))
             .bind(most)
             .try_map(row::read)
@@ -50,7 +51,7 @@ impl Store {
 
     /// The episodes with existing recordings, each with its recording.
     pub(crate) async fn kept_recordings(&self) -> Result<Vec<(EpisodeId, BlobId)>> {
-        sqlx::query("select id, recording from episodes where purged_at is null")
+        sql::query("select id, recording from episodes where purged_at is null")
             .try_map(row::read)
             .fetch_all(self.read())
             .await
@@ -61,11 +62,10 @@ impl Store {
     pub(crate) async fn queue_sidecars(&self, ids: &[EpisodeId]) -> Result<()> {
         let mut tx = self.write().await?;
         for id in ids {
-            sqlx::query("insert or replace into sidecar_queue (id) values (?)")
-                .bind(id.param())
-                .execute(&mut *tx)
-                .await
-                .map_err(fault("queueing a sidecar"))?;
+            // At the end of the queue, also if it is there already.
+            for query in ["delete from sidecar_queue where id = $1", "insert into sidecar_queue (id) values ($1)"] {
+                sql::query(query).bind(id.param()).execute(&mut tx).await.map_err(fault("queueing a sidecar"))?;
+            }
         }
         self.commit(tx).await
     }
@@ -73,7 +73,7 @@ impl Store {
     /// Accepts the existing sidecars unchanged, until a row changes.
     pub(crate) async fn forget_queued_sidecars(&self) -> Result<()> {
         let mut tx = self.write().await?;
-        sqlx::query("delete from sidecar_queue").execute(&mut *tx).await.map_err(fault("keeping the sidecars"))?;
+        sql::query("delete from sidecar_queue").execute(&mut tx).await.map_err(fault("keeping the sidecars"))?;
         self.commit(tx).await
     }
 
@@ -82,9 +82,9 @@ impl Store {
     pub(crate) async fn note_described(&self, rows: &[Undescribed]) -> Result<()> {
         let mut tx = self.write().await?;
         for row in rows {
-            sqlx::query("delete from sidecar_queue where seq = ?")
+            sql::query("delete from sidecar_queue where seq = $1")
                 .bind(row.seq)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await
                 .map_err(fault("noting a sidecar"))?;
         }
@@ -141,12 +141,12 @@ impl Store {
             Err(error) => return Err(error),
         }
         let mut tx = self.write().await?;
-        sqlx::query("insert into tasks (id, name, spec, created_at) values (?, ?, ?, ?)")
+        sql::query("insert into tasks (id, name, spec, created_at) values ($1, $2, $3, $4)")
             .bind(task.id.param())
             .bind(&spec.name)
             .bind(spec.param())
             .bind(task.created_at.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("restoring a task"))?;
         self.commit(tx).await?;
@@ -165,14 +165,16 @@ impl Store {
         (episode.outcome, episode.cohort) = (described.episode.outcome, described.episode.cohort.clone());
         // The retention time in the trash starts again.
         let deleted_at = described.episode.deleted_at.map(|_| Millis::now());
-        sqlx::query("update episodes set outcome = ?, cohort = ?, deleted_at = ?, delete_forced = 0 where id = ?")
-            .bind(episode.outcome.param())
-            .bind(&episode.cohort)
-            .bind(if trashed { deleted_at } else { episode.deleted_at }.param())
-            .bind(episode.id.param())
-            .execute(&mut *tx)
-            .await
-            .map_err(fault("bringing an episode up to date"))?;
+        sql::query(
+            "update episodes set outcome = $1, cohort = $2, deleted_at = $3, delete_forced = false where id = $4",
+        )
+        .bind(episode.outcome.param())
+        .bind(&episode.cohort)
+        .bind(if trashed { deleted_at } else { episode.deleted_at }.param())
+        .bind(episode.id.param())
+        .execute(&mut tx)
+        .await
+        .map_err(fault("bringing an episode up to date"))?;
         if labelled {
             episode::label::insert(&mut tx, &episode, &described.author, "rebuilt from its sidecar").await?;
         }
@@ -188,14 +190,14 @@ impl Store {
     pub(crate) async fn restore_episode(&self, described: Recording) -> Result<bool> {
         self.task_by_id(&described.episode.task_id).await?;
         let mut tx = self.write().await?;
-        let known: bool = sqlx::query_scalar(
+        let known: bool = row::query_as(
             "select exists (select 1 from episodes where purged_at is null \
-             and (id = ?1 or (task_id = ?2 and recording = ?3)))",
+             and (id = $1 or (task_id = $2 and recording = $3)))",
         )
         .bind(described.episode.id.param())
         .bind(described.episode.task_id.param())
         .bind(described.episode.recording.param())
-        .fetch_one(&mut *tx)
+        .fetch_one(&mut tx)
         .await
         .map_err(fault("looking for an episode"))?;
         if known {
@@ -207,10 +209,10 @@ impl Store {
         episode::insert(&mut tx, &inspected, &author).await?;
         if let Some(deleted_at) = deleted_at {
             // The retention time in the trash starts again, because the time spent there is unknown.
-            sqlx::query("update episodes set deleted_at = ? where id = ?")
+            sql::query("update episodes set deleted_at = $1 where id = $2")
                 .bind(deleted_at.max(Millis::now()).param())
                 .bind(inspected.episode.id.param())
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await
                 .map_err(fault("making an episode again"))?;
         }

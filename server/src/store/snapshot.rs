@@ -2,11 +2,10 @@
 
 use std::collections::HashMap;
 
-use sqlx::{QueryBuilder, Sqlite, Transaction};
-
 use super::{
     Store, episode, fault,
     row::{self, Column as _, record},
+    sql::{self, QueryBuilder, Transaction},
 };
 use crate::{
     domain::{
@@ -66,7 +65,7 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn frozen(&self, id: &SnapshotId) -> Result<Snapshot> {
-        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        let mut query = QueryBuilder::new(COLUMNS);
         query.push("where id = ").push_bind(id.param());
         let found = query.build().try_map(row::read).fetch_optional(self.read()).await;
         found.map_err(fault("reading a snapshot"))?.ok_or_else(|| Error::not_found("snapshot", id))
@@ -78,10 +77,10 @@ impl Store {
     /// NotFound.
     pub(crate) async fn snapshot(&self, id: &SnapshotId) -> Result<(Snapshot, Vec<SnapshotEpisode>)> {
         let snapshot = self.frozen(id).await?;
-        let members = sqlx::query(
+        let members = sql::query(
             "select episode_id, snapshot_episodes.outcome, snapshot_episodes.cohort, role, steps \
              from snapshot_episodes join episodes on episodes.id = episode_id \
-             where snapshot_id = ? order by position",
+             where snapshot_id = $1 order by position",
         )
         .bind(id.param())
         .try_map(row::read)
@@ -93,7 +92,7 @@ impl Store {
 
     /// A task's snapshots, newest first.
     pub(crate) async fn snapshots(&self, task: &TaskId) -> Result<Vec<Snapshot>> {
-        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        let mut query = QueryBuilder::new(COLUMNS);
         query.push("where task_id = ").push_bind(task.param()).push(" order by created_at desc, id desc");
         query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing snapshots"))
     }
@@ -109,10 +108,10 @@ impl Store {
         behind: i64,
         most: u32,
     ) -> Result<Vec<Placed>> {
-        sqlx::query(
+        sql::query(
             "select position, episode_id, recording, steps, file_name, snapshot_episodes.outcome, snapshot_episodes.cohort \
              from snapshot_episodes join episodes on episodes.id = episode_id \
-             where snapshot_id = ? and position > ? and role = ? order by position limit ?",
+             where snapshot_id = $1 and position > $2 and role = $3 order by position limit $4",
         )
         .bind(id.param())
         .bind(behind)
@@ -131,7 +130,7 @@ impl Store {
     pub(crate) async fn recordings(&self, id: &SnapshotId) -> Result<Vec<(Episode, Role)>> {
         let (_, members) = self.snapshot(id).await?;
         self.expect_recordings(id).await?;
-        let mut query = QueryBuilder::<Sqlite>::new(episode::COLUMNS);
+        let mut query = QueryBuilder::new(episode::COLUMNS);
         query.push("join snapshot_episodes on episode_id = episodes.id where snapshot_id = ").push_bind(id.param());
         let episodes: Vec<Episode> = query
             .build()
@@ -156,17 +155,13 @@ impl Store {
 ///
 /// Ordered by content, not by arrival: the trained model depends on the order, and concurrent uploads arrive in any
 /// order.
-async fn members_now(
-    tx: &mut Transaction<'_, Sqlite>,
-    task: &TaskId,
-    rule: &RoleRule,
-) -> Result<Vec<(Member, Outcome)>> {
-    let rows: Vec<(EpisodeId, String, Outcome, String)> = sqlx::query(
-        "select id, recording, outcome, cohort from episodes where task_id = ? and deleted_at is null order by recording, id",
+async fn members_now(tx: &mut Transaction, task: &TaskId, rule: &RoleRule) -> Result<Vec<(Member, Outcome)>> {
+    let rows: Vec<(EpisodeId, String, Outcome, String)> = sql::query(
+        "select id, recording, outcome, cohort from episodes where task_id = $1 and deleted_at is null order by recording, id",
     )
     .bind(task.param())
     .try_map(row::read)
-    .fetch_all(&mut **tx)
+    .fetch_all(&mut *tx)
     .await
     .map_err(fault("reading the task's episodes"))?;
     let mut outcomes = HashMap::with_capacity(rows.len());
@@ -203,10 +198,10 @@ fn check_both_sides(snapshot: &Snapshot) -> Result<()> {
     Ok(())
 }
 
-async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: &[(Member, Outcome)]) -> Result<()> {
-    sqlx::query(
+async fn insert(tx: &mut Transaction, snapshot: &Snapshot, members: &[(Member, Outcome)]) -> Result<()> {
+    sql::query(
         "insert into snapshots (id, task_id, rule, created_at, experts, imperfect, label_mark) \
-         values (?, ?, ?, ?, ?, ?, (select coalesce(max(id), 0) from labels))",
+         values ($1, $2, $3, $4, $5, $6, (select coalesce(max(id), 0) from labels))",
     )
     .bind(snapshot.id.param())
     .bind(snapshot.task_id.param())
@@ -214,25 +209,27 @@ async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: 
     .bind(snapshot.created_at.param())
     .bind(snapshot.expert_episodes.param())
     .bind(snapshot.imperfect_episodes.param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("inserting a snapshot"))?;
     for (first, members) in (0i64..).step_by(BATCH).zip(members.chunks(BATCH)) {
-        let mut query = QueryBuilder::<Sqlite>::new(
-            "insert into snapshot_episodes (snapshot_id, position, episode_id, outcome, cohort, role) ",
+        let mut query = QueryBuilder::new(
+            "insert into snapshot_episodes (snapshot_id, position, episode_id, outcome, cohort, role) values ",
         );
-        query.push_values((first..).zip(members), |mut row, (position, (member, outcome))| {
-            row.push_bind(snapshot.id.as_str()).push_bind(position).push_bind(member.episode_id.as_str());
-            row.push_bind(outcome.as_str()).push_bind(&member.cohort).push_bind(member.role.as_str());
-        });
-        query.build().execute(&mut **tx).await.map_err(fault("inserting a snapshot's episodes"))?;
+        for (position, (member, outcome)) in (first..).zip(members) {
+            query.push(if position == first { "(" } else { ", (" });
+            query.push_bind(snapshot.id.as_str()).push(", ").push_bind(position).push(", ");
+            query.push_list([member.episode_id.as_str(), outcome.as_str(), &member.cohort, member.role.as_str()]);
+            query.push(")");
+        }
+        query.build().execute(&mut *tx).await.map_err(fault("inserting a snapshot's episodes"))?;
     }
-    sqlx::query(
+    sql::query(
         "update snapshots set expert_steps = (select coalesce(sum(steps), 0) from snapshot_episodes \
-         join episodes on episodes.id = episode_id where snapshot_id = snapshots.id and role = 'expert') where id = ?",
+         join episodes on episodes.id = episode_id where snapshot_id = snapshots.id and role = 'expert') where id = $1",
     )
     .bind(snapshot.id.param())
-    .execute(&mut **tx)
+    .execute(&mut *tx)
     .await
     .map_err(fault("counting the steps of experts"))?;
     Ok(())

@@ -7,6 +7,7 @@ use gleaner_recording::TaskSpec;
 use super::{
     Store, fault, is_duplicate,
     row::{self, Column as _, Record as _, record},
+    sql,
 };
 use crate::{
     domain::{
@@ -28,12 +29,12 @@ impl Store {
     pub(crate) async fn insert_task(&self, spec: &TaskSpec) -> Result<Task> {
         let task = Task { id: TaskId::new(), spec: spec.clone(), created_at: Millis::now() };
         let mut tx = self.write().await?;
-        sqlx::query("insert into tasks (id, name, spec, created_at) values (?, ?, ?, ?)")
+        sql::query("insert into tasks (id, name, spec, created_at) values ($1, $2, $3, $4)")
             .bind(task.id.param())
             .bind(&spec.name)
             .bind(spec.param())
             .bind(task.created_at.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(|error| match is_duplicate(&error) {
                 true => Error::exists(format!(
@@ -52,7 +53,7 @@ impl Store {
     /// NotFound.
     pub(crate) async fn task(&self, name_or_id: &str) -> Result<Task> {
         // An id takes precedence over a task with that name.
-        sqlx::query("select id, spec, created_at from tasks where id = ?1 or name = ?1 order by id = ?1 desc limit 1")
+        sql::query("select id, spec, created_at from tasks where id = $1 or name = $1 order by id = $1 desc limit 1")
             .bind(name_or_id)
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -66,7 +67,7 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn task_by_id(&self, id: &TaskId) -> Result<Task> {
-        sqlx::query("select id, spec, created_at from tasks where id = ?")
+        sql::query("select id, spec, created_at from tasks where id = $1")
             .bind(id.param())
             .try_map(row::read)
             .fetch_optional(self.read())
@@ -77,7 +78,7 @@ impl Store {
 
     /// Every task with the counts of its episodes, oldest first.
     pub(crate) async fn tasks(&self) -> Result<Vec<(Task, OutcomeCounts)>> {
-        sqlx::query(
+        sql::query(
             "select tasks.id, spec, tasks.created_at, \
                  count(*) filter (where outcome = 'success') as success, \
                  count(*) filter (where outcome = 'failure') as failure, \
@@ -92,7 +93,7 @@ impl Store {
 
     /// The id and the name of every task, by name.
     pub(crate) async fn task_names(&self) -> Result<Vec<(TaskId, String)>> {
-        sqlx::query("select id, name from tasks order by name")
+        sql::query("select id, name from tasks order by name")
             .try_map(row::read)
             .fetch_all(self.read())
             .await
@@ -101,9 +102,9 @@ impl Store {
 
     /// The number of a task's episodes by outcome.
     pub(crate) async fn outcome_counts(&self, task: &TaskId) -> Result<OutcomeCounts> {
-        let (success, failure, unknown) = sqlx::query(
+        let (success, failure, unknown) = sql::query(
             "select count(*) filter (where outcome = 'success'), count(*) filter (where outcome = 'failure'), \
-                 count(*) filter (where outcome = 'unknown') from episodes where task_id = ? \
+                 count(*) filter (where outcome = 'unknown') from episodes where task_id = $1 \
                  and deleted_at is null",
         )
         .bind(task.param())

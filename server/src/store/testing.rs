@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use gleaner_recording::{Alignment, FieldSpec, Report, TaskSpec};
 use tempfile::TempDir;
 
-use super::Store;
+use super::{Postgres, Store, row, sql::Pool};
 use crate::domain::{
     client::Client,
     episode::{Episode, InspectedEpisode, Outcome, Upload},
@@ -19,11 +19,44 @@ use crate::domain::{
 /// A counter that makes contents differ.
 static CONTENT: AtomicU64 = AtomicU64::new(0);
 
-/// A fresh database, removed with the folder.
+/// A fresh database, in PostgreSQL if the tests were told to use that, else in the folder.
 pub(crate) async fn store() -> (TempDir, Store) {
+    if !gleaner_test_postgres::selected() {
+        return sqlite().await;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    (dir, Store::serve_postgres(&postgres().await).await.unwrap())
+}
+
+/// A fresh SQLite database, removed with the folder, for what SQLite alone does.
+pub(crate) async fn sqlite() -> (TempDir, Store) {
     let dir = tempfile::tempdir().unwrap();
     let store = Store::open(&dir.path().join("gleaner.db")).await.unwrap();
     (dir, store)
+}
+
+/// Whether the tests run on PostgreSQL; else prints that a test which needs it is skipped.
+pub(crate) fn postgres_selected() -> bool {
+    let selected = gleaner_test_postgres::selected();
+    if !selected {
+        let variable = gleaner_test_postgres::VARIABLE;
+        // The harness captures the output of the macros only.
+        std::io::Write::write_fmt(
+            &mut std::io::stderr(),
+            format_args!("SKIPPED: runs with {variable}=postgres alone\n"),
+        )
+        .unwrap();
+    }
+    selected
+}
+
+/// An empty database in the private PostgreSQL of this process's tests.
+pub(crate) async fn postgres() -> Postgres {
+    let server = tokio::task::spawn_blocking(|| {
+        let server = gleaner_test_postgres::shared();
+        server.url(&server.database())
+    });
+    Postgres::at(&server.await.unwrap()).unwrap()
 }
 
 /// A task without cameras: two joints, one action, 10 steps a second.
@@ -92,15 +125,27 @@ pub(crate) async fn episode(store: &Store, task: &Task, outcome: Outcome, cohort
 
 /// Runs raw SQL, for states that this program never creates.
 pub(crate) async fn run(store: &Store, statement: &str) {
-    sqlx::raw_sql(sqlx::AssertSqlSafe(statement)).execute(&store.writer).await.unwrap();
+    let statement = sqlx::raw_sql(sqlx::AssertSqlSafe(statement));
+    match &store.writer {
+        Pool::Sqlite(pool) => drop(statement.execute(pool).await.unwrap()),
+        Pool::Postgres(pool) => drop(statement.execute(pool).await.unwrap()),
+    }
 }
 
-/// The steps of the plan of a query, as text.
+/// Has the database reject writes, as on a disk that cannot be written, or accept them again.
+pub(crate) async fn set_read_only(store: &Store, read_only: bool) {
+    let setting = match &store.writer {
+        Pool::Sqlite(_) => "pragma query_only",
+        Pool::Postgres(_) => "set default_transaction_read_only",
+    };
+    run(store, &format!("{setting} = {read_only}")).await;
+}
+
+/// The steps of the plan of a query in SQLite, as text.
 pub(crate) async fn plan(store: &Store, query: &str) -> Vec<String> {
-    let steps: Vec<(i64, i64, i64, String)> =
-        sqlx::query_as(sqlx::AssertSqlSafe(format!("explain query plan {query}")))
-            .fetch_all(store.read())
-            .await
-            .unwrap();
+    let steps: Vec<(i64, i64, i64, String)> = row::query_as(sqlx::AssertSqlSafe(format!("explain query plan {query}")))
+        .fetch_all(store.read())
+        .await
+        .unwrap();
     steps.into_iter().map(|step| step.3).collect()
 }

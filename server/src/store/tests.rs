@@ -5,6 +5,8 @@ mod pages;
 
 mod samples;
 
+use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
+
 use super::*;
 use crate::domain::{
     id::{DatasetId, JobId, PolicyId, ScoreRunId, TaskId},
@@ -24,7 +26,7 @@ async fn rows_of_an_earlier_version_are_kept() {
     {
         let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true).foreign_keys(true);
         let old = SqlitePoolOptions::new().max_connections(1).connect_with(options).await.unwrap();
-        let before = sqlx::migrate::Migrator::with_migrations(MIGRATIONS.migrations[..EARLIER].to_vec());
+        let before = sqlx::migrate::Migrator::with_migrations(schema::SQLITE.migrations[..EARLIER].to_vec());
         before.run(&old).await.unwrap();
         let encoder = crate::domain::id::EncoderId::new();
         let snapshot = crate::domain::id::SnapshotId::new();
@@ -66,8 +68,8 @@ async fn rows_of_an_earlier_version_are_kept() {
     }
 
     let store = Store::open(&path).await.unwrap();
-    let broken: Vec<(String,)> =
-        sqlx::query_as("select \"table\" from pragma_foreign_key_check").fetch_all(store.read()).await.unwrap();
+    let broken: Vec<String> =
+        row::query_as("select \"table\" from pragma_foreign_key_check").fetch_all(store.read()).await.unwrap();
     assert!(broken.is_empty(), "{broken:?}");
     let JobSpec::Score { extends: None, spec: score, .. } = store.job(&job).await.unwrap().spec else {
         panic!("not score")

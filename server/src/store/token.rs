@@ -3,6 +3,7 @@
 use super::{
     Store, fault, is_duplicate,
     row::{self, Column as _, Record as _, record},
+    sql::{self, QueryBuilder},
 };
 use crate::{
     domain::{access::Token, id::TokenId, time::Millis},
@@ -21,8 +22,8 @@ impl Store {
     /// Exists when a live token has the name.
     pub(crate) async fn insert_token(&self, token: &Token, hash: &str) -> Result<()> {
         let mut tx = self.write().await?;
-        sqlx::query(
-            "insert into tokens (id, name, role, deployments, hash, created_at, expires_at) values (?, ?, ?, ?, ?, ?, ?)",
+        sql::query(
+            "insert into tokens (id, name, role, deployments, hash, created_at, expires_at) values ($1, $2, $3, $4, $5, $6, $7)",
         )
         .bind(token.id.param())
         .bind(&token.name)
@@ -31,7 +32,7 @@ impl Store {
         .bind(hash)
         .bind(token.created_at.param())
         .bind(token.expires_at.param())
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await
         .map_err(|error| match is_duplicate(&error) {
             true => {
@@ -44,7 +45,7 @@ impl Store {
 
     /// Every token ever issued, with its hash, oldest first.
     pub(crate) async fn tokens(&self) -> Result<Vec<(String, Token)>> {
-        let mut query = sqlx::QueryBuilder::<sqlx::Sqlite>::new(COLUMNS);
+        let mut query = QueryBuilder::new(COLUMNS);
         query.push("order by id");
         let hashed = |row| Ok((row::column(&row, "hash")?, Token::decode(&row)?));
         query.build().try_map(hashed).fetch_all(self.read()).await.map_err(fault("listing tokens"))
@@ -56,18 +57,18 @@ impl Store {
     /// NotFound.
     pub(crate) async fn revoke_token(&self, id_or_name: &str) -> Result<Token> {
         let mut tx = self.write().await?;
-        let mut query = sqlx::QueryBuilder::<sqlx::Sqlite>::new(COLUMNS);
+        let mut query = QueryBuilder::new(COLUMNS);
         query.push("where id = ").push_bind(id_or_name);
         query.push(" or (name = ").push_bind(id_or_name).push(" and name <> '' and revoked_at is null) limit 1");
-        let found = query.build().try_map(row::read::<Token>).fetch_optional(&mut *tx).await;
+        let found = query.build().try_map(row::read::<Token>).fetch_optional(&mut tx).await;
         let mut token = found.map_err(fault("reading a token"))?.ok_or_else(|| {
             Error::not_found("live token", format!("{id_or_name:?}; list the tokens to see all names"))
         })?;
         let now = token.revoked_at.unwrap_or_else(Millis::now);
-        sqlx::query("update tokens set revoked_at = ? where id = ?")
+        sql::query("update tokens set revoked_at = $1 where id = $2")
             .bind(now.param())
             .bind(token.id.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("revoking a token"))?;
         self.commit(tx).await?;
@@ -78,12 +79,14 @@ impl Store {
     /// Records a use of a token.
     pub(crate) async fn token_used(&self, id: &TokenId, at: Millis) -> Result<()> {
         let mut tx = self.write().await?;
-        sqlx::query("update tokens set last_used_at = max(coalesce(last_used_at, 0), ?) where id = ?")
-            .bind(at.param())
-            .bind(id.param())
-            .execute(&mut *tx)
-            .await
-            .map_err(fault("noting a token's use"))?;
+        sql::query(
+            "update tokens set last_used_at = case when last_used_at > $1 then last_used_at else $1 end where id = $2",
+        )
+        .bind(at.param())
+        .bind(id.param())
+        .execute(&mut tx)
+        .await
+        .map_err(fault("noting a token's use"))?;
         self.commit(tx).await
     }
 }

@@ -1,10 +1,9 @@
 //! Deleted episodes: moved into the trash, restored from it, and permanently removed.
 
-use sqlx::{Sqlite, Transaction};
-
 use super::{
     Store, episode, fault,
     row::{self, Column as _},
+    sql::{self, Transaction},
 };
 use crate::{
     domain::{
@@ -41,14 +40,14 @@ impl Store {
             if !force {
                 refuse_if_needed(&mut tx, id).await?;
             }
-            sqlx::query(
-                "update episodes set deleted_at = coalesce(deleted_at, ?), delete_forced = max(delete_forced, ?) \
-                 where id = ?",
+            sql::query(
+                "update episodes set deleted_at = coalesce(deleted_at, $1), delete_forced = delete_forced or $2 \
+                 where id = $3",
             )
             .bind(Millis::now().param())
             .bind(force)
             .bind(id.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(fault("deleting an episode"))?;
             deleted.push(episode::by_id(&mut tx, id).await?.unwrap_or(before));
@@ -65,11 +64,13 @@ impl Store {
         let mut tx = self.write().await?;
         let mut back = Vec::with_capacity(ids.len());
         for id in ids {
-            sqlx::query("update episodes set deleted_at = null, delete_forced = 0 where id = ? and purged_at is null")
-                .bind(id.param())
-                .execute(&mut *tx)
-                .await
-                .map_err(fault("taking an episode back"))?;
+            sql::query(
+                "update episodes set deleted_at = null, delete_forced = false where id = $1 and purged_at is null",
+            )
+            .bind(id.param())
+            .execute(&mut tx)
+            .await
+            .map_err(fault("taking an episode back"))?;
             let episode = episode::by_id(&mut tx, id).await?;
             back.push(episode.ok_or_else(|| {
                 Error::not_found("episode", format!("{id}: unknown, or permanently deleted; no episode was restored"))
@@ -83,38 +84,39 @@ impl Store {
     /// row, and is removed only if it was deleted by force and no job of its task is running.
     pub(crate) async fn sweep_trash(&self, time: Millis) -> Result<Swept> {
         let mut tx = self.write().await?;
-        let mut episodes: Vec<(EpisodeId, BlobId)> = sqlx::query(
-            "select id, recording from episodes where deleted_at < ? \
+        let mut episodes: Vec<(EpisodeId, BlobId)> = sql::query(
+            "select id, recording from episodes where deleted_at < $1 \
              and not exists (select 1 from snapshot_episodes where episode_id = episodes.id) \
              and not exists (select 1 from episode_scores where episode_id = episodes.id)",
         )
         .bind(time.param())
         .try_map(row::read)
-        .fetch_all(&mut *tx)
+        .fetch_all(&mut tx)
         .await
         .map_err(fault("looking through the trash"))?;
         for (id, _) in &episodes {
-            for query in ["delete from labels where episode_id = ?", "delete from episodes where id = ?"] {
-                sqlx::query(query).bind(id.param()).execute(&mut *tx).await.map_err(fault("emptying the trash"))?;
+            for query in ["delete from labels where episode_id = $1", "delete from episodes where id = $1"] {
+                sql::query(query).bind(id.param()).execute(&mut tx).await.map_err(fault("emptying the trash"))?;
             }
         }
         // The newest labels may have been removed, and their numbers are used again.
         for query in [
-            "update schedules set label_mark = min(label_mark, (select coalesce(max(id), 0) from labels))",
+            "update schedules set label_mark = (select coalesce(max(id), 0) from labels) \
+             where label_mark > (select coalesce(max(id), 0) from labels)",
             "update snapshots set label_mark = (select coalesce(max(id), 0) from labels) \
              where label_mark > (select coalesce(max(id), 0) from labels)",
         ] {
-            sqlx::query(query).execute(&mut *tx).await.map_err(fault("emptying the trash"))?;
+            sql::query(query).execute(&mut tx).await.map_err(fault("emptying the trash"))?;
         }
-        let purged = sqlx::query(
-            "update episodes set purged_at = ?1 where deleted_at < ?2 and delete_forced and purged_at is null \
+        let purged = sql::query(
+            "update episodes set purged_at = $1 where deleted_at < $2 and delete_forced and purged_at is null \
              and not exists (select 1 from jobs where jobs.task_id = episodes.task_id and state in ('queued', 'running')) \
              returning id, recording",
         )
         .bind(Millis::now().param())
         .bind(time.param())
         .try_map(row::read)
-        .fetch_all(&mut *tx)
+        .fetch_all(&mut tx)
         .await
         .map_err(fault("emptying the trash"))?;
         crate::fail_point::pass("sweep.rows_removed");
@@ -130,9 +132,9 @@ impl Store {
     /// # Errors
     /// Precondition.
     pub(crate) async fn expect_recordings(&self, snapshot: &SnapshotId) -> Result<()> {
-        let gone: Option<EpisodeId> = sqlx::query(
+        let gone: Option<EpisodeId> = sql::query(
             "select id from episodes join snapshot_episodes on episode_id = id \
-             where snapshot_id = ? and purged_at is not null order by id limit 1",
+             where snapshot_id = $1 and purged_at is not null order by id limit 1",
         )
         .bind(snapshot.param())
         .try_map(row::read)
@@ -150,7 +152,7 @@ impl Store {
 
     /// When the longest running attempt began; its results may not have rows yet.
     pub(crate) async fn oldest_running(&self) -> Result<Option<Millis>> {
-        sqlx::query("select min(started_at) from jobs where state = 'running'")
+        sql::query("select min(started_at) from jobs where state = 'running'")
             .try_map(row::read)
             .fetch_one(self.read())
             .await
@@ -159,26 +161,26 @@ impl Store {
 }
 
 /// Rejects the deletion when snapshots or results need the episode, and names them.
-async fn refuse_if_needed(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<()> {
+async fn refuse_if_needed(tx: &mut Transaction, id: &EpisodeId) -> Result<()> {
     let (snapshots, first): (u64, Option<SnapshotId>) =
-        sqlx::query("select count(*), min(snapshot_id) from snapshot_episodes where episode_id = ?")
+        sql::query("select count(*), min(snapshot_id) from snapshot_episodes where episode_id = $1")
             .bind(id.param())
             .try_map(row::read)
-            .fetch_one(&mut **tx)
+            .fetch_one(&mut *tx)
             .await
             .map_err(fault("reading the snapshots of an episode"))?;
     let Some(first) = first else { return Ok(()) };
-    let (runs, datasets, policies): (u64, u64, u64) = sqlx::query(
-        "with held(id) as (select snapshot_id from snapshot_episodes where episode_id = ?), \
-         runs(id) as (select id from score_runs where snapshot_id in held), \
-         sets(id) as (select id from datasets where score_run_id in runs) \
+    let (runs, datasets, policies): (u64, u64, u64) = sql::query(
+        "with held(id) as (select snapshot_id from snapshot_episodes where episode_id = $1), \
+         runs(id) as (select id from score_runs where snapshot_id in (select id from held)), \
+         sets(id) as (select id from datasets where score_run_id in (select id from runs)) \
          select (select count(*) from runs), (select count(*) from sets), \
-         (select count(*) from policies join jobs on jobs.id = job_id where dataset_id in sets \
-          or json_extract(jobs.spec, '$.snapshot_id') in held)",
+         (select count(*) from policies join jobs on jobs.id = job_id where dataset_id in (select id from sets) \
+          or json_extract(jobs.spec, '$.snapshot_id') in (select id from held))",
     )
     .bind(id.param())
     .try_map(row::read)
-    .fetch_one(&mut **tx)
+    .fetch_one(&mut *tx)
     .await
     .map_err(fault("reading the results made from an episode"))?;
     let others = if snapshots > 1 { format!(" and {} more snapshots", snapshots - 1) } else { String::new() };

@@ -3,6 +3,7 @@
 use super::{
     Store, episode, fault,
     row::{self, Column as _, record},
+    sql::{self, QueryBuilder, Transaction},
 };
 use crate::{
     domain::{
@@ -23,10 +24,10 @@ impl Store {
     pub(crate) async fn insert_upload(&self, upload: &Upload, most: Option<u64>) -> Result<bool> {
         let mut tx = self.write().await?;
         // Counted and inserted in one statement, so that concurrent calls cannot exceed the limit together.
-        let inserted = sqlx::query(
+        let inserted = sql::query(
             "insert into uploads (id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author, \
-                 client, created_at) select ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11 \
-                 where ?12 is null or (select count(*) from uploads where client = ?10) < ?12",
+                 client, created_at) select $1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11 \
+                 where $12 is null or (select count(*) from uploads where client = $10) < $12",
         )
         .bind(upload.id.param())
         .bind(upload.task_id.param())
@@ -40,11 +41,11 @@ impl Store {
         .bind(upload.client.param())
         .bind(Millis::now().param())
         .bind(most.param())
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await
         .map_err(fault("opening an upload"))?;
         self.commit(tx).await?;
-        Ok(inserted.rows_affected() == 1)
+        Ok(inserted == 1)
     }
 
     /// An open upload.
@@ -52,7 +53,7 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn upload(&self, id: &UploadId) -> Result<Upload> {
-        let mut query = sqlx::QueryBuilder::new(COLUMNS);
+        let mut query = QueryBuilder::new(COLUMNS);
         query.push("where id = ").push_bind(id.param());
         let found = query.build().try_map(row::read).fetch_optional(self.read()).await;
         found.map_err(fault("reading an upload"))?.ok_or_else(|| no_upload(id))
@@ -60,7 +61,7 @@ impl Store {
 
     /// The task's open uploads of this content, the one with the most bytes first.
     pub(crate) async fn uploads_of(&self, task: &TaskId, blake3: &BlobId) -> Result<Vec<Upload>> {
-        let mut query = sqlx::QueryBuilder::new(COLUMNS);
+        let mut query = QueryBuilder::new(COLUMNS);
         query.push("where task_id = ").push_bind(task.param());
         query.push(" and blake3 = ").push_bind(blake3.param()).push(" order by committed desc, id");
         query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing uploads"))
@@ -68,7 +69,7 @@ impl Store {
 
     /// Every open upload, oldest first.
     pub(crate) async fn uploads(&self) -> Result<Vec<Upload>> {
-        let mut query = sqlx::QueryBuilder::<sqlx::Sqlite>::new(COLUMNS);
+        let mut query = QueryBuilder::new(COLUMNS);
         query.push("order by id");
         query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing uploads"))
     }
@@ -79,13 +80,15 @@ impl Store {
     /// NotFound when the upload is not open any more.
     pub(crate) async fn commit_upload(&self, id: &UploadId, committed: u64) -> Result<()> {
         let mut tx = self.write().await?;
-        let result = sqlx::query("update uploads set committed = max(committed, ?) where id = ?")
-            .bind(committed.param())
-            .bind(id.param())
-            .execute(&mut *tx)
-            .await
-            .map_err(fault("committing an upload's bytes"))?;
-        if result.rows_affected() == 0 {
+        let result = sql::query(
+            "update uploads set committed = case when committed < $1 then $1 else committed end where id = $2",
+        )
+        .bind(committed.param())
+        .bind(id.param())
+        .execute(&mut tx)
+        .await
+        .map_err(fault("committing an upload's bytes"))?;
+        if result == 0 {
             return Err(no_upload(id));
         }
         self.commit(tx).await?;
@@ -102,7 +105,7 @@ impl Store {
 
     /// The uploads that were opened before `time`.
     pub(crate) async fn uploads_before(&self, time: Millis) -> Result<Vec<Upload>> {
-        let mut query = sqlx::QueryBuilder::new(COLUMNS);
+        let mut query = QueryBuilder::new(COLUMNS);
         query.push("where created_at < ").push_bind(time.param());
         query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing old uploads"))
     }
@@ -128,10 +131,10 @@ fn no_upload(id: &UploadId) -> Error {
     Error::not_found("open upload", format!("{id}; start again"))
 }
 
-async fn delete(tx: &mut sqlx::Transaction<'_, sqlx::Sqlite>, id: &UploadId) -> Result<()> {
-    sqlx::query("delete from uploads where id = ?")
+async fn delete(tx: &mut Transaction, id: &UploadId) -> Result<()> {
+    sql::query("delete from uploads where id = $1")
         .bind(id.param())
-        .execute(&mut **tx)
+        .execute(&mut *tx)
         .await
         .map_err(fault("deleting an upload"))?;
     Ok(())

@@ -7,7 +7,7 @@ use super::{
     *,
 };
 use crate::{
-    config::{BackupConfig, RestoreConfig},
+    config::{BackupConfig, DatabaseConfig, RestoreConfig},
     error::{Kind, Result},
 };
 
@@ -26,7 +26,13 @@ impl Backups {
 }
 
 async fn back_up(lab: &Lab, target: &Path, prune: bool) -> Result<(bool, String)> {
-    let config = BackupConfig { target: target.to_owned(), data_dir: lab.dir.path().to_owned(), verify: false, prune };
+    let config = BackupConfig {
+        target: target.to_owned(),
+        data_dir: lab.dir.path().to_owned(),
+        verify: false,
+        prune,
+        database: DatabaseConfig::default(),
+    };
     let mut out = Vec::new();
     let sound = backup(&config, &mut out).await?;
     Ok((sound, String::from_utf8(out).unwrap()))
@@ -126,8 +132,13 @@ async fn a_damaged_backup_is_detected() {
     let report = checked(&target, false).await;
     assert!(report.findings[0].subject.contains(lab.recording.as_str()), "{:?}", report.findings);
     assert!(!restore_to(&target, &folders.path("new")).await.unwrap());
-    let verify =
-        BackupConfig { target: target.clone(), data_dir: lab.dir.path().to_owned(), verify: true, prune: false };
+    let verify = BackupConfig {
+        target: target.clone(),
+        data_dir: lab.dir.path().to_owned(),
+        verify: true,
+        prune: false,
+        database: DatabaseConfig::default(),
+    };
     assert!(backup(&verify, &mut Vec::new()).await.unwrap());
     assert!(checked(&target, false).await.sound, "it was copied again");
     let mut database = fs::read(target.join("gleaner.db")).unwrap();
@@ -136,7 +147,7 @@ async fn a_damaged_backup_is_detected() {
     fs::write(target.join("gleaner.db"), database).unwrap();
     let error = restore_to(&target, &folders.path("newer")).await.unwrap_err();
     assert!(error.message().contains("manifest"), "{error}");
-    let check = CheckConfig { data_dir: target.clone(), fast: false, json: false };
+    let check = CheckConfig { data_dir: target.clone(), fast: false, json: false, database: DatabaseConfig::default() };
     // The last page may have rows, or the schema, without which there is no report.
     match check_folder(&check).await {
         Ok(report) => assert!(!report.sound),

@@ -135,7 +135,12 @@ async fn a_folder_without_a_database_is_refused() {
 async fn the_report_reads_as_json() {
     let lab = lab().await;
     fs::remove_file(lab.blobs.path(&lab.recording)).unwrap();
-    let config = CheckConfig { data_dir: lab.dir.path().to_owned(), fast: true, json: true };
+    let config = CheckConfig {
+        data_dir: lab.dir.path().to_owned(),
+        fast: true,
+        json: true,
+        database: DatabaseConfig::default(),
+    };
     let mut out = Vec::new();
     assert!(!super::super::check::check(&config, &mut out).await.unwrap());
     let report: serde_json::Value = serde_json::from_slice(&out).unwrap();

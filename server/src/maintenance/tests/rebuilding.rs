@@ -7,15 +7,16 @@ use super::{
     *,
 };
 use crate::{
-    config::RebuildConfig,
+    config::{DatabaseConfig, RebuildConfig},
     data_folder,
     domain::episode::{Episode, NewLabel},
     maintenance::{describe::describe_queued, rebuild::rebuild},
+    store::Database,
 };
 
 async fn rebuilt(dir: &Path) -> (bool, String) {
     let mut out = Vec::new();
-    let config = RebuildConfig { data_dir: dir.to_owned(), fast: false };
+    let config = RebuildConfig { data_dir: dir.to_owned(), fast: false, database: DatabaseConfig::default() };
     let sound = rebuild(&config, &mut out).await.unwrap();
     (sound, String::from_utf8(out).unwrap())
 }
@@ -37,7 +38,7 @@ async fn described() -> (Lab, Vec<Episode>) {
 }
 
 async fn reopen(dir: &Path) -> Store {
-    Store::open_with_blobs(dir, &Blobs::open(dir).unwrap(), false).await.unwrap()
+    Store::open_with_blobs(&Database::in_folder(dir), &Blobs::open(dir).unwrap(), false).await.unwrap()
 }
 
 #[tokio::test]
@@ -75,7 +76,7 @@ async fn an_older_database_is_completed_and_keeps_its_history() {
     store.close().await;
     let dir = again.dir.path();
     fs::write(data_folder::database(dir), older).unwrap();
-    assert!(Store::open_with_blobs(dir, &again.blobs, false).await.is_err());
+    assert!(Store::open_with_blobs(&Database::in_folder(dir), &again.blobs, false).await.is_err());
     let (sound, text) = rebuilt(dir).await;
     assert!(sound && text.contains("0 tasks and 1 episodes"), "{text}");
     let store = reopen(dir).await;
@@ -133,7 +134,8 @@ async fn damaged_recordings_and_those_without_a_description_are_kept_aside() {
 #[tokio::test]
 async fn a_folder_in_use_or_without_blobs_is_refused() {
     let (lab, _) = described().await;
-    let config = |dir: &Path| RebuildConfig { data_dir: dir.to_owned(), fast: true };
+    let config =
+        |dir: &Path| RebuildConfig { data_dir: dir.to_owned(), fast: true, database: DatabaseConfig::default() };
     let held = crate::lock::DataLock::take(lab.dir.path()).unwrap();
     assert!(rebuild(&config(lab.dir.path()), &mut Vec::new()).await.unwrap_err().message().contains("another"));
     drop(held);
@@ -150,7 +152,7 @@ async fn a_task_created_again_takes_its_episodes_or_keeps_its_name() {
         let (lab, episodes) = described().await;
         lab.store.close().await;
         fs::remove_file(data_folder::database(lab.dir.path())).unwrap();
-        let store = Store::open_with_blobs(lab.dir.path(), &lab.blobs, true).await.unwrap();
+        let store = Store::open_with_blobs(&Database::in_folder(lab.dir.path()), &lab.blobs, true).await.unwrap();
         let rate_hz = if same { testing::spec().rate_hz } else { 5.0 };
         let task = store.insert_task(&gleaner_recording::TaskSpec { rate_hz, ..testing::spec() }).await.unwrap();
         store.close().await;
@@ -174,13 +176,13 @@ async fn an_undeleted_recording_stays_in_spite_of_an_older_database() {
         describe_queued(&store, &lab.blobs).await.unwrap();
         store.close().await;
         fs::write(data_folder::database(lab.dir.path()), &older).unwrap();
-        assert!(Store::open_with_blobs(lab.dir.path(), &lab.blobs, false).await.is_err());
+        assert!(Store::open_with_blobs(&Database::in_folder(lab.dir.path()), &lab.blobs, false).await.is_err());
         if rebuilds {
             assert!(rebuilt(lab.dir.path()).await.1.contains("1 episodes brought up to date"));
             assert!(reopen(lab.dir.path()).await.episode(&episodes[1].id).await.unwrap().episode.deleted_at.is_none());
             continue;
         }
-        let store = Store::open_with_blobs(lab.dir.path(), &lab.blobs, true).await.unwrap();
+        let store = Store::open_with_blobs(&Database::in_folder(lab.dir.path()), &lab.blobs, true).await.unwrap();
         let again = Lab { ingest: crate::ingest::testing::open_on(&lab.dir, &store).await, store, ..lab };
         let counts = sweeper(&again, 0).sweep(in_days(2)).await.unwrap();
         assert_eq!(counts.episodes, 1, "the row of the older copy is removed");

@@ -6,6 +6,7 @@ use crate::{
     store::{
         Store, fault,
         row::{self, Column as _},
+        sql,
     },
 };
 
@@ -15,7 +16,7 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn label_version(&self, id: &EpisodeId) -> Result<i64> {
-        let newest: Option<i64> = sqlx::query_scalar("select max(id) from labels where episode_id = ?")
+        let newest: Option<i64> = row::query_as("select max(id) from labels where episode_id = $1")
             .bind(id.param())
             .fetch_one(self.read())
             .await
@@ -28,9 +29,9 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn runs_that_scored(&self, task: &TaskId, id: &EpisodeId) -> Result<Vec<ScoreRunId>> {
-        sqlx::query(
+        sql::query(
             "select score_runs.id from episode_scores join score_runs on score_runs.id = score_run_id \
-             where episode_id = ? and task_id = ? order by score_runs.id desc",
+             where episode_id = $1 and task_id = $2 order by score_runs.id desc",
         )
         .bind(id.param())
         .bind(task.param())

@@ -9,16 +9,17 @@ use crate::{
     store::{
         Store, fault,
         row::{self, Column as _, record},
+        sql,
     },
 };
 
 /// Some tasks at a glance. Episodes are counted for those tasks only, from an index, and before they meet the tasks'
 /// specs: a sort of joined rows would carry a spec for each episode.
 const OVERVIEW: &str = "with shown as materialized (select id, spec, created_at from tasks \
-         where instr(lower(name), ?) > 0 order by id desc limit ? offset ?), \
+         where instr(lower(name), $1) > 0 order by id desc limit $2 offset $3), \
      counted as (select task_id, count(*) filter (where outcome = 'success') as success, \
          count(*) filter (where outcome = 'failure') as failure, count(*) filter (where outcome = 'unknown') as unknown, \
-         sum(duration_s) / 3600 as hours, sum(size_bytes) as bytes, count(distinct cohort) as cohorts \
+         sum(duration_s) / 3600 as hours, cast(sum(size_bytes) as bigint) as bytes, count(distinct cohort) as cohorts \
          from episodes where task_id in (select id from shown) and deleted_at is null group by task_id) \
      select id, spec, created_at, coalesce(success, 0) as success, coalesce(failure, 0) as failure, \
          coalesce(unknown, 0) as unknown, coalesce(hours, 0.0) as hours, coalesce(bytes, 0) as bytes, \
@@ -34,7 +35,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn overview(&self, text: &str, skip: usize, most: usize) -> Result<Vec<TaskOverview>> {
-        sqlx::query(OVERVIEW)
+        sql::query(OVERVIEW)
             .bind(text.to_ascii_lowercase())
             .bind(i64::try_from(most).unwrap_or(i64::MAX))
             .bind(i64::try_from(skip).unwrap_or(i64::MAX))
@@ -49,7 +50,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn count_tasks(&self, text: &str) -> Result<u64> {
-        sqlx::query("select count(*) from tasks where instr(lower(name), ?) > 0")
+        sql::query("select count(*) from tasks where instr(lower(name), $1) > 0")
             .bind(text.to_ascii_lowercase())
             .try_map(row::read)
             .fetch_one(self.read())
@@ -62,9 +63,9 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn totals(&self) -> Result<Totals> {
-        let (tasks, episodes, hours, bytes) = sqlx::query(
+        let (tasks, episodes, hours, bytes) = sql::query(
             "select (select count(*) from tasks), count(*), coalesce(sum(duration_s), 0.0) / 3600, \
-                 coalesce(sum(size_bytes), 0) from episodes where deleted_at is null",
+                 cast(coalesce(sum(size_bytes), 0) as bigint) from episodes where deleted_at is null",
         )
         .try_map(row::read)
         .fetch_one(self.read())
@@ -78,13 +79,11 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn cohorts(&self, task: &TaskId) -> Result<Vec<String>> {
-        sqlx::query_scalar(
-            "select distinct cohort from episodes where task_id = ? and deleted_at is null order by cohort",
-        )
-        .bind(task.param())
-        .fetch_all(self.read())
-        .await
-        .map_err(fault("listing cohorts"))
+        row::query_as("select distinct cohort from episodes where task_id = $1 and deleted_at is null order by cohort")
+            .bind(task.param())
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("listing cohorts"))
     }
 }
 
@@ -145,7 +144,7 @@ mod tests {
     /// A page counts the episodes of its own tasks, and reads them from an index.
     #[tokio::test]
     async fn a_page_of_tasks_reads_no_whole_episodes() {
-        let (_dir, store) = testing::store().await;
+        let (_dir, store) = testing::sqlite().await;
         let plan = testing::plan(&store, super::OVERVIEW).await;
         assert!(plan.iter().any(|step| step.contains("COVERING INDEX episodes_at_a_glance")), "{plan:?}");
     }

@@ -1,7 +1,5 @@
 //! Queries for retrying a job: its order, the jobs that ended with it, and an equal job in progress.
 
-use sqlx::{Sqlite, Transaction};
-
 use crate::{
     domain::{
         id::JobId,
@@ -12,6 +10,7 @@ use crate::{
     store::{
         Store, fault,
         row::{self, Column as _},
+        sql::{self, Transaction},
     },
 };
 
@@ -21,7 +20,7 @@ impl Store {
     /// # Errors
     /// Internal, also for a job without a key.
     pub(crate) async fn ordered(&self, job: &JobId) -> Result<JobOrder> {
-        sqlx::query("select ordered from jobs where id = ?")
+        sql::query("select ordered from jobs where id = $1")
             .bind(job.param())
             .try_map(row::read)
             .fetch_one(self.read())
@@ -35,10 +34,10 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn ended_with(&self, job: &JobId, state: JobState) -> Result<Vec<Job>> {
-        let ids: Vec<JobId> = sqlx::query(
-            "with recursive waiting(id) as (select job_id from job_dependencies where needs = ?1 \
+        let ids: Vec<JobId> = sql::query(
+            "with recursive waiting(id) as (select job_id from job_dependencies where needs = $1 \
                union select job_id from job_dependencies join waiting on needs = waiting.id) \
-             select id from jobs where id in (select id from waiting) and state = ?2 and started_at is null order by id",
+             select id from jobs where id in (select id from waiting) and state = $2 and started_at is null order by id",
         )
         .bind(job.param())
         .bind(state.param())
@@ -58,13 +57,13 @@ impl Store {
 ///
 /// # Errors
 /// Exists, with the id of that job.
-pub(in crate::store) async fn expect_none_alike(tx: &mut Transaction<'_, Sqlite>, job: &NewJob) -> Result<()> {
+pub(in crate::store) async fn expect_none_alike(tx: &mut Transaction, job: &NewJob) -> Result<()> {
     let alike: Option<JobId> =
-        sqlx::query("select id from jobs where task_id = ? and state in ('queued', 'running') and spec = ? limit 1")
+        sql::query("select id from jobs where task_id = $1 and state in ('queued', 'running') and spec = $2 limit 1")
             .bind(job.task_id.param())
             .bind(job.spec.param())
             .try_map(row::read)
-            .fetch_optional(&mut **tx)
+            .fetch_optional(&mut *tx)
             .await
             .map_err(fault("looking for a job that does the same"))?;
     match alike {

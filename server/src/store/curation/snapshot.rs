@@ -1,7 +1,5 @@
 //! Snapshots and their episodes, in both directions.
 
-use sqlx::sqlite::SqliteRow;
-
 use crate::{
     domain::{
         curation::{FrozenEpisode, LabelSeen, SnapshotChanges, SnapshotUse, Standing},
@@ -11,6 +9,7 @@ use crate::{
     store::{
         Store, fault,
         row::{self, Column as _, Record, column, record},
+        sql::{self, Row},
     },
 };
 
@@ -18,7 +17,7 @@ record! { SnapshotChanges: relabelled, deleted }
 record! { SnapshotUse: snapshot_id, created_at, role, outcome, cohort }
 
 impl Record for FrozenEpisode {
-    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+    fn decode(row: &Row) -> sqlx::Result<Self> {
         let label = |outcome, cohort, version| -> sqlx::Result<_> {
             let (outcome, cohort) = (column(row, outcome)?, column(row, cohort)?);
             Ok(LabelSeen { outcome, cohort, version: column(row, version)? })
@@ -41,14 +40,12 @@ impl Record for FrozenEpisode {
 /// The changes of a snapshot's episodes. Only episodes with a label that is newer than the snapshot are compared, and only
 /// permanently deleted ones are looked up: in most snapshots few of 100,000. `cross join` fixes that order.
 const CHANGES: &str = "select \
-     (select count(distinct held.episode_id) from labels cross join snapshot_episodes held \
-             on held.snapshot_id = ?1 and held.episode_id = labels.episode_id \
-         cross join episodes on episodes.id = held.episode_id \
-         where labels.id > (select label_mark from snapshots where id = ?1) \
+     (select count(distinct held.episode_id) from labels cross join snapshot_episodes held cross join episodes \
+         where held.snapshot_id = $1 and held.episode_id = labels.episode_id and episodes.id = held.episode_id \
+             and labels.id > (select label_mark from snapshots where id = $1) \
              and (held.outcome, held.cohort) <> (episodes.outcome, episodes.cohort)) as relabelled, \
      (select count(*) from episodes cross join snapshot_episodes held \
-             on held.snapshot_id = ?1 and held.episode_id = episodes.id \
-         where purged_at is not null) as deleted";
+         where held.snapshot_id = $1 and held.episode_id = episodes.id and purged_at is not null) as deleted";
 
 impl Store {
     /// The first episodes of a snapshot in its order, or all, with their labels then and now; no episode for an unknown
@@ -60,7 +57,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn frozen_episodes(&self, id: &SnapshotId, most: Option<u32>) -> Result<Vec<FrozenEpisode>> {
-        sqlx::query(
+        sql::query(
             "select held.episode_id, file_name, role, held.outcome, held.cohort, episodes.outcome as outcome_now, \
                  episodes.cohort as cohort_now, deleted_at is not null as in_trash, purged_at is not null as purged, \
                  (select max(labels.id) from labels where labels.episode_id = held.episode_id \
@@ -69,10 +66,10 @@ impl Store {
                  (select max(labels.id) from labels where labels.episode_id = held.episode_id) as version_now \
              from snapshot_episodes held join snapshots on snapshots.id = held.snapshot_id \
                  join episodes on episodes.id = held.episode_id \
-             where held.snapshot_id = ? order by held.position limit ?",
+             where held.snapshot_id = $1 order by held.position limit $2",
         )
         .bind(id.param())
-        .bind(most.map_or(-1, i64::from))
+        .bind(most.map_or(i64::MAX, i64::from))
         .try_map(row::read)
         .fetch_all(self.read())
         .await
@@ -84,7 +81,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn snapshot_changes(&self, id: &SnapshotId) -> Result<SnapshotChanges> {
-        sqlx::query(CHANGES)
+        sql::query(CHANGES)
             .bind(id.param())
             .try_map(row::read)
             .fetch_one(self.read())
@@ -98,10 +95,10 @@ impl Store {
     /// Internal.
     pub(crate) async fn snapshots_with(&self, episode: &EpisodeId, most: u32) -> Result<(Vec<SnapshotUse>, u64)> {
         let mut of = 0;
-        let uses = sqlx::query(
+        let uses = sql::query(
             "select snapshot_id, created_at, role, outcome, cohort, count(*) over () as \"of\" \
              from snapshot_episodes join snapshots on snapshots.id = snapshot_id \
-             where episode_id = ? order by created_at desc, snapshot_id desc limit ?",
+             where episode_id = $1 order by created_at desc, snapshot_id desc limit $2",
         )
         .bind(episode.param())
         .bind(most)
@@ -180,7 +177,7 @@ mod tests {
 
     #[tokio::test]
     async fn changes_are_counted_without_the_other_episodes() {
-        let (_dir, store) = testing::store().await;
+        let (_dir, store) = testing::sqlite().await;
         let plan = testing::plan(&store, CHANGES).await;
         let scans: Vec<&String> = plan.iter().filter(|step| step.contains("SCAN")).collect();
         let few = |step: &String| step.contains("episodes_purged") || step.contains("CONSTANT");

@@ -2,8 +2,6 @@
 
 use std::collections::HashMap;
 
-use sqlx::{QueryBuilder, Sqlite};
-
 use crate::{
     domain::{
         curation::{SortKey, TableFilter, TableRow},
@@ -15,6 +13,7 @@ use crate::{
         episode::episode_columns,
         fault,
         row::{self, Column as _, record},
+        sql::QueryBuilder,
     },
 };
 
@@ -59,12 +58,8 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn episode_rows(&self, ids: &[EpisodeId]) -> Result<Vec<TableRow>> {
-        let mut query = QueryBuilder::<Sqlite>::new(concat!(labelled!(), "episodes.id in ("));
-        let mut listed = query.separated(", ");
-        ids.iter().for_each(|id| {
-            listed.push_bind(id.as_str());
-        });
-        query.push(")");
+        let mut query = QueryBuilder::new(concat!(labelled!(), "episodes.id in ("));
+        query.push_list(ids.iter().map(EpisodeId::as_str)).push(")");
         let mut rows: Vec<TableRow> =
             query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault(LISTING))?;
         let places: HashMap<&EpisodeId, usize> = ids.iter().zip(0..).collect();
@@ -77,7 +72,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn count_episodes(&self, task: &TaskId, filter: &TableFilter) -> Result<u64> {
-        let mut query = QueryBuilder::<Sqlite>::new("select count(*) from episodes where task_id = ");
+        let mut query = QueryBuilder::new("select count(*) from episodes where task_id = ");
         push_conditions(&mut query, task, filter);
         query.build().try_map(row::read).fetch_one(self.read()).await.map_err(fault("counting episodes"))
     }
@@ -105,8 +100,8 @@ impl Store {
 }
 
 /// The episodes of a task that match the filter, with their labels, oldest first.
-fn query(task: &TaskId, filter: &TableFilter) -> QueryBuilder<Sqlite> {
-    let mut query = QueryBuilder::<Sqlite>::new(concat!(labelled!(), "task_id = "));
+fn query(task: &TaskId, filter: &TableFilter) -> QueryBuilder {
+    let mut query = QueryBuilder::new(concat!(labelled!(), "task_id = "));
     push_conditions(&mut query, task, filter);
     query.push(" order by episodes.id");
     query
@@ -114,14 +109,14 @@ fn query(task: &TaskId, filter: &TableFilter) -> QueryBuilder<Sqlite> {
 
 /// The ids of the episodes of a task that match the filter, as one text: 100,000 rows of one id each take several times
 /// as long.
-fn ids(task: &TaskId, filter: &TableFilter) -> QueryBuilder<Sqlite> {
-    let mut query = QueryBuilder::<Sqlite>::new("select group_concat(id, ',') from episodes where task_id = ");
+fn ids(task: &TaskId, filter: &TableFilter) -> QueryBuilder {
+    let mut query = QueryBuilder::new("select string_agg(id, ',') from episodes where task_id = ");
     push_conditions(&mut query, task, filter);
     query
 }
 
 /// One page of them. Only the ids are sorted, and only the page's rows meet their labels.
-fn page(task: &TaskId, filter: &TableFilter, order: (SortKey, bool), skip: i64, most: i64) -> QueryBuilder<Sqlite> {
+fn page(task: &TaskId, filter: &TableFilter, order: (SortKey, bool), skip: i64, most: i64) -> QueryBuilder {
     let (key, descending) = order;
     let direction = if descending { " desc" } else { "" };
     // Ids are in the order of time, and an index has them by task. Equal keys are in the order of their ids.
@@ -132,15 +127,14 @@ fn page(task: &TaskId, filter: &TableFilter, order: (SortKey, bool), skip: i64, 
         SortKey::Cohort => format!(" order by episodes.cohort{direction}, episodes.id"),
         SortKey::Findings => format!(" order by warnings{direction}, episodes.id"),
     };
-    let mut query =
-        QueryBuilder::<Sqlite>::new(concat!(labelled!(), "episodes.id in (select id from episodes where task_id = "));
+    let mut query = QueryBuilder::new(concat!(labelled!(), "episodes.id in (select id from episodes where task_id = "));
     push_conditions(&mut query, task, filter);
     query.push(&order).push(" limit ").push_bind(most).push(" offset ").push_bind(skip).push(")").push(&order);
     query
 }
 
 /// Adds the task and the conditions of a filter behind `where task_id = `.
-fn push_conditions(query: &mut QueryBuilder<Sqlite>, task: &TaskId, filter: &TableFilter) {
+fn push_conditions(query: &mut QueryBuilder, task: &TaskId, filter: &TableFilter) {
     let TableFilter { outcome, cohort, from, before, warnings, text } = filter;
     query.push_bind(task.param()).push(" and deleted_at is null");
     if let Some(outcome) = outcome {

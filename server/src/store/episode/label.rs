@@ -2,11 +2,10 @@
 
 use std::collections::HashSet;
 
-use sqlx::{Sqlite, Transaction};
-
 use super::{
     by_id, fault,
     row::{self, Column as _, Record as _, record},
+    sql::{self, Transaction},
 };
 use crate::{
     domain::{
@@ -57,7 +56,7 @@ impl Store {
         Ok(Labelled::Done(labelled))
     }
 
-    async fn commit_labels(&self, tx: Transaction<'static, Sqlite>) -> Result<()> {
+    async fn commit_labels(&self, tx: Transaction) -> Result<()> {
         crate::fail_point::pass("label.rows_written");
         self.commit_generation(tx).await?;
         crate::fail_point::pass("label.committed");
@@ -69,7 +68,7 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn labels(&self, id: &EpisodeId) -> Result<Vec<Label>> {
-        let labels: Vec<Label> = sqlx::query("select * from labels where episode_id = ? order by id")
+        let labels: Vec<Label> = sql::query("select * from labels where episode_id = $1 order by id")
             .bind(id.param())
             .try_map(row::read)
             .fetch_all(self.read())
@@ -85,7 +84,7 @@ impl Store {
 
 /// Labels each of these once; returns each with its new version.
 async fn label_all(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction,
     ids: impl Iterator<Item = &EpisodeId>,
     label: &NewLabel,
 ) -> Result<Vec<(Episode, i64)>> {
@@ -106,11 +105,11 @@ async fn label_all(
         if let Some(cohort) = &label.cohort {
             episode.cohort.clone_from(cohort);
         }
-        sqlx::query("update episodes set outcome = ?, cohort = ? where id = ?")
+        sql::query("update episodes set outcome = $1, cohort = $2 where id = $3")
             .bind(episode.outcome.param())
             .bind(&episode.cohort)
             .bind(id.param())
-            .execute(&mut **tx)
+            .execute(&mut *tx)
             .await
             .map_err(fault("labelling an episode"))?;
         let version = insert(tx, &episode, &label.author, &label.reason).await?;
@@ -120,24 +119,25 @@ async fn label_all(
 }
 
 /// An episode's newest label, with its version.
-async fn newest(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<(i64, Label)>> {
-    sqlx::query("select * from labels where episode_id = ? order by id desc limit 1")
+async fn newest(tx: &mut Transaction, id: &EpisodeId) -> Result<Option<(i64, Label)>> {
+    sql::query("select * from labels where episode_id = $1 order by id desc limit 1")
         .bind(id.param())
         .try_map(|row| Ok((row::column(&row, "id")?, Label::decode(&row)?)))
-        .fetch_optional(&mut **tx)
+        .fetch_optional(&mut *tx)
         .await
         .map_err(fault("reading a label"))
 }
 
 /// Moves the episode's present label to its history and returns its version.
 pub(in crate::store) async fn insert(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction,
     episode: &Episode,
     author: &str,
     reason: &str,
 ) -> Result<i64> {
-    let kept = sqlx::query(
-        "insert into labels (episode_id, outcome, cohort, author, reason, created_at) values (?, ?, ?, ?, ?, ?)",
+    sql::query(
+        "insert into labels (episode_id, outcome, cohort, author, reason, created_at) values ($1, $2, $3, $4, $5, $6) \
+         returning id",
     )
     .bind(episode.id.param())
     .bind(episode.outcome.param())
@@ -145,10 +145,10 @@ pub(in crate::store) async fn insert(
     .bind(author)
     .bind(reason)
     .bind(Millis::now().param())
-    .execute(&mut **tx)
+    .try_map(row::read)
+    .fetch_one(&mut *tx)
     .await
-    .map_err(fault("keeping a label"))?;
-    Ok(kept.last_insert_rowid())
+    .map_err(fault("keeping a label"))
 }
 
 #[cfg(test)]

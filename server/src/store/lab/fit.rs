@@ -8,7 +8,7 @@ use crate::{
     blobs::Blobs,
     data_folder::{self, stamp::Stamp, ways_out},
     error::{Error, Kind, Result},
-    store::fault,
+    store::{Postgres, Store, schema},
 };
 
 /// The row of the database at `path`, which is not changed. A database from before that row counts as one that was
@@ -34,13 +34,10 @@ pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
     // Read-only: the write-ahead log of another database must not be merged into this one.
     let database = crate::store::read_only::open_read_only(path).await.map_err(|error| unusable(error.to_string()))?;
     let read = async {
-        if crate::store::read_only::known_schema(&database.readers, path).await? == 0 {
+        if schema::known(&database.readers, path.display()).await? == 0 {
             return Ok(None);
         }
-        let there: bool = sqlx::query_scalar("select exists (select 1 from sqlite_master where name = 'lab')")
-            .fetch_one(&database.readers)
-            .await
-            .map_err(fault("looking for the row"))?;
+        let there = schema::has_table(&database.readers, "lab").await?;
         if must_be_checked(path, data_dir) {
             database.expect_sound(data_dir).await?;
         }
@@ -50,6 +47,19 @@ pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
     .await;
     database.close().await;
     read.map_err(|error| damaged(path, data_dir, error))
+}
+
+/// The same in PostgreSQL.
+pub(super) async fn found_in_postgres(at: &Postgres) -> Result<Option<Lab>> {
+    let store = Store::look_at(at).await?;
+    let known = schema::known(&store.readers, at).await;
+    let found = match known {
+        Ok(0) => Ok(None),
+        Ok(_) => lab(&store.readers).await.map(Some),
+        Err(error) => Err(error),
+    };
+    store.close().await;
+    found
 }
 
 /// Whether SQLite must check the database before it is used: its file is another one than at the last start, or

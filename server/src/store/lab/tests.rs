@@ -8,7 +8,7 @@ use super::*;
 use crate::{data_folder::beside_database, store::testing};
 
 async fn open(dir: &Path, accept: bool) -> Result<Store> {
-    Store::open_with_blobs(dir, &Blobs::open(dir).unwrap(), accept).await
+    Store::open_with_blobs(&Database::in_folder(dir), &Blobs::open(dir).unwrap(), accept).await
 }
 
 /// A data folder with one blob that a server has used and left.

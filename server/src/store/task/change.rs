@@ -1,11 +1,9 @@
 //! Changes of tasks: a new specification, and deletion, where they harm nothing.
 
-use gleaner_recording::TaskSpec;
-use sqlx::{Sqlite, Transaction};
-
 use super::super::{
     Store, fault, is_duplicate,
     row::{self, Column as _},
+    sql::{self, Transaction},
 };
 use crate::{
     domain::{
@@ -14,6 +12,7 @@ use crate::{
     },
     error::{Error, Result},
 };
+use gleaner_recording::TaskSpec;
 
 /// The tables that name a task, with the noun of their rows.
 const USES: [(&str, &str); 10] = [
@@ -51,11 +50,11 @@ impl Store {
                 ))
             })?;
         }
-        sqlx::query("update tasks set name = ?, spec = ? where id = ?")
+        sql::query("update tasks set name = $1, spec = $2 where id = $3")
             .bind(&spec.name)
             .bind(spec.param())
             .bind(id.param())
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await
             .map_err(|error| match is_duplicate(&error) {
                 true => Error::exists(format!("a task named {:?} exists already; choose another name", spec.name)),
@@ -79,38 +78,38 @@ impl Store {
                 "task {name:?} has {used}; only a task without any can be deleted"
             )));
         }
-        let deleted = sqlx::query("delete from tasks where id = ?").bind(id.param()).execute(&mut *tx).await;
+        let deleted = sql::query("delete from tasks where id = $1").bind(id.param()).execute(&mut tx).await;
         deleted.map_err(fault("deleting a task"))?;
         self.commit(tx).await
     }
 }
 
-async fn read(tx: &mut Transaction<'static, Sqlite>, id: &TaskId) -> Result<Task> {
-    sqlx::query("select id, spec, created_at from tasks where id = ?")
+async fn read(tx: &mut Transaction, id: &TaskId) -> Result<Task> {
+    sql::query("select id, spec, created_at from tasks where id = $1")
         .bind(id.param())
         .try_map(row::read)
-        .fetch_optional(&mut **tx)
+        .fetch_optional(&mut *tx)
         .await
         .map_err(fault("reading a task"))?
         .ok_or_else(|| Error::not_found("task", id))
 }
 
 /// The rows that name a task, by their noun.
-async fn uses(tx: &mut Transaction<'static, Sqlite>, id: &TaskId) -> Result<Vec<(&'static str, i64)>> {
-    let counts: Vec<(String, i64)> = sqlx::query_as(
-        "select 'episodes', count(*) from episodes where task_id = ?1 \
-         union all select 'uploads', count(*) from uploads where task_id = ?1 \
-         union all select 'snapshots', count(*) from snapshots where task_id = ?1 \
-         union all select 'encoders', count(*) from encoders where task_id = ?1 \
-         union all select 'score_runs', count(*) from score_runs where task_id = ?1 \
-         union all select 'datasets', count(*) from datasets where task_id = ?1 \
-         union all select 'policies', count(*) from policies where task_id = ?1 \
-         union all select 'deployments', count(*) from deployments where task_id = ?1 \
-         union all select 'schedules', count(*) from schedules where task_id = ?1 \
-         union all select 'jobs', count(*) from jobs where task_id = ?1",
+async fn uses(tx: &mut Transaction, id: &TaskId) -> Result<Vec<(&'static str, i64)>> {
+    let counts: Vec<(String, i64)> = row::query_as(
+        "select 'episodes', count(*) from episodes where task_id = $1 \
+         union all select 'uploads', count(*) from uploads where task_id = $1 \
+         union all select 'snapshots', count(*) from snapshots where task_id = $1 \
+         union all select 'encoders', count(*) from encoders where task_id = $1 \
+         union all select 'score_runs', count(*) from score_runs where task_id = $1 \
+         union all select 'datasets', count(*) from datasets where task_id = $1 \
+         union all select 'policies', count(*) from policies where task_id = $1 \
+         union all select 'deployments', count(*) from deployments where task_id = $1 \
+         union all select 'schedules', count(*) from schedules where task_id = $1 \
+         union all select 'jobs', count(*) from jobs where task_id = $1",
     )
     .bind(id.param())
-    .fetch_all(&mut **tx)
+    .fetch_all(&mut *tx)
     .await
     .map_err(fault("counting the uses of a task"))?;
     let noun = |(table, count): (String, i64)| {
@@ -121,9 +120,9 @@ async fn uses(tx: &mut Transaction<'static, Sqlite>, id: &TaskId) -> Result<Vec<
 }
 
 /// The mappings by which its episodes were read.
-async fn mappings(tx: &mut Transaction<'static, Sqlite>, id: &TaskId) -> Result<Vec<String>> {
-    let found = sqlx::query_scalar("select distinct mapping from episodes where task_id = ?").bind(id.param());
-    found.fetch_all(&mut **tx).await.map_err(fault("reading the mappings of episodes"))
+async fn mappings(tx: &mut Transaction, id: &TaskId) -> Result<Vec<String>> {
+    let found = row::query_as("select distinct mapping from episodes where task_id = $1").bind(id.param());
+    found.fetch_all(&mut *tx).await.map_err(fault("reading the mappings of episodes"))
 }
 
 fn listed(uses: &[(&str, i64)]) -> String {
@@ -177,8 +176,8 @@ mod tests {
 
     #[tokio::test]
     async fn every_table_that_names_a_task_is_counted() {
-        let (_dir, store) = testing::store().await;
-        let named: Vec<String> = sqlx::query_scalar(
+        let (_dir, store) = testing::sqlite().await;
+        let named: Vec<String> = row::query_as(
             "select m.name from sqlite_master m, pragma_foreign_key_list(m.name) f where m.type = 'table' and f.\"table\" = 'tasks'",
         )
         .fetch_all(store.read())

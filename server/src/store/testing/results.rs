@@ -2,7 +2,7 @@
 
 use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
 
-use super::super::{Store, encoder as encoders, policy as policies, row::Column as _, score};
+use super::super::{Store, encoder as encoders, policy as policies, row::Column as _, score, sql};
 use crate::domain::{
     id::{BlobId, EncoderId, EpisodeId, JobId, PolicyId, ScoreRunId},
     job::{JobSpec, JobState},
@@ -34,11 +34,11 @@ pub(crate) async fn job(store: &Store, task: &Task, spec: JobSpec, result_id: &s
 /// Sets a job's state without a check of the transition.
 pub(crate) async fn set_state(store: &Store, job: &JobId, state: JobState, error: &str) {
     let mut tx = store.write().await.unwrap();
-    sqlx::query("update jobs set state = ?, error = ? where id = ?")
+    sql::query("update jobs set state = $1, error = $2 where id = $3")
         .bind(state.param())
         .bind(error)
         .bind(job.param())
-        .execute(&mut *tx)
+        .execute(&mut tx)
         .await
         .unwrap();
     store.commit(tx).await.unwrap();
@@ -173,8 +173,8 @@ pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkp
 pub(crate) async fn metrics(store: &Store, job: &JobId, metrics: &[(&str, f64)]) {
     let mut tx = store.write().await.unwrap();
     for (name, value) in metrics {
-        let insert = sqlx::query("insert into job_metrics (job_id, step, name, value) values (?, 1, ?, ?)");
-        insert.bind(job.param()).bind(*name).bind(value).execute(&mut *tx).await.unwrap();
+        let insert = sql::query("insert into job_metrics (job_id, step, name, value) values ($1, 1, $2, $3)");
+        insert.bind(job.param()).bind(*name).bind(value).execute(&mut tx).await.unwrap();
     }
     store.commit(tx).await.unwrap();
 }

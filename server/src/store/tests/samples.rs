@@ -2,7 +2,11 @@
 //!
 //! A change of the schema adds a sample of the schema before it; see `tests/samples/README.md`.
 
-use super::super::{read_only::newest_schema, *};
+use std::path::Path;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
+
+use super::super::*;
 use crate::{
     domain::{job::JobSpec, order::JobFilter},
     error::Kind,
@@ -82,12 +86,12 @@ async fn every_sample_is_migrated_completely() {
         assert!(std::fs::read(&path).unwrap() == before, "schema {version}");
 
         let store = Store::open(&path).await.unwrap();
-        assert_eq!(known_version(&store).await, newest_schema());
+        assert_eq!(known_version(&store).await, schema::newest());
         assert_eq!(store.integrity().await.unwrap(), [], "schema {version}");
         assert_eq!(store.wrong_rows().await.unwrap(), [], "schema {version}");
         for (table, expected) in counts {
             let query = format!("select count(*) from {table}");
-            let found: i64 = sqlx::query_scalar(sqlx::AssertSqlSafe(query)).fetch_one(store.read()).await.unwrap();
+            let found: i64 = row::query_as(sqlx::AssertSqlSafe(query)).fetch_one(store.read()).await.unwrap();
             assert_eq!(found, *expected, "{table} of schema {version}");
         }
         reads(&store).await;
@@ -176,13 +180,13 @@ async fn datasets_of_schema_26_keep_their_shape() {
 }
 
 async fn known_version(store: &Store) -> i64 {
-    sqlx::query_scalar("select max(version) from _sqlx_migrations").fetch_one(store.read()).await.unwrap()
+    row::query_as("select max(version) from _sqlx_migrations").fetch_one(store.read()).await.unwrap()
 }
 
 #[tokio::test]
 async fn a_newer_database_is_refused_with_both_versions_and_left_alone() {
-    let (dir, store) = testing::store().await;
-    let newer = newest_schema() + 5;
+    let (dir, store) = testing::sqlite().await;
+    let newer = schema::newest() + 5;
     testing::run(
         &store,
         &format!(
@@ -196,7 +200,7 @@ async fn a_newer_database_is_refused_with_both_versions_and_left_alone() {
     let before = std::fs::read(&path).unwrap();
     for error in [Store::open(&path).await.unwrap_err(), ReadOnlyDatabase::open(&path).await.unwrap_err()] {
         assert_eq!(error.kind(), Kind::Precondition, "{error}");
-        for part in [newer, newest_schema()] {
+        for part in [newer, schema::newest()] {
             assert!(error.message().contains(&part.to_string()), "{error}");
         }
     }

@@ -83,7 +83,7 @@ async fn every_filter_leaves_out_other_episodes() {
 
 #[tokio::test]
 async fn rows_are_read_in_the_order_of_their_ids_in_a_list() {
-    let (_dir, store) = testing::store().await;
+    let (_dir, store) = testing::sqlite().await;
     let task = testing::task(&store).await;
     let mut ids = Vec::new();
     for name in ["a.mcap", "b.mcap", "c.mcap"] {
@@ -122,23 +122,23 @@ async fn a_page_is_a_part_of_the_sorted_table() {
 
 #[tokio::test]
 async fn no_table_is_scanned_or_sorted() {
-    let (_dir, store) = testing::store().await;
+    let (_dir, store) = testing::sqlite().await;
     let task = testing::task(&store).await;
     let filter = TableFilter { text: Some("cup".into()), outcome: Some(Outcome::Success), ..TableFilter::default() };
-    let plan = testing::plan(&store, query(&task.id, &filter).sql().as_str()).await;
+    let plan = testing::plan(&store, query(&task.id, &filter).text()).await;
     assert!(plan.iter().any(|step| step.contains("episodes_by_task")), "{plan:?}");
     assert!(!plan.iter().any(|step| step.contains("SCAN") || step.contains("TEMP B-TREE")), "{plan:?}");
 }
 
 #[tokio::test]
 async fn ids_and_counts_are_read_without_rows() {
-    let (_dir, store) = testing::store().await;
+    let (_dir, store) = testing::sqlite().await;
     let task = testing::task(&store).await;
     let some = TableFilter { outcome: Some(Outcome::Success), cohort: Some("ada".into()), ..TableFilter::default() };
     for filter in
         [TableFilter { from: Some(Millis(1)), warnings: Some(true), ..some.clone() }, some, TableFilter::default()]
     {
-        let plan = testing::plan(&store, ids(&task.id, &filter).sql().as_str()).await;
+        let plan = testing::plan(&store, ids(&task.id, &filter).text()).await;
         assert!(plan.iter().all(|step| step.contains("COVERING INDEX")), "{filter:?}: {plan:?}");
     }
 }

@@ -1,0 +1,40 @@
+//! Where the database is.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use gleaner_core::Secret;
+
+/// The database.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Database")]
+pub struct DatabaseConfig {
+    /// PostgreSQL database to use in place of the SQLite file in the data folder: postgres://USER@HOST:PORT/NAME, or
+    /// with `?host=/FOLDER` for a socket. PostgreSQL brings others' backups and costs a round trip for each statement.
+    /// The database has one server at a time, and must belong to the blobs in the data folder. A password in the address
+    /// is visible in the list of processes; use the next flag, or the variables PGPASSWORD or PGPASSFILE. Default:
+    /// SQLite.
+    #[arg(long, env = "GLEANER_DATABASE", value_name = "URL", hide_env_values = true, global = true)]
+    pub database: Option<Secret>,
+    /// File whose content is the password of the database in PostgreSQL. It replaces a password in the address.
+    #[arg(long, env = "GLEANER_DATABASE_PASSWORD_FILE", value_name = "FILE", global = true)]
+    pub database_password_file: Option<PathBuf>,
+}
+
+impl DatabaseConfig {
+    /// Checks the kind of the address.
+    ///
+    /// # Errors
+    /// A sentence that names the flag, without the address, which may have a password.
+    pub(super) fn validate(&self) -> Result<(), String> {
+        let known =
+            |url: &Secret| ["postgres://", "postgresql://"].iter().any(|scheme| url.reveal().starts_with(scheme));
+        match &self.database {
+            Some(url) if !known(url) => {
+                Err("--database: must begin with postgres://; leave the flag out for SQLite in the data folder"
+                    .to_owned())
+            }
+            Some(_) | None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! One server has a database in PostgreSQL, and survives the loss of its connections. Run where `GLEANER_TEST_DATABASE`
+//! selects PostgreSQL.
+
+use gleaner_test_postgres::{GUARDED_ROLE, PASSWORD, Server};
+
+use super::*;
+use crate::{domain::episode::Outcome, error::Kind, store::testing};
+
+/// Whether the tests run on PostgreSQL; else prints that one is skipped.
+fn selected() -> bool {
+    testing::postgres_selected()
+}
+
+async fn refused(url: &str) -> Error {
+    let error = Store::serve_postgres(&Postgres::at(url).unwrap()).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition, "{error}");
+    error
+}
+
+#[tokio::test]
+async fn second_server_of_a_database_is_refused() {
+    if !selected() {
+        return;
+    }
+    let at = testing::postgres().await;
+    let first = Store::serve_postgres(&at).await.unwrap();
+    let error = Store::serve_postgres(&at).await.unwrap_err();
+    assert!(error.kind() == Kind::Precondition && error.message().contains("another gleaner-server uses"), "{error}");
+    assert!(error.message().contains("--database"), "{error}");
+    testing::task(&first).await;
+    first.close().await;
+    let next = Store::serve_postgres(&at).await.unwrap();
+    assert_eq!(next.tasks().await.unwrap().len(), 1);
+}
+
+#[tokio::test]
+async fn commands_write_beside_a_server_one_at_a_time() {
+    if !selected() {
+        return;
+    }
+    let at = testing::postgres().await;
+    let empty = Store::open_beside(&at).await.unwrap_err();
+    assert!(empty.kind() == Kind::Precondition && empty.message().contains("is empty"), "{empty}");
+    let server = Store::serve_postgres(&at).await.unwrap();
+    let command = Store::open_beside(&at).await.unwrap();
+    let count = async |store: &Store| {
+        for _ in 0..20 {
+            let mut tx = store.write().await.unwrap();
+            let read = super::super::row::query_as("select elapsed_ms from lab").fetch_one(&mut tx).await;
+            let counted: i64 = read.unwrap();
+            let write = super::super::sql::query("update lab set elapsed_ms = $1").bind(counted + 1);
+            write.execute(&mut tx).await.unwrap();
+            store.commit(tx).await.unwrap();
+        }
+    };
+    tokio::join!(count(&server), count(&command));
+    let counted: i64 =
+        super::super::row::query_as("select elapsed_ms from lab").fetch_one(server.read()).await.unwrap();
+    assert_eq!(counted, 40);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn lost_connections_are_unavailable_until_postgresql_is_back() {
+    if !selected() {
+        return;
+    }
+    let mut server = Server::start();
+    let at = Postgres::at(&server.url(&server.database())).unwrap();
+    let store = Store::serve_postgres(&at).await.unwrap();
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    for kill in [false, true] {
+        if kill {
+            server.kill()
+        } else {
+            server.stop()
+        }
+        let upload = testing::upload(&task, b"lost");
+        let (read, written) = tokio::join!(store.tasks(), store.insert_upload(&upload, None));
+        for error in [read.map(drop).unwrap_err(), written.map(drop).unwrap_err()] {
+            assert!(error.kind() == Kind::Unavailable && error.message().contains("retry"), "{error}");
+        }
+        server.serve();
+        assert_eq!(store.tasks().await.unwrap()[0].1.success, 1);
+        assert!(store.insert_upload(&upload, None).await.unwrap());
+        store.delete_upload(&upload.id).await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn unusable_databases_are_refused_with_the_remedy() {
+    if !selected() {
+        return;
+    }
+    let server = gleaner_test_postgres::shared();
+    let wrong = server.url_as(&format!("{GUARDED_ROLE}:hunter2"), "postgres");
+    let error = refused(&wrong).await;
+    assert!(error.message().contains("--database-password-file") && !error.to_string().contains("hunter2"), "{error}");
+
+    let error = refused(&server.url("nowhere")).await;
+    assert!(error.message().contains("createdb"), "{error}");
+
+    let error = refused("postgres://gleaner:hunter2@127.0.0.1:1/gleaner").await;
+    assert!(error.message().contains("--database") && !error.to_string().contains("hunter2"), "{error}");
+
+    let foreign = server.database();
+    server.execute(&foreign, "create table songs (name text)");
+    let error = refused(&server.url(&foreign)).await;
+    assert!(error.message().contains("tables of another program"), "{error}");
+    assert_eq!(server.execute(&foreign, "select count(*) from pg_tables where schemaname = 'public'"), "1");
+
+    let newer = server.database();
+    Store::serve_postgres(&Postgres::at(&server.url(&newer)).unwrap()).await.unwrap().close().await;
+    let version = schema::newest() + 5;
+    let insert = "insert into _sqlx_migrations (version, description, success, checksum, execution_time)";
+    server.execute(&newer, &format!("{insert} values ({version}, 'tomorrow', true, '', 1)"));
+    let error = refused(&server.url(&newer)).await;
+    assert!(error.message().contains(&version.to_string()), "{error}");
+}
+
+#[tokio::test]
+async fn passwords_come_from_a_file_and_are_never_shown() {
+    if !selected() {
+        return;
+    }
+    let server = gleaner_test_postgres::shared();
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("password");
+    fs::write(&file, format!("{PASSWORD}\n")).unwrap();
+    let url = server.url_as(&format!("{GUARDED_ROLE}:hunter2"), &server.database());
+    let config = DatabaseConfig { database: Some(url.into()), database_password_file: Some(file) };
+    let at = Postgres::configured(&config).unwrap().unwrap();
+    Store::serve_postgres(&at).await.unwrap().close().await;
+    for shown in [at.to_string(), format!("{at:?}"), format!("{config:?}")] {
+        assert!(!shown.contains("hunter2") && !shown.contains(PASSWORD), "{shown}");
+    }
+    let missing = DatabaseConfig { database_password_file: Some(dir.path().join("none")), ..config };
+    let error = Postgres::configured(&missing).unwrap_err();
+    assert!(error.kind() == Kind::Invalid && error.to_string().contains("--database-password-file"), "{error}");
+}
+
+#[tokio::test]
+async fn texts_with_a_nul_character_are_invalid() {
+    if !selected() {
+        return;
+    }
+    let store = Store::serve_postgres(&testing::postgres().await).await.unwrap();
+    let spec = gleaner_recording::TaskSpec { name: "a\0b".into(), ..testing::spec() };
+    let error = store.insert_task(&spec).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Invalid, "{error}");
+}

@@ -1,0 +1,87 @@
+//! The schema of a database: its version, and its update by the migrations of this program.
+
+use std::fmt::Display;
+
+use sqlx::migrate::{MigrateError, Migrator};
+
+use super::{fault, row, sql::Pool};
+use crate::error::{Error, Result};
+
+/// The migrations of SQLite. Those of PostgreSQL have the same numbers, from the one with which they begin.
+pub(super) static SQLITE: Migrator = sqlx::migrate!("../migrations/sqlite");
+static POSTGRES: Migrator = sqlx::migrate!("../migrations/postgres");
+
+/// The newest migration of this program.
+pub(crate) fn newest() -> i64 {
+    SQLITE.iter().map(|migration| migration.version).max().unwrap_or_default()
+}
+
+/// Brings the schema of a database up to date; `shown`: the database, for people.
+///
+/// # Errors
+/// Precondition when the database was migrated by a newer program.
+pub(super) async fn update(pool: &Pool, shown: impl Display) -> Result<()> {
+    let found = known(pool, &shown).await?;
+    if found > 0 && found < newest() {
+        tracing::info!(schema.found = found, schema.newest = newest(), "updating the database");
+    }
+    let updated = match pool {
+        Pool::Sqlite(pool) => SQLITE.run(pool).await,
+        Pool::Postgres(pool) => POSTGRES.run(pool).await,
+    };
+    updated.map_err(|error| {
+        if let MigrateError::VersionMissing(version) = error {
+            return Error::precondition(format!(
+                "the database {shown} has a migration {version} that this program does not know: use the gleaner-server \
+                 that made it"
+            ));
+        }
+        Error::internal("migrating the database", error)
+    })
+}
+
+/// Rejects a database migrated by a newer program; returns its newest migration, 0 for none.
+///
+/// # Errors
+/// Precondition names both versions.
+pub(super) async fn known(pool: &Pool, shown: impl Display) -> Result<i64> {
+    if !has_table(pool, "_sqlx_migrations").await? {
+        return Ok(0);
+    }
+    let found: Option<i64> = row::query_as("select max(version) from _sqlx_migrations")
+        .fetch_one(pool)
+        .await
+        .map_err(fault("reading the database's version"))?;
+    let (found, newest) = (found.unwrap_or_default(), newest());
+    if found > newest {
+        return Err(Error::precondition(format!(
+            "the database {shown} has schema version {found}, and gleaner-server {} supports versions up to {newest}: use \
+             the newer gleaner-server that made it, or restore an earlier backup",
+            env!("CARGO_PKG_VERSION"),
+        )));
+    }
+    Ok(found)
+}
+
+/// Whether a database has this table.
+///
+/// # Errors
+/// Internal.
+pub(super) async fn has_table(pool: &Pool, name: &str) -> Result<bool> {
+    let tables = match pool {
+        Pool::Sqlite(_) => "select exists (select 1 from sqlite_master where name = $1)",
+        Pool::Postgres(_) => "select to_regclass($1) is not null",
+    };
+    let exists = row::query_as(tables).bind(name).fetch_one(pool).await;
+    exists.map_err(fault("reading the database's schema"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_databases_have_the_same_newest_migration() {
+        assert_eq!(POSTGRES.iter().map(|migration| migration.version).max(), Some(newest()));
+    }
+}
