@@ -44,6 +44,7 @@ mod opening;
 mod operator;
 mod pages;
 mod plan;
+mod postgres;
 mod prose;
 mod ranks;
 mod real_recordings;

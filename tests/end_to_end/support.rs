@@ -6,6 +6,7 @@ pub mod browser;
 pub mod command;
 pub mod crash;
 pub mod data_folder;
+pub mod database;
 pub mod disk;
 pub mod errors;
 pub mod files;

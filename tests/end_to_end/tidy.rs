@@ -122,7 +122,7 @@ fn crates_are_named_in_their_place_only() {
 }
 
 /// Every crate of the workspace but its tests and benches, and the others that it may name.
-const CRATES: [(&str, &[&str]); 20] = [
+const CRATES: [(&str, &[&str]); 21] = [
     ("proto", &[]),
     ("crates/capacity", &[]),
     ("crates/core", &["proto"]),
@@ -139,6 +139,7 @@ const CRATES: [(&str, &[&str]); 20] = [
     ("crates/video", &[]),
     ("crates/web", &["core", "edge"]),
     ("crates/sim", &["recording"]),
+    ("crates/test-postgres", &[]),
     ("crates/worker", &["core", "data-folder", "formats", "group", "learn", "logs", "proto", "recording", "sim"]),
     ("client", &["core", "proto", "recording", "sim"]),
     ("client/command", &["client", "core", "inspector", "proto", "recording", "sim"]),
@@ -156,6 +157,8 @@ const CRATES: [(&str, &[&str]); 20] = [
             "proto",
             "recording",
             "sim",
+            // For tests alone.
+            "test-postgres",
             "web",
         ],
     ),

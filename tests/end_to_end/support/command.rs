@@ -6,6 +6,7 @@ use serde_json::Value;
 use tokio::process::Command;
 
 use super::{
+    database,
     process::{GLEANER, SERVER},
     wait::within,
 };
@@ -46,7 +47,13 @@ pub async fn json(url: &str, words: &[&str]) -> Value {
 
 /// Runs a command of `gleaner-server` on a data folder.
 pub async fn server(words: &[&str], data: &Path) -> Output {
-    run(Command::new(SERVER).args(words).arg("--data-dir").arg(data).env("GLEANER_LOG", "warn")).await
+    run(Command::new(SERVER)
+        .args(words)
+        .arg("--data-dir")
+        .arg(data)
+        .envs(database::of(data))
+        .env("GLEANER_LOG", "warn"))
+    .await
 }
 
 /// Like [`server`]: whether it succeeded, and everything that it printed.

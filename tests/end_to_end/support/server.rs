@@ -9,7 +9,10 @@ use std::{
 use tempfile::TempDir;
 use tokio::process::Command;
 
-use super::process::{self, Running, SERVER, Signal, ports, signal};
+use super::{
+    database,
+    process::{self, Running, SERVER, Signal, ports, signal},
+};
 
 /// Warnings, and the messages of workers, because tests search for them in the logs of jobs.
 const LOG_LEVELS: &str = "warn,gleaner_worker=info";
@@ -196,6 +199,7 @@ pub fn serve_by(starter: &[String], data: &Path, flags: &[impl AsRef<str>], list
         .args(["serve", "--listen", listen, "--worker-threads", "1", "--data-dir"])
         .arg(data)
         .args(flags.iter().map(AsRef::as_ref))
+        .envs(database::of(data))
         .env("GLEANER_LOG", std::env::var("GLEANER_LOG").unwrap_or_else(|_| LOG_LEVELS.to_owned()))
         .stdout(Stdio::piped())
         .kill_on_drop(true);
