@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker test test-room crash-test crash-test-slurm test-python check-lerobot-policy check-mlflow check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker test test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -47,6 +47,14 @@ SEED ?= 1
 crash-test: .libtorch
 	GLEANER_CRASH_KILLS=200 GLEANER_CRASH_UPLOADS=1000 GLEANER_CRASH_TRAINING_KILLS=50 GLEANER_CRASH_SEED=$(SEED) \
 		$(CARGO) test --locked -p gleaner-tests --test end_to_end crash:: -- --nocapture --test-threads=1
+
+# The unit tests of the server on a private PostgreSQL (Debian: postgresql), which they start and end themselves.
+test-postgres: .libtorch
+	GLEANER_TEST_DATABASE=postgres $(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests --lib
+
+# The same crashes with the database in a private PostgreSQL.
+crash-test-postgres: .libtorch
+	GLEANER_TEST_DATABASE=postgres $(MAKE) crash-test
 
 # Kills nodes, workers, the controller and the server of a private Slurm 200 times under a queue of jobs. Needs root, and
 # Slurm (Debian: slurm-wlm and munge). SLURM_KILLS=20 is the short form.
