@@ -83,7 +83,11 @@ impl Store {
         let misfit = misfit(found.as_ref(), stamp.as_ref(), blobs)?;
         match &misfit {
             Some(misfit) if !accept => {
-                return Err(Error::precondition(format!("{database}: {misfit}. {}", way_to_accept(data_dir))));
+                let moves = database.postgres.is_some() && found.is_none() && data_folder::database(data_dir).is_file();
+                let first =
+                    if moves { "Move the SQLite database of the folder with `gleaner-server migrate`. " } else { "" };
+                let ways = way_to_accept(data_dir);
+                return Err(Error::precondition(format!("{database}: {misfit}. {first}{ways}")));
             }
             Some(misfit) => tracing::warn!(%database, "accepted by --accept-database: {misfit}"),
             None if accept => {

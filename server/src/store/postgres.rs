@@ -71,7 +71,7 @@ impl Postgres {
     }
 
     /// Rejects a server that is too old, a database of other programs, and one that another server uses.
-    async fn expect_usable(&self, serving: bool) -> Result<()> {
+    pub(super) async fn expect_usable(&self, serving: bool) -> Result<()> {
         let mut connection = self.look().await?;
         let doing = |error| connecting(self, error);
         let (version, encoding, fsync): (i32, String, String) = sqlx::query_as(

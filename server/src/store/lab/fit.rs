@@ -51,6 +51,8 @@ pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
 
 /// The same in PostgreSQL.
 pub(super) async fn found_in_postgres(at: &Postgres) -> Result<Option<Lab>> {
+    // Before the database is compared with the blobs: that of a running server has another folder.
+    at.expect_usable(true).await?;
     let store = Store::look_at(at).await?;
     let known = schema::known(&store.readers, at).await;
     let found = match known {
