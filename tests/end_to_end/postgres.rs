@@ -24,7 +24,7 @@ fn postgres() -> Option<(Server, String)> {
     Some((server, url))
 }
 
-/// A job goes on through a restart of PostgreSQL and a kill of the server, and another server cannot take the database.
+/// A job continues through a restart of PostgreSQL and a kill of the server, and another server cannot take the database.
 #[tokio::test]
 async fn jobs_on_postgresql_survive_its_restart_and_the_servers() {
     let Some((mut database, url)) = postgres() else { return };
@@ -86,7 +86,7 @@ async fn lab_moves_to_postgresql_and_back() {
     let data = server.data_dir().to_owned();
     let there = ["migrate", "--to", &url];
     let (moved, text) = server_text(&there, &data).await;
-    assert!(!moved && text.contains("another server"), "a server runs: {text}");
+    assert!(!moved && text.contains("another gleaner-server"), "a server runs: {text}");
     assert!(server.stop().await);
     let (moved, text) = server_text(&["migrate", "--to", "mysql://x"], &data).await;
     assert!(!moved && text.contains("--to"), "{text}");

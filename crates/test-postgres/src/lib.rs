@@ -30,7 +30,7 @@ read -r word
 [ "$word" = keep ] || rm -rf "$folder"
 "#;
 
-/// Settings of a server whose data nobody needs after a power cut.
+/// Settings of a server whose data is of no use after a power cut.
 const SETTINGS: &str = "listen_addresses = ''\nfsync = off\nfull_page_writes = off\nshared_buffers = 64MB\n\
      max_connections = 300\n";
 

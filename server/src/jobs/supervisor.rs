@@ -29,7 +29,17 @@ pub(super) async fn supervise(inner: Arc<Inner>) {
 
 /// Waits for a job that is ready, and claims it.
 async fn next_job(inner: &Inner) -> (Job, Issuer) {
+    // Claims that failed: one whose connection was lost during its commit may hold a job without a worker.
+    let mut unsure: Vec<String> = Vec::new();
     loop {
+        while let Some(hash) = unsure.last() {
+            match inner.store.give_back(hash).await {
+                Ok(()) => {
+                    unsure.pop();
+                }
+                Err(_) => break,
+            }
+        }
         // A notification between the check and the wait is kept as a permit.
         let issuer = Issuer::new();
         // Jobs write results, so they start only while the disk has room.
@@ -44,7 +54,10 @@ async fn next_job(inner: &Inner) -> (Job, Issuer) {
                 return (job, issuer);
             }
             Ok(None) => {}
-            Err(error) => tracing::error!(%error, "the queue cannot be read; retrying"),
+            Err(error) => {
+                tracing::error!(%error, "the queue cannot be read; retrying");
+                unsure.push(issuer.hash);
+            }
         }
         // The cause of the wake-up does not matter.
         let _ = tokio::time::timeout(FALLBACK, inner.ready.notified()).await;

@@ -24,6 +24,9 @@ const READERS: u32 = 8;
 const PATIENCE: Duration = Duration::from_secs(10);
 const LOCK_TIMEOUT: (&str, &str) = ("lock_timeout", "10s");
 
+/// Statements that a connection keeps prepared: every one of the store.
+const PREPARED: usize = 400;
+
 /// The key of the lock that the one server of a database holds.
 const SERVER_LOCK: i64 = 7_236_279_350_437_208_691;
 
@@ -61,7 +64,8 @@ impl Postgres {
     pub(crate) fn at(url: &str) -> Result<Self> {
         let options = PgConnectOptions::from_str(url)
             .map_err(|error| Error::invalid("--database", format!("not an address of PostgreSQL: {error}")))?;
-        Ok(Self { options: options.application_name("gleaner-server").options([LOCK_TIMEOUT]) })
+        let options = options.application_name("gleaner-server").options([LOCK_TIMEOUT]);
+        Ok(Self { options: options.statement_cache_capacity(PREPARED) })
     }
 
     /// A connection for a look before the database is opened.
@@ -74,12 +78,11 @@ impl Postgres {
     pub(super) async fn expect_usable(&self, serving: bool) -> Result<()> {
         let mut connection = self.look().await?;
         let doing = |error| connecting(self, error);
-        let (version, encoding, fsync): (i32, String, String) = sqlx::query_as(
-            "select current_setting('server_version_num')::int4, current_setting('server_encoding'), current_setting('fsync')",
-        )
-        .fetch_one(&mut connection)
-        .await
-        .map_err(doing)?;
+        let (version, encoding): (i32, String) =
+            sqlx::query_as("select current_setting('server_version_num')::int4, current_setting('server_encoding')")
+                .fetch_one(&mut connection)
+                .await
+                .map_err(doing)?;
         if version < OLDEST {
             let (found, oldest) = (version / 10_000, OLDEST / 10_000);
             return Err(Error::precondition(format!("{self}: PostgreSQL {found} is too old; use {oldest} or newer")));
@@ -88,9 +91,6 @@ impl Postgres {
             return Err(Error::precondition(format!(
                 "{self}: the database is encoded in {encoding}; create one with `createdb --encoding=UTF8 --template=template0`"
             )));
-        }
-        if fsync == "off" {
-            tracing::warn!(database = %self, "fsync is off in PostgreSQL: a power cut can lose acknowledged data");
         }
         let foreign: bool = sqlx::query_scalar(
             "select to_regclass('_sqlx_migrations') is null and exists \
@@ -177,6 +177,10 @@ impl Store {
             })
         });
         let writer = writer.connect_with(at.options.clone()).await.map_err(doing)?;
+        let fsync: String = sqlx::query_scalar("show fsync").fetch_one(&writer).await.map_err(doing)?;
+        if fsync == "off" {
+            tracing::warn!(database = %at, "fsync is off in PostgreSQL: a power cut can lose acknowledged data");
+        }
         schema::update(&Pool::Postgres(writer.clone()), at).await?;
         let readers = patient(READERS).connect_with(at.options.clone()).await.map_err(doing)?;
         Ok(Self::untied(Pool::Postgres(writer), Pool::Postgres(readers)))

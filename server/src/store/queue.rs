@@ -53,6 +53,20 @@ impl Store {
         Ok(job)
     }
 
+    /// Queues the job again that the claim with this token got, if it got one; the attempt does not count.
+    pub(crate) async fn give_back(&self, token_hash: &str) -> Result<()> {
+        let claimed: Option<JobId> = row::query_as("select id from jobs where token_hash = $1 and state = 'running'")
+            .bind(token_hash)
+            .fetch_optional(self.read())
+            .await
+            .map_err(fault("looking for a claim"))?;
+        if let Some(job_id) = claimed {
+            let attempt = Attempt { job_id, token_hash: token_hash.to_owned() };
+            self.end_attempt(&attempt, &AttemptEnd::Stopped).await?;
+        }
+        Ok(())
+    }
+
     /// Ends an attempt without a result. `None` when it had already ended.
     pub(crate) async fn end_attempt(&self, attempt: &Attempt, end: &AttemptEnd) -> Result<Option<Moved>> {
         let mut tx = self.write().await?;

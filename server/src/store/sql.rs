@@ -1,5 +1,5 @@
 //! Statements for either database, SQLite or PostgreSQL: one text with `$1`, `$2` …, and arguments and rows that are
-//! converted for the database at hand.
+//! converted for the database in use.
 //!
 //! `sqlx::Any` is not used: it copies every value of a row once more, has no `bool` on SQLite, and hides what SQLite's
 //! connections must be asked (docs/decisions/0048).

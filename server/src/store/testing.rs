@@ -19,7 +19,7 @@ use crate::domain::{
 /// A counter that makes contents differ.
 static CONTENT: AtomicU64 = AtomicU64::new(0);
 
-/// A fresh database, in PostgreSQL if the tests were told to use that, else in the folder.
+/// A fresh database, in PostgreSQL if the tests are to use that, else in the folder.
 pub(crate) async fn store() -> (TempDir, Store) {
     if !gleaner_test_postgres::selected() {
         return sqlite().await;

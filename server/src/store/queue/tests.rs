@@ -45,6 +45,20 @@ async fn succeed(store: &Store, attempt: &Attempt) {
     store.commit(tx).await.unwrap();
 }
 
+/// As after a connection that was lost during the commit of the claim.
+#[tokio::test]
+async fn claim_that_was_not_noticed_is_given_back_without_an_attempt() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = queue(&store, export(&task, 0, &[])).await.unwrap();
+    let (attempt, _) = claim(&store).await.unwrap();
+    store.give_back("another claim").await.unwrap();
+    assert_eq!(store.job(&id).await.unwrap().state, JobState::Running);
+    store.give_back(&attempt.token_hash).await.unwrap();
+    let job = store.job(&id).await.unwrap();
+    assert_eq!((job.state, job.attempt), (JobState::Queued, 0));
+}
+
 #[tokio::test]
 async fn the_highest_priority_runs_first_then_the_oldest() {
     let (_dir, store) = testing::store().await;

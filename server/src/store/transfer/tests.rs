@@ -57,7 +57,9 @@ async fn lab_is_the_same_after_a_round_trip() {
     let episode = testing::episode(&middle, &task, Outcome::Unknown, "").await.id;
     let (_other, back) = testing::sqlite().await;
     middle.transfer(&back).await.unwrap();
-    assert_eq!(back.wrong_rows().await.unwrap(), middle.wrong_rows().await.unwrap());
+    // The fixtures break rules, each in the same rows of both databases, which list them in orders of their own.
+    let wrong = async |store: &Store| std::collections::BTreeSet::from_iter(store.wrong_rows().await.unwrap());
+    assert_eq!(wrong(&back).await, wrong(&middle).await);
     assert_eq!(back.integrity().await.unwrap(), []);
     let history = async |store: &Store| format!("{:?}", store.deployment("arm").await.unwrap());
     assert_eq!(history(&back).await, history(&source).await);
