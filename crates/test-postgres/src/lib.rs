@@ -3,6 +3,8 @@
 //! A shell starts the server, and ends it at the end of its input. The test holds the other end of that pipe, so that the
 //! server ends with a test that was killed, too.
 
+#![expect(clippy::unwrap_used, clippy::panic, reason = "tests alone use this crate")]
+
 use std::{
     fs,
     io::{Read as _, Write as _},

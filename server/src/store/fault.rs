@@ -24,23 +24,22 @@ const WRITE_FAILED: [i32; 5] = [778, 1034, 1290, 1546, 4874];
 /// Converts a database error into [`Error`], with the action that failed.
 pub(super) fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
     move |error| {
-        match &error {
-            sqlx::Error::PoolTimedOut => return too_slow(),
-            // SQLite has no connection to lose.
-            sqlx::Error::Io(_) | sqlx::Error::Tls(_) => return away(doing, error),
-            sqlx::Error::Database(database) => {
-                if let Some(code) = database.try_downcast_ref::<PgDatabaseError>().map(PgDatabaseError::code) {
-                    return match cause(code) {
-                        Cause::Full => Error::refused_by_disk(DISK_FULL, doing, error),
-                        Cause::Unwritable => Error::refused_by_disk(DISK_READ_ONLY, doing, error),
-                        Cause::Busy => too_slow(),
-                        Cause::Away => away(doing, error),
-                        Cause::Text => Error::invalid("text", "contains a NUL character, which cannot be stored"),
-                        Cause::Defect => Error::internal(doing, error),
-                    };
-                }
-            }
-            _ => {}
+        if matches!(error, sqlx::Error::PoolTimedOut) {
+            return too_slow();
+        }
+        // SQLite has no connection to lose.
+        if matches!(error, sqlx::Error::Io(_) | sqlx::Error::Tls(_)) {
+            return away(doing, error);
+        }
+        if let Some(code) = error.as_database_error().and_then(|error| error.try_downcast_ref::<PgDatabaseError>()) {
+            return match cause(code.code()) {
+                Cause::Full => Error::refused_by_disk(DISK_FULL, doing, error),
+                Cause::Unwritable => Error::refused_by_disk(DISK_READ_ONLY, doing, error),
+                Cause::Busy => too_slow(),
+                Cause::Away => away(doing, error),
+                Cause::Text => Error::invalid("text", "contains a NUL character, which cannot be stored"),
+                Cause::Defect => Error::internal(doing, error),
+            };
         }
         let code = error.as_database_error().and_then(|error| error.code()?.parse::<i32>().ok());
         match code {
@@ -99,10 +98,7 @@ fn cause(code: &str) -> Cause {
 
 /// The error of a database that cannot be opened, for its operator.
 pub(super) fn connecting(shown: impl Display, error: sqlx::Error) -> Error {
-    let code = match &error {
-        sqlx::Error::Database(database) => database.code().unwrap_or_default().into_owned(),
-        _ => String::new(),
-    };
+    let code = error.as_database_error().and_then(|error| error.code()).unwrap_or_default().into_owned();
     let help = match (&error, code.as_str()) {
         (sqlx::Error::PoolTimedOut, _) => {
             return Error::precondition(format!(
