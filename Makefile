@@ -48,9 +48,13 @@ crash-test: .libtorch
 	GLEANER_CRASH_KILLS=200 GLEANER_CRASH_UPLOADS=1000 GLEANER_CRASH_TRAINING_KILLS=50 GLEANER_CRASH_SEED=$(SEED) \
 		$(CARGO) test --locked -p gleaner-tests --test end_to_end crash:: -- --nocapture --test-threads=1
 
-# The unit tests of the server on a private PostgreSQL (Debian: postgresql), which they start and end themselves.
+# The unit tests of the server, and the short crash tests, on a private PostgreSQL (Debian: postgresql), which they start
+# and end themselves. The rooms are those of the server that have a database, so that those of learn do not run again.
+POSTGRES_ROOMS = $(addsuffix ::,store access curation imports ingest jobs maintenance pages policies rollouts scorers service)
+test-postgres: export GLEANER_TEST_DATABASE = postgres
 test-postgres: .libtorch
-	GLEANER_TEST_DATABASE=postgres $(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests --lib
+	$(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests --lib -- $(POSTGRES_ROOMS)
+	$(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests --test end_to_end crash:: -- --skip slurm
 
 # The same crashes with the database in a private PostgreSQL.
 crash-test-postgres: .libtorch
