@@ -130,6 +130,7 @@ EXPORTS = target/tmp/exports
 check-lerobot: $(EXPORTS) $(LEROBOT_ENV)
 	$(LEROBOT_ENV)/bin/pip install -q -r crates/formats/checks/lerobot-$(LEROBOT).txt
 	$(LEROBOT_ENV)/bin/python crates/formats/checks/lerobot_dataset.py $(EXPORTS)/lerobot
+	$(LEROBOT_ENV)/bin/python crates/formats/checks/lerobot_dataset.py $(EXPORTS)/lerobot_video --pictures $(EXPORTS)/lerobot
 
 # The same by robomimic's own SequenceDataset. Installs PyTorch (5 GB) the first time.
 ROBOMIMIC_ENV = target/robomimic

@@ -39,10 +39,12 @@ async fn a_dataset_is_exported_in_every_format() {
     let dataset = dataset(&mut api, &shared.run, 0.5).await;
     let url = shared.server.url();
     let mut episodes = Vec::new();
-    for format in ["mcap", "lerobot", "robomimic"] {
+    for format in ["mcap", "lerobot", "lerobot_video", "robomimic"] {
         let out = fresh(format);
         let (path, again) = (out.to_str().unwrap(), fresh("again"));
-        let line = ["export", &dataset, "--format", format, "--out"];
+        let kind = format.trim_end_matches("_video");
+        let video: &[&str] = if kind == format { &[] } else { &["--video"] };
+        let line = [&["export", &dataset, "--format", kind], video, &["--out"]].concat();
         let files = digests(&command::json(url, &[&line[..], &[path]].concat()).await);
         let second = digests(&command::json(url, &[&line[..], &[again.to_str().unwrap()]].concat()).await);
         assert_eq!(files, second, "{format}: the same dataset is the same bytes");
@@ -59,6 +61,12 @@ async fn a_dataset_is_exported_in_every_format() {
                 let info: Value = serde_json::from_slice(&std::fs::read(out.join("meta/info.json")).unwrap()).unwrap();
                 assert_eq!(info["features"]["observation.images.hand"]["shape"], serde_json::json!([16, 16, 3]));
                 usize::try_from(info["total_episodes"].as_u64().unwrap()).unwrap()
+            }
+            "lerobot_video" => {
+                let info: Value = serde_json::from_slice(&std::fs::read(out.join("meta/info.json")).unwrap()).unwrap();
+                assert_eq!(info["features"]["observation.images.hand"]["dtype"], "video");
+                assert!(files.contains_key("videos/observation.images.hand/chunk-000/file-000.mp4"), "{files:?}");
+                continue;
             }
             _ => {
                 let bytes = std::fs::read(out.join("dataset.hdf5")).unwrap();

@@ -160,7 +160,7 @@ async fn baseline_scorers_produce_scores() {
         let dataset = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap();
         let kept = dataset.kept_segments.unwrap();
         assert!(kept >= described.imperfect_segments.div_ceil(10), "{kept} of {}", described.imperfect_segments);
-        let export = ExportSpec { dataset_id: dataset.id, format: ExportFormat::Mcap.into(), depth: false };
+        let export = ExportSpec { dataset_id: dataset.id, format: ExportFormat::Mcap.into(), ..ExportSpec::default() };
         api.succeed(lab::TASK, job_spec::Spec::Export(export)).await;
     }
 }

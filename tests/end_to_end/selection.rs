@@ -126,7 +126,7 @@ fn defined(selection: Choice, candidates: &[Candidate]) -> Vec<(String, u32, f32
 
 /// Episode, step and q of the kept steps in the manifest of an export of the dataset.
 async fn exported(api: &mut Api, dataset: &str) -> Vec<(String, u32, f64)> {
-    let spec = ExportSpec { dataset_id: dataset.into(), format: ExportFormat::Mcap.into(), depth: false };
+    let spec = ExportSpec { dataset_id: dataset.into(), format: ExportFormat::Mcap.into(), ..ExportSpec::default() };
     let export_id = api.succeed(lab::TASK, job_spec::Spec::Export(spec)).await.result_id;
     let request = DownloadExportFileRequest { export_id, name: "manifest.jsonl".into() };
     let mut chunks = api.datasets.download_export_file(request).await.unwrap().into_inner();

@@ -106,7 +106,7 @@ async fn expect_export(api: &mut Api, dataset: &Dataset) {
     let spec = job_spec::Spec::Export(ExportSpec {
         dataset_id: dataset.id.clone(),
         format: ExportFormat::Mcap.into(),
-        depth: false,
+        ..ExportSpec::default()
     });
     let export = api.succeed(lab::TASK, spec).await.result_id;
     let request = ListExportFilesRequest { export_id: export.clone() };

@@ -219,6 +219,7 @@ mod tests {
             "gleaner metrics latest --tensorboard runs",
             "gleaner episodes --deleted",
             "gleaner export ds_1 --format lerobot --depth --out a",
+            "gleaner export ds_1 --format lerobot --video --out a",
             "gleaner export --episode ep_1 --scores run_1 --beta 0.5 --out a.mcap",
             "gleaner open ep_1 --in rerun",
             "gleaner open latest --in foxglove --scores latest --beta 0.5 --out a.mcap",

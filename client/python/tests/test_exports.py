@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import av
 import h5py
 import numpy as np
 import pandas as pd
@@ -103,6 +105,23 @@ def test_lerobot_export_is_read_by_pyarrow(exported: dict[str, Path]) -> None:
     np.testing.assert_allclose(stats["action"]["mean"], action.mean(0, dtype=np.float64), atol=1e-9)
     np.testing.assert_allclose(stats["action"]["std"], action.std(0, dtype=np.float64), atol=1e-9)
     np.testing.assert_allclose(stats["action"]["q90"], np.quantile(action.astype(np.float64), 0.9, axis=0), atol=1e-9)
+
+
+def test_lerobot_video_is_read_by_av(client: gleaner.Client, lab: Lab, exported: dict[str, Path], tmp_path: Path) -> None:
+    spec = {"export": {"dataset_id": lab.dataset, "format": "lerobot", "video": True}}
+    job = client.jobs.submit(TASK, spec, key="export lerobot video")
+    client.jobs.wait(job, timeout=120)
+    client.datasets.download_export(job.result_id, tmp_path / "video")
+    frames = pq.read_table(exported["lerobot"] / "data/chunk-000/file-000.parquet")
+    pictures = [Image.open(io.BytesIO(cell["bytes"])) for cell in frames["observation.images.hand"].to_pylist()]
+    with av.open(str(tmp_path / "video/videos/observation.images.hand/chunk-000/file-000.mp4")) as film:
+        rate = json.loads((tmp_path / "video/meta/info.json").read_text())["fps"]
+        assert film.streams.video[0].average_rate == rate
+        found = list(film.decode(video=0))
+    assert [frame.pts * frame.time_base for frame in found] == [Fraction(at, rate) for at in range(len(pictures))]
+    for frame, picture in zip(found, pictures, strict=True):
+        error = frame.to_ndarray(format="rgb24").astype(float) - np.asarray(picture.convert("RGB"), dtype=float)
+        assert 10 * np.log10(255**2 / np.mean(error**2)) > 20
 
 
 def test_robomimic_export_is_read_by_h5py(exported: dict[str, Path]) -> None:

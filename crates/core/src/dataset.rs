@@ -29,7 +29,7 @@ pub enum ExportFormat {
     /// The original messages of each kept stretch with their scores, experts as they were recorded, and a manifest.
     #[default]
     Mcap,
-    /// A LeRobot dataset v3.0 with images in parquet.
+    /// A LeRobot dataset v3.0 with images in parquet, or with video.
     Lerobot,
     /// One HDF5 file for robomimic.
     Robomimic,
@@ -57,6 +57,8 @@ pub struct ExportSpec {
     pub format: ExportFormat,
     /// Whether depth is written too. MCAP always has it, as every topic of the recording.
     pub depth: bool,
+    /// Whether pictures are videos instead of images. LeRobot only.
+    pub video: bool,
 }
 
 /// One file of an export.

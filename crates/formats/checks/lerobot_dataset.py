@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Opens an exported LeRobot dataset with the `lerobot` package itself, offline, and trains ACT on it for a few steps.
 
-    python lerobot_dataset.py FOLDER [--episodes N] [--frames N] [--steps N]
+    python lerobot_dataset.py FOLDER [--episodes N] [--frames N] [--steps N] [--pictures FOLDER]
 
 Prints one line of JSON with what was found, and exits with 1 and one line if the folder is not what LeRobot expects.
 Works with lerobot 0.4 and 0.6.
@@ -30,6 +30,8 @@ import torch  # noqa: E402
 
 # Seconds by which a stamp in single precision may be off.
 STAMP_TOLERANCE = 1e-3
+# Decibels between a picture of a video and its image.
+LEAST_RATIO = 20
 
 
 class Unfit(Exception):
@@ -91,6 +93,23 @@ def look(dataset, info: dict) -> None:
             expect(finite, f"{where}: {name} has a value that is not a number")
 
 
+def compare(dataset, other) -> float:
+    """The lowest signal to noise ratio of a picture beside that of the same dataset with images, in decibels.
+
+    A video that is off by a frame has other pictures.
+    """
+    expect(len(dataset) == len(other), f"{len(dataset)} frames, and {len(other)} in the dataset with images")
+    lowest = math.inf
+    for index in range(len(dataset)):
+        item, wanted = dataset[index], other[index]
+        for camera in dataset.meta.camera_keys:
+            error = float(((item[camera].float() - wanted[camera].float()) ** 2).mean())
+            ratio = 10 * math.log10(1 / max(error, 1e-12))
+            expect(ratio > LEAST_RATIO, f"frame {index}: {camera} is another picture than its image: {ratio:.1f} dB")
+            lowest = min(lowest, ratio)
+    return lowest
+
+
 def train(folder: Path, info: dict, steps: int) -> list[float]:
     """The losses of ACT's first steps, made and normalised as `lerobot-train` does."""
     from lerobot.configs.types import FeatureType
@@ -140,6 +159,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--episodes", type=int, help="number of episodes that there must be")
     parser.add_argument("--frames", type=int, help="number of frames that there must be")
+    parser.add_argument("--pictures", type=Path, help="the same dataset with images, to compare those of a video with")
     parser.add_argument("--steps", type=int, default=5, help="steps of training; 0 does not train")
     given = parser.parse_args()
     torch.set_num_threads(1)
@@ -147,9 +167,12 @@ def main() -> None:
         info = json.loads((given.folder / "meta/info.json").read_text())
         dataset = dataset_class()("local/check", root=given.folder)
         look(dataset, info)
+        ratio = compare(dataset, dataset_class()("local/pictures", root=given.pictures)) if given.pictures else None
         expect(given.episodes in (None, dataset.num_episodes), f"there are {dataset.num_episodes} episodes")
         expect(given.frames in (None, len(dataset)), f"there are {len(dataset)} frames")
         found = {"episodes": dataset.num_episodes, "frames": len(dataset), "cameras": dataset.meta.camera_keys}
+        if ratio is not None:
+            found["lowest_ratio_db"] = round(ratio, 1)
         if given.steps:
             found["losses"] = [round(loss, 4) for loss in train(given.folder, info, given.steps)]
     except Unfit as problem:

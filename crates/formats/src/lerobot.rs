@@ -1,4 +1,4 @@
-//! LeRobot dataset v3.0, with images in parquet: opens in lerobot 0.4 and 0.6 without any video library.
+//! LeRobot dataset v3.0, with images in parquet, which open in lerobot 0.4 and 0.6 without any video library, or as video.
 //!
 //! Each piece is an episode of its own, so that a window of steps never crosses the border of a kept stretch. A recording's
 //! own JPEG files are copied; other pictures are PNG. Layout and names: `docs/ecosystem.md`.
@@ -6,6 +6,7 @@
 mod card;
 mod episodes;
 mod features;
+mod films;
 mod frames;
 mod stats;
 mod tasks;
@@ -14,6 +15,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use gleaner_core::TaskSpec;
+use gleaner_core::dataset::ExportSpec;
 use gleaner_core::episode::Outcome;
 use gleaner_core::snapshot::Role;
 use gleaner_recording::{StepJpegs, StepScore};
@@ -24,6 +26,7 @@ use crate::piece::Piece;
 use crate::problem::Problem;
 use episodes::{Episode, Episodes};
 use features::Features;
+use films::Films;
 use frames::{FrameRow, Frames};
 use stats::Stats;
 
@@ -48,35 +51,43 @@ impl FileNumber {
         self.0 % FILES_IN_CHUNK
     }
 
-    fn name(self, folder: &str) -> String {
-        format!("{folder}/chunk-{:03}/file-{:03}.parquet", self.chunk(), self.file())
+    fn name(self, folder: &str, ending: &str) -> String {
+        format!("{folder}/chunk-{:03}/file-{:03}.{ending}", self.chunk(), self.file())
+    }
+
+    fn table(self, folder: &str) -> String {
+        self.name(folder, "parquet")
     }
 }
 
 /// Writes the folder of a dataset.
-pub(crate) fn write<E: Export>(export: &mut E, depth: bool) -> Result<(), E::Error> {
+pub(crate) fn write<E: Export>(export: &mut E, spec: ExportSpec) -> Result<(), E::Error> {
     let task = export.task().clone();
-    let features = Features::new(&task, depth);
+    let features = Features::new(&task, spec);
     let experts = experts(export.pieces());
     let mut file = FileNumber::default();
-    let mut frames = Frames::create(create(export, &file.name("data"))?, &features)?;
-    let mut episodes = Episodes::create(create(export, &FileNumber::default().name("meta/episodes"))?, &features)?;
+    let mut frames = Frames::create(create(export, &file.table("data"))?, &features)?;
+    let mut episodes = Episodes::create(create(export, &FileNumber::default().table("meta/episodes"))?, &features)?;
+    let mut films = Films::new(&features);
     let mut whole = Stats::new(&features);
     let mut total = 0;
     for at in 0..export.pieces().len() {
         if frames.bytes() >= DATA_FILE_BYTES {
             let next = FileNumber(file.0 + 1);
-            let out = create(export, &next.name("data"))?;
+            let out = create(export, &next.table("data"))?;
             std::mem::replace(&mut frames, Frames::create(out, &features)?).finish()?;
-            export.finished(&file.name("data"))?;
+            export.finished(&file.table("data"))?;
             file = next;
         }
         let piece = export.pieces()[at].clone();
-        let source = Source::open(export, at, &piece, &experts)?;
+        let source = Source::open(export, at, &piece, &experts, &features)?;
         let mut stats = Stats::new(&features);
+        films.begin_episode(export)?;
         for within in 0..piece.len() {
             let row = source.row(export, (at, &piece), within, total, &features)?;
             let pixels = row.pixels.as_deref().unwrap_or_default();
+            films.push(pixels)?;
+            let pixels = if row.sampled { pixels } else { &[] };
             for stats in [&mut stats, &mut whole] {
                 stats.add(&row.numbers(&features), pixels);
             }
@@ -84,13 +95,16 @@ pub(crate) fn write<E: Export>(export: &mut E, depth: bool) -> Result<(), E::Err
             total += 1;
         }
         frames.end_episode()?;
-        episodes.push(&Episode { piece: &piece, index: at, end: total, task: &task.name, file, stats: &stats })?;
+        let videos = films.places();
+        let (index, end, task) = (at, total, task.name.as_str());
+        episodes.push(&Episode { piece: &piece, index, end, task, file, videos: &videos, stats: &stats })?;
         export.advance()?;
     }
     frames.finish()?;
-    export.finished(&file.name("data"))?;
+    export.finished(&file.table("data"))?;
+    films.finish(export)?;
     episodes.finish()?;
-    export.finished(&FileNumber::default().name("meta/episodes"))?;
+    export.finished(&FileNumber::default().table("meta/episodes"))?;
     tasks::write(create(export, "meta/tasks.parquet")?, &task.name)?;
     export.finished("meta/tasks.parquet")?;
     let totals = Totals { episodes: export.pieces().len(), frames: total };
@@ -126,9 +140,10 @@ impl<'a> Source<'a> {
         at: usize,
         piece: &Piece,
         experts: &'a HashMap<String, i64>,
+        features: &Features,
     ) -> Result<Self, E::Error> {
         let numbers = export.numbers(at)?;
-        let jpegs = if export.task().cameras.is_empty() {
+        let jpegs = if features.stored().next().is_none() {
             None
         } else {
             let spool = tempfile::tempfile_in(export.folder()).map_err(Problem::io(export.folder()))?;
@@ -172,25 +187,26 @@ impl<'a> Source<'a> {
             index: number(index),
             images: Vec::new(),
             pixels: None,
+            sampled: within.is_multiple_of(piece.len().div_ceil(SAMPLED_STEPS).max(1)),
         };
         if features.cameras().is_empty() {
             return Ok(row);
         }
         let mut jpegs = Vec::with_capacity(features.cameras().len());
-        for camera in features.cameras() {
+        for camera in features.stored() {
             let jpeg = self.jpegs.as_ref().filter(|_| !camera.depth).map(|jpegs| jpegs.get(camera.camera, step));
             jpegs.push(jpeg.transpose().map_err(Problem::recording(piece.episode().id.as_str()))?.flatten());
         }
-        let sampled = within.is_multiple_of(piece.len().div_ceil(SAMPLED_STEPS).max(1));
-        let pixels = if sampled || jpegs.iter().any(Option::is_none) { Some(export.frames(at, step)?) } else { None };
-        for (camera, jpeg) in features.cameras().iter().zip(jpegs) {
-            row.images.push(match (jpeg, &pixels) {
+        // Videos need the pixels of every step.
+        let needed = row.sampled || features.is_filmed() || jpegs.iter().any(Option::is_none);
+        row.pixels = if needed { Some(export.frames(at, step)?) } else { None };
+        for (camera, jpeg) in features.stored().zip(jpegs) {
+            row.images.push(match (jpeg, &row.pixels) {
                 (Some(jpeg), _) => jpeg,
                 (None, Some(pixels)) => camera.png(pixels).map_err(Problem::recording(piece.episode().id.as_str()))?,
                 (None, None) => Vec::new(),
             });
         }
-        row.pixels = pixels.filter(|_| sampled);
         Ok(row)
     }
 }
@@ -205,10 +221,10 @@ fn info(task: &TaskSpec, features: &Features, totals: &Totals) -> Value {
         "total_tasks": 1,
         "chunks_size": FILES_IN_CHUNK,
         "data_files_size_in_mb": DATA_FILE_BYTES >> 20,
-        "video_files_size_in_mb": 200,
+        "video_files_size_in_mb": films::FILE_BYTES >> 20,
         "splits": {"train": format!("0:{}", totals.episodes)},
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-        "video_path": Value::Null,
+        "video_path": features.is_filmed().then_some("videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"),
         "features": features.to_json(task),
     })
 }

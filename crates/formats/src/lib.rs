@@ -27,7 +27,7 @@ pub use problem::Problem;
 pub fn write<E: Export>(spec: ExportSpec, export: &mut E) -> Result<(), E::Error> {
     match spec.format {
         ExportFormat::Mcap => mcap_files::write(export),
-        ExportFormat::Lerobot => lerobot::write(export, spec.depth),
+        ExportFormat::Lerobot => lerobot::write(export, spec),
         ExportFormat::Robomimic => robomimic::write(export, spec.depth),
     }
 }

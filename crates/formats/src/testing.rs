@@ -92,14 +92,29 @@ impl From<Problem> for Stop {
 }
 
 impl Lab {
+    /// Small pictures with sharp edges.
     pub(crate) fn new() -> Self {
+        Self::of(task(), |at, step| if at % 7 < 3 { step * 20 } else { 255 - step * 20 })
+    }
+
+    /// Pictures that video takes, with even colors that grow brighter from step to step.
+    pub(crate) fn smooth() -> Self {
+        let mut task = task();
+        for camera in &mut task.cameras {
+            (camera.height, camera.width) = (32, 48);
+        }
+        task.mappings = vec![written_mapping(&task)];
+        Self::of(task, |at, step| 30 + step * 20 + u8::try_from(at / 3 % 48 / 2).unwrap())
+    }
+
+    /// A lab whose frames have this byte at a place in a step.
+    fn of(task: TaskSpec, byte: fn(usize, u8) -> u8) -> Self {
         let (folder, out, scratch) =
             (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-        let task = task();
         let experts = vec![input(0, 8, Outcome::Success), input(1, 6, Outcome::Success)];
         let kept = kept_input(9, &[(2, 0.9), (3, 0.8), (4, 0.95), (7, 0.7)]);
         for episode in experts.iter().chain([&kept.episode]) {
-            record(&folder.path().join(format!("{}.mcap", episode.id)), &task, episode.steps);
+            record(&folder.path().join(format!("{}.mcap", episode.id)), &task, episode.steps, byte);
         }
         let origin = BTreeMap::from([("dataset".to_owned(), "ds_1".to_owned())]);
         let pieces = pieces(experts, vec![kept]).unwrap();
@@ -117,12 +132,12 @@ impl Lab {
 }
 
 /// Writes a recording whose pictures and numbers differ from step to step.
-fn record(path: &Path, task: &TaskSpec, steps: u64) {
+fn record(path: &Path, task: &TaskSpec, steps: u64, byte: fn(usize, u8) -> u8) {
     let mut writer = EpisodeWriter::create(File::create(path).unwrap(), task).unwrap();
     let frame = gleaner_recording::frame_bytes_per_step(task);
     for step in 0..steps {
-        let (byte, value) = (u8::try_from(step * 20).unwrap(), step as f32);
-        let frames: Vec<u8> = (0..frame).map(|at| if at % 7 < 3 { byte } else { 255 - byte }).collect();
+        let value = step as f32;
+        let frames: Vec<u8> = (0..frame).map(|at| byte(at, u8::try_from(step).unwrap())).collect();
         let step_ref = StepRef { frames: &frames, proprioception: &[value, -value, 0.5], action: &[value * 0.1, 1.0] };
         writer.step(i64::try_from(step).unwrap() * 100_000_000 + 1_000_000_000, step_ref).unwrap();
     }

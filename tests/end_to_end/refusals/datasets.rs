@@ -68,7 +68,7 @@ async fn unknown_contents_are_rejected() {
         .into_inner()
         .dataset
         .unwrap();
-    let spec = ExportSpec { dataset_id: dataset.id, format: ExportFormat::Mcap.into(), depth: false };
+    let spec = ExportSpec { dataset_id: dataset.id, format: ExportFormat::Mcap.into(), ..ExportSpec::default() };
     let export = api.succeed(lab::TASK, job_spec::Spec::Export(spec)).await.result_id;
     // A name is one of the export's files and never a path.
     expect_errors!(api.datasets:

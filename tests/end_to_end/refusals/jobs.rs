@@ -57,7 +57,12 @@ async fn jobs_with_unknown_inputs_are_rejected() {
         })
     };
     let export = |dataset: &str, format| {
-        job_spec::Spec::Export(ExportSpec { dataset_id: dataset.to_owned(), format, depth: dataset == "deep" })
+        job_spec::Spec::Export(ExportSpec {
+            dataset_id: dataset.to_owned(),
+            format,
+            depth: dataset == "deep",
+            video: dataset == "film",
+        })
     };
     let evaluate =
         |subject| job_spec::Spec::Evaluate(EvaluateSpec { subject: Some(subject), ..EvaluateSpec::default() });
@@ -81,6 +86,7 @@ async fn jobs_with_unknown_inputs_are_rejected() {
         wrong(lab::train(Data::ExpertsIn("x".into()), 2), "spec.train.experts_in: "),
         wrong(export("x", 1), "spec.export.dataset_id: "),
         wrong(export("deep", 1), "spec.export.depth: "),
+        wrong(export("film", 3), "spec.export.video: "),
         absent(export(&absent_id("ds"), 1), absent_id("ds")),
         wrong(export(&absent_id("ds"), 9), "spec.export.format: "),
         wrong(evaluate(Subject::PolicyId("x".into())), "spec.evaluate.policy_id: "),

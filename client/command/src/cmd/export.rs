@@ -21,7 +21,7 @@ use crate::{json, words};
 enum FormatArg {
     /// The original messages of each kept run of segments with their scores, and a manifest as JSON lines and Parquet.
     Mcap,
-    /// A LeRobot dataset v3.0 with images in parquet; each kept run of segments is an episode.
+    /// A LeRobot dataset v3.0 with images in parquet, or with --video; each kept run of segments is an episode.
     Lerobot,
     /// One HDF5 file for robomimic; each kept run of segments is a demonstration.
     Robomimic,
@@ -47,6 +47,10 @@ pub(crate) struct ExportArgs {
     /// Write depth too, which most policies of LeRobot do not accept. MCAP files always have it.
     #[arg(long)]
     depth: bool,
+    /// Write pictures as video of AV1 instead of images, for LeRobot: a fraction of the size, with losses, and slow to write
+    /// (about 1 s for 30 pictures of 128×128).
+    #[arg(long, conflicts_with = "episode")]
+    video: bool,
     /// New output folder; with --episode, the new output file.
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
@@ -79,7 +83,8 @@ impl ExportArgs {
             FormatArg::Lerobot => ExportFormat::Lerobot,
             FormatArg::Robomimic => ExportFormat::Robomimic,
         };
-        let spec = ExportSpec { dataset_id: dataset.to_owned(), format: format.into(), depth: self.depth };
+        let spec =
+            ExportSpec { dataset_id: dataset.to_owned(), format: format.into(), depth: self.depth, video: self.video };
         let request = SubmitJobRequest {
             task: task_of_dataset(&client, None, dataset).await?,
             spec: Some(JobSpec { spec: Some(Spec::Export(spec)) }),

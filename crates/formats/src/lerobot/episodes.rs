@@ -5,13 +5,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use arrow_array::builder::{Float64Builder, Int64Builder, ListBuilder, StringBuilder};
-use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
+use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::properties::WriterProperties;
 
 use super::features::Features;
+use super::films::Place;
 use super::stats::{NAMES, Stats};
 use super::{Begun, FileNumber, number};
 use crate::piece::Piece;
@@ -29,6 +30,8 @@ pub(super) struct Episode<'a> {
     pub(super) task: &'a str,
     /// The file of its frames.
     pub(super) file: FileNumber,
+    /// Where the pictures of each camera with a video are.
+    pub(super) videos: &'a [Place],
     pub(super) stats: &'a Stats,
 }
 
@@ -43,6 +46,7 @@ pub(super) struct Episodes {
 /// One column, with the values that wait for their encoding.
 enum Column {
     Whole(String, Vec<i64>),
+    Real(String, Vec<f64>),
     Text(String, Vec<String>),
     /// A list with one text a row.
     Texts(String, Vec<String>),
@@ -72,6 +76,11 @@ impl Episodes {
         let Begun { file, path } = begun;
         let mut columns: Vec<Column> = vec![Column::Texts("tasks".to_owned(), Vec::new())];
         columns.extend(WHOLE.iter().map(|name| Column::Whole((*name).to_owned(), Vec::new())));
+        for camera in features.cameras().iter().filter(|camera| camera.film) {
+            let name = |what: &str| format!("videos/{}/{what}", camera.name);
+            columns.extend(["chunk_index", "file_index"].map(|what| Column::Whole(name(what), Vec::new())));
+            columns.extend(["from_timestamp", "to_timestamp"].map(|what| Column::Real(name(what), Vec::new())));
+        }
         columns.extend(TEXT.iter().map(|name| Column::Text((*name).to_owned(), Vec::new())));
         for (feature, _, image) in Stats::new(features).summaries() {
             for stat in NAMES {
@@ -89,7 +98,7 @@ impl Episodes {
     }
 
     pub(super) fn push(&mut self, episode: &Episode<'_>) -> Result<(), Problem> {
-        let Episode { piece, index, end, task, file, stats } = episode;
+        let Episode { piece, index, end, task, file, videos, stats } = episode;
         let input = piece.episode();
         let whole = [
             number(*index),
@@ -103,13 +112,16 @@ impl Episodes {
             number(piece.steps.start),
         ];
         let text = [input.id.as_str(), &input.file_name, piece.role().as_str(), input.outcome.as_str(), &input.cohort];
-        let (mut whole, mut text) = (whole.into_iter(), text.into_iter());
+        let files = videos.iter().flat_map(|video| [number(video.file.chunk()), number(video.file.file())]);
+        let (mut whole, mut text) = (whole.into_iter().chain(files), text.into_iter());
+        let mut times = videos.iter().flat_map(|video| [video.from, video.to]);
         let summaries = stats.summaries();
         let mut numbers = summaries.iter().flat_map(|(_, summary, _)| summary.values.iter().cloned());
         let mut counts = summaries.iter().map(|(_, summary, _)| i64::try_from(summary.count).unwrap_or(i64::MAX));
         for column in &mut self.columns {
             match column {
                 Column::Whole(_, values) => values.extend(whole.next()),
+                Column::Real(_, values) => values.extend(times.next()),
                 Column::Text(_, values) => values.extend(text.next().map(str::to_owned)),
                 Column::Texts(_, values) => values.push((*task).to_owned()),
                 Column::Count(_, values) => values.extend(counts.next()),
@@ -147,6 +159,7 @@ impl Column {
     fn field(&self) -> Field {
         let (name, kind) = match self {
             Self::Whole(name, _) => (name, DataType::Int64),
+            Self::Real(name, _) => (name, DataType::Float64),
             Self::Text(name, _) => (name, DataType::Utf8),
             Self::Texts(name, _) => (name, list(DataType::Utf8)),
             Self::Count(name, _) => (name, list(DataType::Int64)),
@@ -160,6 +173,7 @@ impl Column {
     fn take(&mut self) -> ArrayRef {
         match self {
             Self::Whole(_, values) => Arc::new(Int64Array::from(std::mem::take(values))),
+            Self::Real(_, values) => Arc::new(Float64Array::from(std::mem::take(values))),
             Self::Text(_, values) => Arc::new(StringArray::from(std::mem::take(values))),
             Self::Texts(_, values) => {
                 let mut list = ListBuilder::new(StringBuilder::new());

@@ -1,5 +1,6 @@
 //! The features of a dataset: names, types and shapes, as `meta/info.json` declares them.
 
+use gleaner_core::dataset::ExportSpec;
 use gleaner_core::{FieldSpec, TaskSpec};
 use gleaner_recording::{RecordingError, encode_depth_png, encode_png};
 use serde_json::{Map, Value, json};
@@ -37,6 +38,8 @@ pub(super) struct Camera {
     pub(super) depth: bool,
     pub(super) height: u32,
     pub(super) width: u32,
+    /// Whether its pictures are a video rather than images in the tables.
+    pub(super) film: bool,
     /// Where its pixels are in the frames of a step.
     offset: usize,
 }
@@ -51,19 +54,20 @@ pub(super) struct Features {
 }
 
 impl Features {
-    pub(super) fn new(task: &TaskSpec, depth: bool) -> Self {
+    pub(super) fn new(task: &TaskSpec, spec: ExportSpec) -> Self {
         let (mut cameras, mut offset) = (Vec::new(), 0);
-        for (camera, spec) in task.cameras.iter().enumerate() {
+        for (camera, of) in task.cameras.iter().enumerate() {
             for (of_depth, pixel_bytes, ending) in [(false, 3, ""), (true, 2, "_depth")] {
-                if of_depth && !spec.depth {
+                if of_depth && !of.depth {
                     continue;
                 }
-                let name = format!("observation.images.{}{ending}", spec.name);
-                if !of_depth || depth {
-                    let (height, width) = (spec.height, spec.width);
-                    cameras.push(Camera { name, camera, depth: of_depth, height, width, offset });
+                let name = format!("observation.images.{}{ending}", of.name);
+                if !of_depth || spec.depth {
+                    let (height, width) = (of.height, of.width);
+                    let film = spec.video && !of_depth;
+                    cameras.push(Camera { name, camera, depth: of_depth, height, width, film, offset });
                 }
-                offset += spec.height as usize * spec.width as usize * pixel_bytes;
+                offset += of.height as usize * of.width as usize * pixel_bytes;
             }
         }
         let sizes = (task.proprioception_size(), task.action_size());
@@ -98,6 +102,16 @@ impl Features {
         &self.cameras
     }
 
+    /// Cameras whose pictures are images in the tables.
+    pub(super) fn stored(&self) -> impl Iterator<Item = &Camera> {
+        self.cameras.iter().filter(|camera| !camera.film)
+    }
+
+    /// Whether pictures are videos.
+    pub(super) fn is_filmed(&self) -> bool {
+        self.cameras.iter().any(|camera| camera.film)
+    }
+
     pub(super) fn to_json(&self, task: &TaskSpec) -> Value {
         let mut features = Map::new();
         for (vector, specs) in self
@@ -111,11 +125,18 @@ impl Features {
         for camera in &self.cameras {
             let channels = if camera.depth { 1 } else { 3 };
             let mut feature = json!({
-                "dtype": "image", "shape": [camera.height, camera.width, channels],
+                "dtype": if camera.film { "video" } else { "image" }, "shape": [camera.height, camera.width, channels],
                 "names": ["height", "width", "channels"],
             });
             if camera.depth {
                 feature["info"] = json!({"is_depth_map": true, "depth_unit": "mm"});
+            }
+            if camera.film {
+                feature["info"] = json!({
+                    "video.height": camera.height, "video.width": camera.width, "video.channels": 3,
+                    "video.codec": "av1", "video.pix_fmt": "yuv420p", "video.fps": self.fps,
+                    "video.is_depth_map": false, "has_audio": false,
+                });
             }
             features.insert(camera.name.clone(), feature);
         }

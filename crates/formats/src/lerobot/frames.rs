@@ -39,10 +39,12 @@ pub(super) struct FrameRow {
     pub(super) frame_index: i64,
     pub(super) episode_index: i64,
     pub(super) index: i64,
-    /// A file for each camera of the features.
+    /// A file for each camera whose pictures are in the table.
     pub(super) images: Vec<Vec<u8>>,
-    /// The frames of the step, if its pictures count for statistics.
+    /// The frames of the step, if they were read.
     pub(super) pixels: Option<Vec<u8>>,
+    /// Whether its pictures count for statistics.
+    pub(super) sampled: bool,
 }
 
 impl FrameRow {
@@ -116,7 +118,7 @@ impl Frames {
         let Begun { file, path } = begun;
         // Statistics of pictures' bytes are of no use, and equal pictures are rare.
         let properties = WriterProperties::builder().set_compression(Compression::SNAPPY);
-        let properties = features.cameras().iter().fold(properties, |properties, camera| {
+        let properties = features.stored().fold(properties, |properties, camera| {
             let column = parquet::schema::types::ColumnPath::new(vec![camera.name.clone(), "bytes".to_owned()]);
             properties
                 .set_column_dictionary_enabled(column.clone(), false)
@@ -177,7 +179,7 @@ fn schema(features: &Features) -> Schema {
         // A feature of shape [1] is the number itself.
         Ok(_) | Err(_) => Field::new(vector.name, DataType::Float32, true),
     });
-    let cameras = features.cameras().iter().map(|camera| Field::new(&camera.name, DataType::Struct(picture()), true));
+    let cameras = features.stored().map(|camera| Field::new(&camera.name, DataType::Struct(picture()), true));
     let columns = COLUMNS.iter().map(|(name, dtype)| {
         let kind = match *dtype {
             "bool" => DataType::Boolean,
@@ -205,7 +207,7 @@ fn batch(features: &Features, rows: &[FrameRow]) -> Result<RecordBatch, arrow_sc
             Ok(_) | Err(_) => Arc::new(values.flatten().copied().collect::<Float32Array>()),
         });
     }
-    for at in 0..features.cameras().len() {
+    for at in 0..features.stored().count() {
         let (mut bytes, mut path) = (BinaryBuilder::new(), StringBuilder::new());
         for row in rows {
             bytes.append_option(row.images.get(at));

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use arrow_array::RecordBatch;
 use arrow_array::cast::AsArray as _;
-use arrow_array::types::{Float32Type, Int64Type};
+use arrow_array::types::{Float32Type, Float64Type, Int64Type};
 use gleaner_core::dataset::{ExportFormat, ExportSpec};
 use gleaner_recording::{PixelFormat, decode_color, decode_depth};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
@@ -12,6 +12,7 @@ use parquet::arrow::parquet_to_arrow_schema;
 use serde_json::Value;
 
 use crate::export::Export as _;
+use crate::problem::Problem;
 use crate::testing::{Lab, Stop};
 
 const DATA: &str = "data/chunk-000/file-000.parquet";
@@ -19,7 +20,7 @@ const EPISODES: &str = "meta/episodes/chunk-000/file-000.parquet";
 
 fn exported(depth: bool) -> Lab {
     let mut lab = Lab::new();
-    crate::write(ExportSpec { format: ExportFormat::Lerobot, depth }, &mut lab).unwrap();
+    crate::write(ExportSpec { format: ExportFormat::Lerobot, depth, ..ExportSpec::default() }, &mut lab).unwrap();
     lab
 }
 
@@ -80,6 +81,36 @@ fn experts_are_whole_and_each_stretch_is_an_episode() {
         .collect();
     assert_eq!(success.iter().filter(|success| **success).count(), 2);
     assert!(success[7] && success[13]);
+}
+
+#[test]
+fn videos_state_the_times_of_each_episode() {
+    let mut lab = Lab::smooth();
+    let spec = ExportSpec { format: ExportFormat::Lerobot, video: true, ..ExportSpec::default() };
+    crate::write(spec, &mut lab).unwrap();
+    let episodes = table(&lab, EPISODES);
+    let times = |name: &str| -> Vec<f64> {
+        let column = episodes[0].column_by_name(name).unwrap().clone();
+        column.as_primitive::<Float64Type>().values().to_vec()
+    };
+    for camera in ["front", "hand"] {
+        let name = |what: &str| format!("videos/observation.images.{camera}/{what}");
+        assert_eq!(times(&name("from_timestamp")), [0.0, 0.8, 1.4, 1.7]);
+        assert_eq!(times(&name("to_timestamp")), [0.8, 1.4, 1.7, 1.9]);
+        assert_eq!(whole(&episodes, &name("file_index")), [0; 4]);
+        let file = format!("videos/observation.images.{camera}/chunk-000/file-000.mp4");
+        assert!(lab.files.contains(&file), "{:?}", lab.files);
+    }
+    let info: Value = serde_json::from_slice(&lab.read("meta/info.json")).unwrap();
+    assert_eq!(info["features"]["observation.images.hand"]["dtype"], "video");
+    assert_eq!(info["video_path"], "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4");
+    assert!(table(&lab, DATA).iter().all(|batch| batch.column_by_name("observation.images.hand").is_none()));
+    let stats: Value = serde_json::from_slice(&lab.read("meta/stats.json")).unwrap();
+    assert_eq!(stats["observation.images.hand"]["count"], serde_json::json!([19]));
+
+    // The small pictures of the other lab are below the least size of a video.
+    let refused = crate::write(spec, &mut Lab::new());
+    assert!(matches!(refused, Err(Stop::Problem(Problem::Unfit(problem))) if problem.contains("12×16 pixels")));
 }
 
 #[test]
@@ -164,7 +195,7 @@ fn the_same_dataset_gives_the_same_bytes() {
 fn a_stop_between_episodes_ends_the_export() {
     let mut lab = Lab::new();
     lab.stop_after = 1;
-    let stopped = crate::write(ExportSpec { format: ExportFormat::Lerobot, depth: false }, &mut lab);
+    let stopped = crate::write(ExportSpec { format: ExportFormat::Lerobot, ..ExportSpec::default() }, &mut lab);
     assert!(matches!(stopped, Err(Stop::Asked)));
     assert!(lab.files.is_empty(), "{:?}", lab.files);
 }
@@ -173,7 +204,7 @@ fn a_stop_between_episodes_ends_the_export() {
 fn a_damaged_recording_is_named() {
     let mut lab = Lab::new();
     std::fs::write(lab.recording(2), b"damaged").unwrap();
-    let spec = ExportSpec { format: ExportFormat::Mcap, depth: false };
+    let spec = ExportSpec { format: ExportFormat::Mcap, ..ExportSpec::default() };
     let Err(Stop::Problem(problem)) = crate::write(spec, &mut lab) else { panic!("written") };
     assert!(problem.to_string().contains(lab.pieces()[2].episode().id.as_str()), "{problem}");
 }

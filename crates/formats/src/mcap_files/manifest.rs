@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn the_table_has_the_rows_of_the_lines() {
         let mut lab = Lab::new();
-        crate::write(ExportSpec { format: ExportFormat::Mcap, depth: false }, &mut lab).unwrap();
+        crate::write(ExportSpec { format: ExportFormat::Mcap, ..ExportSpec::default() }, &mut lab).unwrap();
         let lines = String::from_utf8(lab.read(LINES)).unwrap();
         let lines: Vec<Value> = lines.lines().map(read).collect();
         let file = File::open(lab.out.path().join(TABLE)).unwrap();
@@ -204,7 +204,7 @@ mod tests {
         assert_eq!(lines[2]["steps"].as_array().unwrap().len(), 3);
         assert_eq!(lines[2]["steps"][0]["nearest_step"], 3);
         let mut again = Lab::new();
-        crate::write(ExportSpec { format: ExportFormat::Mcap, depth: false }, &mut again).unwrap();
+        crate::write(ExportSpec { format: ExportFormat::Mcap, ..ExportSpec::default() }, &mut again).unwrap();
         assert!(lab.read(TABLE) == again.read(TABLE), "the same dataset is the same bytes");
     }
 }

@@ -7,7 +7,7 @@ use crate::testing::Lab;
 
 fn exported(depth: bool) -> Lab {
     let mut lab = Lab::new();
-    crate::write(ExportSpec { format: ExportFormat::Robomimic, depth }, &mut lab).unwrap();
+    crate::write(ExportSpec { format: ExportFormat::Robomimic, depth, ..ExportSpec::default() }, &mut lab).unwrap();
     lab
 }
 

@@ -14,7 +14,7 @@ use crate::{
 /// # Errors
 /// Invalid names the field and the remedy.
 pub(super) fn order(field: &str, spec: v1::ExportSpec) -> Result<JobOrder> {
-    let v1::ExportSpec { dataset_id, format, depth } = spec;
+    let v1::ExportSpec { dataset_id, format, depth, video } = spec;
     let format = match v1::ExportFormat::try_from(format) {
         Ok(v1::ExportFormat::Unspecified | v1::ExportFormat::Mcap) => ExportFormat::Mcap,
         Ok(v1::ExportFormat::Lerobot) => ExportFormat::Lerobot,
@@ -28,8 +28,12 @@ pub(super) fn order(field: &str, spec: v1::ExportSpec) -> Result<JobOrder> {
         let problem = "is for LEROBOT and ROBOMIMIC; MCAP files always have every topic of their recording";
         return Err(Error::invalid(&format!("{field}.depth"), problem));
     }
+    if video && format != ExportFormat::Lerobot {
+        let problem = "is for LEROBOT; MCAP files have the pictures of their recording, and robomimic reads pixels";
+        return Err(Error::invalid(&format!("{field}.video"), problem));
+    }
     let dataset_id = DatasetId::parse(&format!("{field}.dataset_id"), &dataset_id)?;
-    Ok(JobOrder::Export { dataset_id, spec: ExportSpec { format, depth } })
+    Ok(JobOrder::Export { dataset_id, spec: ExportSpec { format, depth, video } })
 }
 
 /// A complete spec.
@@ -39,5 +43,5 @@ pub(super) fn to_proto(spec: ExportSpec, dataset_id: String) -> v1::ExportSpec {
         ExportFormat::Lerobot => v1::ExportFormat::Lerobot,
         ExportFormat::Robomimic => v1::ExportFormat::Robomimic,
     };
-    v1::ExportSpec { dataset_id, format: format.into(), depth: spec.depth }
+    v1::ExportSpec { dataset_id, format: format.into(), depth: spec.depth, video: spec.video }
 }

@@ -133,7 +133,7 @@ fn a_complete_spec_survives_the_wire() {
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
 
     for format in ExportFormat::ALL {
-        let export = ExportSpec { format, depth: format != ExportFormat::Mcap };
+        let export = ExportSpec { format, depth: format != ExportFormat::Mcap, video: format == ExportFormat::Lerobot };
         let spec = JobSpec::Export { dataset_id: dataset_id.clone(), spec: export };
         let again = JobOrder::Export { dataset_id: dataset_id.clone(), spec: export };
         assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), again);

@@ -8,7 +8,7 @@ use crate::testing::Lab;
 
 fn exported(format: ExportFormat) -> Lab {
     let mut lab = Lab::new();
-    crate::write(ExportSpec { format, depth: true }, &mut lab).unwrap();
+    crate::write(ExportSpec { format, depth: true, ..ExportSpec::default() }, &mut lab).unwrap();
     lab
 }
 
@@ -37,6 +37,40 @@ fn lerobot_there_and_back_has_the_same_steps() {
             "episode {at}"
         );
     }
+}
+
+#[test]
+fn video_there_and_back_has_the_picture_of_each_step() {
+    let spec = ExportSpec { format: ExportFormat::Lerobot, depth: true, video: true };
+    let [mut lab, mut again] = [Lab::smooth(), Lab::smooth()];
+    crate::write(spec, &mut lab).unwrap();
+    crate::write(spec, &mut again).unwrap();
+    assert!(lab.files.iter().filter(|name| name.ends_with(".mp4")).count() == 2, "{:?}", lab.files);
+    assert!(lab.files.iter().all(|name| lab.read(name) == again.read(name)), "the same dataset is the same bytes");
+    let task = lab.task();
+    assert_eq!(describe(lab.out.path(), &Assumed::default()).unwrap().spec.cameras, task.cameras);
+    let (frame, color) = (gleaner_recording::frame_bytes_per_step(task), 32 * 48 * 3);
+    for (at, piece) in lab.pieces().iter().enumerate() {
+        let (back, report, converted) = steps(lab.out.path(), at as u64);
+        assert_eq!((converted.steps, report.findings.as_slice()), (piece.len() as u64, [].as_slice()), "{at}");
+        let (back, original) = (back.frames(), lab.episode(at).frames());
+        let (back, original) = (back.as_ref(), original.as_ref());
+        for (step, of) in piece.steps.clone().enumerate() {
+            let (found, wanted) = (&back[step * frame..][..frame], &original[of * frame..][..frame]);
+            // The color and depth of the first camera, and the color of the second.
+            for camera in [0..color, color / 3 * 5..frame] {
+                let ratio = signal_to_noise(&found[camera.clone()], &wanted[camera]);
+                assert!(ratio > 34.0, "episode {at}, step {step}: {ratio:.1} dB");
+            }
+            assert!(found[color..color / 3 * 5] == wanted[color..color / 3 * 5], "depth is exact");
+        }
+    }
+}
+
+/// Peak signal to noise ratio in decibels. Pictures of neighbouring steps have 22.
+fn signal_to_noise(found: &[u8], wanted: &[u8]) -> f64 {
+    let squares: f64 = found.iter().zip(wanted).map(|(one, other)| f64::from(one.abs_diff(*other)).powi(2)).sum();
+    10.0 * (255.0_f64.powi(2) * found.len() as f64 / squares).log10()
 }
 
 #[test]

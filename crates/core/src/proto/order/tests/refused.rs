@@ -67,7 +67,11 @@ fn a_wrong_field_is_named_by_its_path() {
             "spec.evaluate.deployment: ",
         ),
         (
-            Sent::Export(v1::ExportSpec { dataset_id: DatasetId::new().into(), format: 9, depth: false }),
+            Sent::Export(v1::ExportSpec {
+                dataset_id: DatasetId::new().into(),
+                format: 9,
+                ..v1::ExportSpec::default()
+            }),
             "spec.export.format: unknown value",
         ),
     ]);
