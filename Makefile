@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker test test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker moto test test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -66,6 +66,14 @@ SLURM_KILLS ?= 200
 crash-test-slurm: .libtorch
 	GLEANER_CRASH_SLURM_KILLS=$(SLURM_KILLS) GLEANER_CRASH_SEED=$(SEED) \
 		$(CARGO) test --locked -p gleaner-tests --test end_to_end slurm::crash -- --nocapture --test-threads=1
+
+# A server of S3 for the tests of buckets, which print SKIPPED without it.
+moto: target/moto/bin/moto_server
+
+target/moto/bin/moto_server: crates/bucket/moto.txt
+	$(PYTHON) -m venv target/moto
+	target/moto/bin/pip install -q -r crates/bucket/moto.txt
+	touch $@
 
 # The Python client, as it is installed, against the real server; GLEANER_SERVER_BIN and GLEANER_BIN name programs that
 # are built already.

@@ -1,6 +1,7 @@
 //! Configuration: flags and `GLEANER_…` variables, read once. The only module that reads the environment.
 
 mod access;
+mod blob_store;
 mod children;
 mod connections;
 mod database;
@@ -24,7 +25,8 @@ pub use gleaner_core::Secret;
 
 pub use self::{
     access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
-    children::{cluster_environment, worker_environment},
+    blob_store::BlobStoreConfig,
+    children::{bucket_environment, cluster_environment, worker_environment},
     connections::ConnectionsConfig,
     database::DatabaseConfig,
     engine::{EngineConfig, EngineKind},
@@ -112,6 +114,9 @@ pub struct ServeConfig {
     /// Limits on unfinished uploads.
     #[command(flatten)]
     pub uploads: UploadsConfig,
+    /// Where blobs are stored.
+    #[command(flatten)]
+    pub blob_store: BlobStoreConfig,
     /// Retention and disk space.
     #[command(flatten)]
     pub maintenance: MaintenanceConfig,
@@ -227,6 +232,7 @@ impl ServeConfig {
         self.telemetry.validate(self.access.tls_cert.is_some())?;
         self.openpi.validate(self.access.tls_cert.is_some(), self.insecure)?;
         self.limits.recordings.validate()?;
+        self.blob_store.validate()?;
         self.maintenance.validate()?;
         self.jobs.validate()?;
         self.jobs.engine.validate(self.access.tls_cert.is_some(), self.insecure)?;

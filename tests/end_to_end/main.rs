@@ -18,6 +18,7 @@ mod support;
 mod access;
 mod bad_input;
 mod bad_settings;
+mod blob_store;
 mod command;
 mod compare_scorers;
 mod connections;

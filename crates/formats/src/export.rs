@@ -35,7 +35,7 @@ pub trait Export {
     fn pieces(&self) -> &[Piece];
 
     /// The recording of a piece, by its place among the pieces.
-    fn recording(&self, piece: usize) -> PathBuf;
+    fn recording(&self, piece: usize) -> Result<PathBuf, Self::Error>;
 
     /// The numbers of every step of a piece.
     ///

@@ -123,7 +123,7 @@ impl Lab {
 
     /// The steps of a piece's episode as the recording crate reads them.
     pub(crate) fn episode(&self, piece: usize) -> Episode {
-        read_episode(&self.recording(piece), &self.task).unwrap().episode
+        read_episode(&self.recording(piece).unwrap(), &self.task).unwrap().episode
     }
 
     pub(crate) fn read(&self, name: &str) -> Vec<u8> {
@@ -163,8 +163,8 @@ impl Export for Lab {
         &self.pieces
     }
 
-    fn recording(&self, piece: usize) -> PathBuf {
-        self.folder.path().join(format!("{}.mcap", self.pieces[piece].episode().id))
+    fn recording(&self, piece: usize) -> Result<PathBuf, Stop> {
+        Ok(self.folder.path().join(format!("{}.mcap", self.pieces[piece].episode().id)))
     }
 
     fn numbers(&mut self, piece: usize) -> Result<Numbers, Stop> {
@@ -191,7 +191,7 @@ impl Export for Lab {
     }
 
     fn finished_recording(&mut self, piece: usize, name: &str) -> Result<(), Stop> {
-        std::fs::copy(self.recording(piece), self.out.path().join(name)).unwrap();
+        std::fs::copy(self.recording(piece).unwrap(), self.out.path().join(name)).unwrap();
         self.files.push(name.to_owned());
         Ok(())
     }

@@ -123,7 +123,7 @@ impl Folder {
     fn rebuild(&self, input: &InputEpisode, problem: &RecordingError) -> Result<(), Failure> {
         tracing::info!(episode.id = %input.id, %problem, "rebuilding a frame cache");
         let fault = |error| Failure::recording(input.id.as_str(), &error);
-        let recording = self.blobs.path(&input.recording);
+        let recording = self.blobs.fetched(&input.recording)?;
         // Compressed pictures take about as much as the recording that they come from, often less.
         self.blobs.make_cache_room(std::fs::metadata(&recording).map_or(0, |file| file.len()))?;
         let cache = self.paths.of(&input.recording);

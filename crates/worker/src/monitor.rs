@@ -73,17 +73,22 @@ impl Watcher {
         self.send(Event::Phase(doing.to_owned()));
     }
 
-    /// Writes to the disk. On a full disk the write is retried until there is room or the work should stop.
+    /// Stores blobs. On a full disk, or while the bucket of the blobs fails, the write is retried until it succeeds or the
+    /// work should stop.
     ///
     /// # Errors
-    /// Exhausted when the disk stays full for long; other errors at once.
+    /// Exhausted or Unavailable when that lasts long; other errors at once.
     pub(crate) fn retry_while_full<T>(&self, write: impl Fn(&Blobs) -> Result<T>) -> Result<T> {
         let begun = Instant::now();
         loop {
             match write(&self.blobs) {
-                Err(error) if error.kind() == Kind::Exhausted && begun.elapsed() < RETRY_FOR && !self.cancelled() => {
-                    tracing::warn!(%error, "waiting for room on the disk");
-                    // A disk sends no event when space is freed.
+                Err(error)
+                    if matches!(error.kind(), Kind::Exhausted | Kind::Unavailable)
+                        && begun.elapsed() < RETRY_FOR
+                        && !self.cancelled() =>
+                {
+                    tracing::warn!(%error, "waiting until blobs can be stored");
+                    // Neither a disk nor a bucket sends an event when it can be written again.
                     std::thread::park_timeout(SPACE_POLL);
                 }
                 done => return done,

@@ -34,6 +34,25 @@ pub fn cluster_environment() -> Vec<(&'static str, std::ffi::OsString)> {
     ])
 }
 
+/// The credentials of a bucket, for the workers of a data folder that has one. Workers use the whole data folder, so they
+/// are trusted as the server is; inspections never get them.
+pub fn bucket_environment() -> Vec<(&'static str, std::ffi::OsString)> {
+    const PASSED: [&str; 11] = [
+        "AWS_ACCESS_KEY_ID",
+        "AWS_SECRET_ACCESS_KEY",
+        "AWS_SESSION_TOKEN",
+        "AWS_REGION",
+        "AWS_DEFAULT_REGION",
+        "AWS_ENDPOINT_URL",
+        "AWS_ROLE_ARN",
+        "AWS_ROLE_SESSION_NAME",
+        "AWS_WEB_IDENTITY_TOKEN_FILE",
+        "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
+        "AWS_CONTAINER_CREDENTIALS_FULL_URI",
+    ];
+    PASSED.iter().filter_map(|&name| std::env::var_os(name).map(|value| (name, value))).collect()
+}
+
 fn environment(passed: &[&'static str]) -> Vec<(&'static str, std::ffi::OsString)> {
     let passed = passed.iter().filter_map(|&name| std::env::var_os(name).map(|value| (name, value)));
     #[cfg(feature = "fail-points")]

@@ -10,8 +10,8 @@ impl Ingest {
     /// The episode of this content, if its recording exists; a lost one can be pushed again.
     pub(super) async fn stored(&self, upload: &Upload) -> Result<Option<Episode>> {
         let existing = self.store.episode_of(&upload.task_id, &upload.blake3).await?;
-        let path = self.blobs.path(&upload.blake3);
-        let there = move || Ok(std::fs::metadata(path).is_ok_and(|file| file.is_file()).then_some(()));
+        let (blobs, id) = (self.blobs.clone(), upload.blake3.clone());
+        let there = move || Ok(blobs.size(&id)?.map(drop));
         Ok(if existing.is_some() { off_runtime("looking for a recording", there).await?.and(existing) } else { None })
     }
 

@@ -45,7 +45,8 @@ impl Ingest {
     }
 
     async fn rebuild_frames(&self, task: &TaskSpec, recording: &BlobId) -> Result<()> {
-        let blob = self.blobs.path(recording);
+        let (blobs, id) = (self.blobs.clone(), recording.clone());
+        let blob = off_runtime("fetching a recording", move || blobs.fetched(&id)).await?;
         let size = std::fs::metadata(&blob).map_or(0, |file| file.len());
         let inspected = self.inspect(size, &blob, task, None).await;
         // It was accepted before, so the caller is not at fault.

@@ -113,7 +113,14 @@ fn settle_parts(data_dir: &Path, uploads: Vec<Upload>, blobs: &Blobs) -> std::io
         }
     }
     // A finish interrupted between the move and the row: the recording is in its place, the row remains.
-    open.retain(|_, upload| !(upload.committed == upload.size_bytes && blobs.contains(&upload.blake3)));
+    let mut torn = HashMap::new();
+    for (path, upload) in open {
+        let complete = upload.committed == upload.size_bytes;
+        if !(complete && blobs.size(&upload.blake3).map_err(std::io::Error::other)?.is_some()) {
+            torn.insert(path, upload);
+        }
+    }
+    let open = torn;
     for (path, upload) in &open {
         tracing::error!(
             upload.id = %upload.id, upload.committed = upload.committed, file.path = %path.display(),

@@ -147,11 +147,11 @@ impl Ingest {
 
     /// From a complete part file to a visible episode.
     async fn admit(&self, upload: &Upload) -> Result<InspectedEpisode> {
-        let (part, blob) = (self.part_path(&upload.id), self.blobs.path(&upload.blake3));
+        let (part, blobs) = (self.part_path(&upload.id), self.blobs.clone());
         let declared = upload.blake3.clone();
         let recording = off_runtime("checking a digest", move || {
             // A crash between the move and the row leaves the recording in its place already.
-            let recording = if part.exists() { part } else { blob };
+            let recording = if part.exists() { part } else { blobs.fetched(&declared)? };
             match blobs::digest(&recording)? == declared {
                 true => Ok(recording),
                 false => {

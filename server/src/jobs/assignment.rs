@@ -6,7 +6,6 @@ use futures::Stream;
 
 use super::{Jobs, input_episodes::PART, kinds};
 use crate::{
-    blobs,
     domain::{
         id::BlobId,
         job::Job,
@@ -50,8 +49,9 @@ impl Jobs {
     /// reports up to it, and the job starts again with the same result.
     async fn whole_checkpoint(&self, job: &Job) -> Result<Option<BlobId>> {
         let Some(blob) = &job.checkpoint else { return Ok(None) };
-        let path = self.0.blobs.path(blob);
-        let found = tokio::task::spawn_blocking(move || path.exists().then(|| blobs::digest(&path)).transpose()).await;
+        let (blobs, id) = (self.0.blobs.clone(), blob.clone());
+        let looking = move || blobs.size(&id)?.map(|_| blobs.digest(&id)).transpose();
+        let found = tokio::task::spawn_blocking(looking).await;
         let found = found.map_err(|error| Error::internal("looking at a checkpoint", error))??;
         if found.as_ref() == Some(blob) {
             return Ok(job.checkpoint.clone());

@@ -42,7 +42,9 @@ impl Jobs {
 
 /// Stores the file `name` of the folder as a blob, unless the blob exists; with `wanted`, only that content.
 fn stored(folder: Option<&Path>, blobs: &Blobs, name: &str, wanted: Option<BlobId>) -> Result<BlobId> {
-    if let Some(wanted) = wanted.as_ref().filter(|wanted| blobs.contains(wanted)) {
+    if let Some(wanted) = &wanted
+        && blobs.size(wanted)?.is_some()
+    {
         return Ok(wanted.clone());
     }
     let path = find(folder, name)?;
@@ -63,7 +65,7 @@ fn stored(folder: Option<&Path>, blobs: &Blobs, name: &str, wanted: Option<BlobI
             wanted.as_str()
         )));
     }
-    if !blobs.contains(&found) {
+    if blobs.size(&found)?.is_none() {
         blobs.put(&bytes)?;
     }
     Ok(found)

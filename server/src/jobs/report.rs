@@ -92,7 +92,7 @@ impl Jobs {
     /// NotFound when the blob does not exist; Precondition when the attempt has ended.
     pub(crate) async fn checkpoint(&self, attempt: &Attempt, step: u64, blob: &BlobId) -> Result<()> {
         let naming = self.0.blobs.naming().await;
-        self.expect_blob(blob)?;
+        self.expect_blob(blob).await?;
         let before = self.0.store.save_checkpoint(attempt, step, blob).await?;
         drop(naming);
         if let Some(before) = before {
@@ -110,7 +110,7 @@ impl Jobs {
     pub(crate) async fn complete(&self, attempt: &Attempt, job: &Job, made: Made) -> Result<()> {
         let naming = self.0.blobs.naming().await;
         for blob in kinds::blobs(&made) {
-            self.expect_blob(blob)?;
+            self.expect_blob(blob).await?;
         }
         let result = kinds::accept(&self.0.store, job, made).await?;
         let moved = self.0.store.finish_job(attempt, &result).await?;
@@ -139,8 +139,11 @@ impl Jobs {
         Ok(())
     }
 
-    fn expect_blob(&self, blob: &BlobId) -> Result<()> {
-        if self.0.blobs.contains(blob) { Ok(()) } else { Err(Error::not_found("blob", blob)) }
+    async fn expect_blob(&self, blob: &BlobId) -> Result<()> {
+        let (blobs, id) = (self.0.blobs.clone(), blob.clone());
+        let looking = tokio::task::spawn_blocking(move || blobs.size(&id)).await;
+        let found = looking.map_err(|error| Error::internal("looking for a blob", error))??;
+        found.map(drop).ok_or_else(|| Error::not_found("blob", blob))
     }
 }
 

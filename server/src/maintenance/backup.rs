@@ -47,7 +47,7 @@ pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> R
     let (database, made_at) = copy_database(source, target).await?;
     let needed = grouped(database.store.named_blobs().await?);
     database.store.close().await;
-    let copied = copy_blobs(&Blobs::at(source), &blobs, &needed, config.verify)?;
+    let copied = copy_blobs(&Blobs::at(source)?, &blobs, &needed, config.verify)?;
     drop(copying);
     let manifest = Manifest {
         gleaner: env!("CARGO_PKG_VERSION").to_owned(),

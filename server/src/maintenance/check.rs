@@ -59,7 +59,7 @@ pub(super) async fn check_folder(config: &CheckConfig) -> Result<Report> {
 async fn misfit(config: &CheckConfig, database: &ReadOnlyDatabase) -> Result<Option<String>> {
     match Stamp::read(&config.data_dir) {
         Ok(None) if super::target::is_backup(&config.data_dir) => Ok(None),
-        Ok(stamp) => database.store.misfit(stamp.as_ref(), &Blobs::at(&config.data_dir)).await,
+        Ok(stamp) => database.store.misfit(stamp.as_ref(), &Blobs::at(&config.data_dir)?).await,
         Err(error) => Ok(Some(error.message().to_owned())),
     }
 }

@@ -72,9 +72,14 @@ pub(super) async fn queue_missing(store: &Store, blobs: &Blobs) -> Result<()> {
     let looking = tokio::task::spawn_blocking(move || {
         let undescribed = all.iter().filter(|(id, blob)| !blobs.is_described(blob, id.as_str()));
         let missing: Vec<_> = undescribed.map(|(id, _)| id.clone()).collect();
-        (missing, all.iter().filter(|(_, blob)| !blobs.contains(blob)).count())
+        (missing, blobs.count_missing(all.iter().map(|(_, blob)| blob)))
     });
     let (missing, lost) = looking.await.map_err(|error| Error::internal("looking for sidecars", error))?;
+    // The count is a warning only: a store that fails does not keep the server from starting.
+    let lost = lost.unwrap_or_else(|error| {
+        tracing::error!(%error, "recordings that are missing could not be counted");
+        0
+    });
     if lost > 0 {
         tracing::error!(
             recordings.missing = lost,
@@ -89,7 +94,7 @@ fn write(blobs: &Blobs, id: &str, described: &Described) -> Result<()> {
     match described {
         Described::Task(description) => blobs.describe_task(id, &description.to_json()?),
         // A missing blob is reported by `check`.
-        Described::Beside(blob, description) if blobs.contains(blob) => {
+        Described::Beside(blob, description) if blobs.size(blob)?.is_some() => {
             blobs.describe(blob, id, &description.to_json()?)?;
             forget_superseded(blobs, description)
         }

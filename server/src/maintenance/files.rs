@@ -9,7 +9,7 @@ use std::{
 
 use super::{report::Report, worth};
 use crate::{
-    blobs::{self, Blobs},
+    blobs::Blobs,
     domain::{episode::Upload, id::BlobId},
     error::{Error, Kind, Result},
     ingest::part_path,
@@ -60,7 +60,7 @@ impl Files<'_> {
     /// Checks every blob named by a row: present, of the right size and, if `digests`, with the right content. Records
     /// files without a row as notes.
     pub(super) async fn blobs(&mut self, digests: bool) -> Result<()> {
-        let blobs = Blobs::at(self.data_dir);
+        let blobs = Blobs::at(self.data_dir)?;
         let needed = grouped(self.store.named_blobs().await?);
         let mut progress = Progress::new("blobs checked", needed.len());
         for needed in &needed {
@@ -93,7 +93,7 @@ impl Files<'_> {
 
     /// Checks that open uploads have their acknowledged bytes.
     pub(super) async fn uploads(&mut self) -> Result<()> {
-        let blobs = Blobs::at(self.data_dir);
+        let blobs = Blobs::at(self.data_dir)?;
         for upload in self.store.uploads().await? {
             let Some(lost) = lost(self.data_dir, &blobs, &upload)? else { continue };
             // It may have been finished since the listing.
@@ -108,7 +108,7 @@ impl Files<'_> {
 
     /// Records the blobs in the trash as notes; a recording that was not deleted by a user stays there.
     pub(super) fn trash(&mut self) -> Result<()> {
-        let blobs = Blobs::at(self.data_dir);
+        let blobs = Blobs::at(self.data_dir)?;
         for found in blobs.list_trash()? {
             let described = found.id.as_ref().map(|id| blobs.descriptions(id)).transpose()?.unwrap_or_default();
             let stays = worth::stays(&found, &described);
@@ -158,17 +158,16 @@ pub(super) fn grouped(named: Vec<NamedBlob>) -> Vec<Needed> {
 
 /// The size of an intact blob, or a description of its fault.
 fn inspect(blobs: &Blobs, needed: &Needed, digests: bool) -> std::result::Result<u64, String> {
-    let path = blobs.path(&needed.blob);
-    let size = match fs::metadata(&path) {
-        Ok(file) => file.len(),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Err("is not there".to_owned()),
+    let size = match blobs.size(&needed.blob) {
+        Ok(Some(size)) => size,
+        Ok(None) => return Err("is not there".to_owned()),
         Err(error) => return Err(format!("cannot be read: {error}")),
     };
     if let Some(expected) = needed.size_bytes.filter(|&expected| expected != size) {
         return Err(format!("is damaged: it has {size} bytes, not {expected}"));
     }
     if digests {
-        match blobs::digest(&path) {
+        match blobs.digest(&needed.blob) {
             Ok(digest) if digest == needed.blob => {}
             Ok(_) => return Err("is damaged: its content does not match its name".to_owned()),
             Err(error) => return Err(format!("cannot be read: {error}")),
@@ -186,7 +185,7 @@ fn lost(data_dir: &Path, blobs: &Blobs, upload: &Upload) -> Result<Option<String
         Err(error) => return Err(Error::internal(format!("reading {}", path.display()), error)),
     };
     // A crash between the move and the commit of the row leaves the recording among the blobs.
-    let placed = upload.committed == upload.size_bytes && blobs.contains(&upload.blake3);
+    let placed = upload.committed == upload.size_bytes && blobs.size(&upload.blake3)?.is_some();
     if size.is_some_and(|size| size >= upload.committed) || placed {
         return Ok(None);
     }

@@ -10,7 +10,7 @@ use std::{
 
 use super::{describe::describe_queued, files::Progress, target, worth};
 use crate::{
-    blobs::{self, Blobs, Found, sync_folder},
+    blobs::{Blobs, Found, sync_folder},
     config::RebuildConfig,
     data_folder::{BLOBS, DATABASE, beside_database, database, stamp::Stamp},
     domain::{
@@ -212,7 +212,7 @@ impl Rebuild<'_> {
     /// A description of a recording's damage, if any.
     fn damage(&self, id: &BlobId, found: &Found, described: &[Recording]) -> Result<Option<String>> {
         let sized = described.iter().all(|described| described.episode.size_bytes == found.size_bytes);
-        Ok(match sized && (self.config.fast || blobs::digest(&found.path)? == *id) {
+        Ok(match sized && (self.config.fast || found.digest()? == *id) {
             true => None,
             false => Some("is damaged: its content does not match its name".to_owned()),
         })

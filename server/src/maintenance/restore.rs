@@ -71,7 +71,7 @@ async fn fill(backup: &Path, place: &Path) -> Result<()> {
     let database = ReadOnlyDatabase::open(&database).await?;
     let needed = grouped(database.store.named_blobs().await?);
     database.store.close().await;
-    let (source, blobs) = (Blobs::at(backup), Blobs::open(place)?);
+    let (source, blobs) = (Blobs::at(backup)?, Blobs::open(place)?);
     let mut progress = Progress::new("blobs restored", needed.len());
     for Needed { blob, .. } in &needed {
         // Missing blobs are reported by the check.

@@ -153,7 +153,7 @@ impl Sweeper {
         for id in orphans {
             // The blob may have been stored again since it was listed, before its row.
             let (blobs, again) = (self.blobs.clone(), id.clone());
-            let placed = off_runtime(move || Ok(blobs.placed(&again))).await?;
+            let placed = off_runtime(move || blobs.placed(&again)).await?;
             if placed.is_none_or(|placed| placed >= old) {
                 continue;
             }

@@ -204,7 +204,9 @@ impl Policies {
         if let Some(engine) = lock(&self.0.loaded).loaded(&(policy.id.clone(), hide_history))? {
             return Ok(engine);
         }
-        let bytes = tokio::fs::metadata(self.0.blobs.path(&policy.checkpoint)).await.map_or(0, |file| file.len());
+        let (blobs, checkpoint) = (self.0.blobs.clone(), policy.checkpoint.clone());
+        let sizing = tokio::task::spawn_blocking(move || blobs.size(&checkpoint)).await;
+        let bytes = sizing.map_err(|error| Error::internal("reading a policy's size", error))??.unwrap_or(0);
         lock(&self.0.loaded).make_room(bytes);
         let config = &self.0.config.policies;
         let identity = Identity {

@@ -27,12 +27,12 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::serve::serve;
 use crate::{
-    blobs::Blobs,
+    blobs::{self, Blobs},
     config::ServeConfig,
     curation::Curation,
     data_folder,
     domain::id::TaskId,
-    error::Result,
+    error::{Error, Result},
     ingest::Ingest,
     jobs::Jobs,
     maintenance::Maintenance,
@@ -66,6 +66,9 @@ impl Services {
     /// When the data directory or the database cannot be used.
     pub async fn open(config: ServeConfig, address: SocketAddr) -> Result<Self> {
         let config = Arc::new(config);
+        let (data_dir, bucket) = (config.data_dir.clone(), config.blob_store.bucket());
+        let settling = tokio::task::spawn_blocking(move || blobs::settle(&data_dir, bucket));
+        settling.await.map_err(|error| Error::internal("opening the blob store", error))??;
         let blobs = Blobs::open(&config.data_dir)?
             .sparing(config.maintenance.min_free_bytes)
             .limiting_caches(config.maintenance.max_cache_bytes)?;

@@ -52,6 +52,8 @@ pub async fn server(words: &[&str], data: &Path) -> Output {
         .arg("--data-dir")
         .arg(data)
         .envs(database::of(data))
+        .env("AWS_ACCESS_KEY_ID", gleaner_bucket::testing::KEY_ID)
+        .env("AWS_SECRET_ACCESS_KEY", gleaner_bucket::testing::KEY)
         .env("GLEANER_LOG", "warn"))
     .await
 }

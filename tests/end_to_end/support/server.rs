@@ -201,6 +201,8 @@ pub fn serve_by(starter: &[String], data: &Path, flags: &[impl AsRef<str>], list
         .args(flags.iter().map(AsRef::as_ref))
         .envs(database::of(data))
         .env("GLEANER_LOG", std::env::var("GLEANER_LOG").unwrap_or_else(|_| LOG_LEVELS.to_owned()))
+        .env("AWS_ACCESS_KEY_ID", gleaner_bucket::testing::KEY_ID)
+        .env("AWS_SECRET_ACCESS_KEY", gleaner_bucket::testing::KEY)
         .stdout(Stdio::piped())
         .kill_on_drop(true);
     command

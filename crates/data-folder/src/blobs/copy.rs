@@ -6,7 +6,11 @@ use std::{
 };
 
 use super::{Blobs, digest, fault};
-use gleaner_core::{error::Result, id::BlobId};
+use gleaner_bucket::Bucket;
+use gleaner_core::{
+    error::{Kind, Result},
+    id::BlobId,
+};
 
 const PIECE_BYTES: usize = 1 << 20;
 
@@ -26,9 +30,12 @@ impl Blobs {
     /// right or, with `verify`, if its digest matches.
     ///
     /// # Errors
-    /// When the destination's disk fails.
+    /// When the destination's disk fails, or the source's store does.
     pub fn copy_from(&self, source: &Self, id: &BlobId, verify: bool) -> Result<Copied> {
         let (from, to) = (source.path(id), self.path(id));
+        if let Some(remote) = &source.remote {
+            return self.copy_object(&remote.bucket, &source.name(id), id, verify);
+        }
         let mut file = match File::open(&from) {
             Ok(file) => file,
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
@@ -59,6 +66,23 @@ impl Blobs {
         if BlobId::from(hasher.finalize()) != *id {
             return Ok(Copied::Lacking("is damaged: its content does not match its name".to_owned()));
         }
+        self.place(id, draft.path())?;
+        draft.disable_cleanup(true);
+        Ok(Copied::New(size))
+    }
+
+    /// Copies an object of a bucket, past the copies in the source's folder.
+    fn copy_object(&self, bucket: &Bucket, name: &str, id: &BlobId, verify: bool) -> Result<Copied> {
+        let Some(size) = bucket.size(name)? else { return Ok(Copied::Lacking("is not there".to_owned())) };
+        if self.size(id)? == Some(size) && (!verify || self.digest(id).is_ok_and(|found| found == *id)) {
+            return Ok(Copied::There(size));
+        }
+        let draft = tempfile::Builder::new().prefix("copy-").tempfile_in(&self.unfinished);
+        let mut draft = draft.map_err(fault("making a file in", &self.unfinished))?;
+        match bucket.fetch(name, id, draft.as_file()) {
+            Err(error) if error.kind() == Kind::Internal => return Ok(Copied::Lacking(error.to_string())),
+            fetched => fetched?,
+        };
         self.place(id, draft.path())?;
         draft.disable_cleanup(true);
         Ok(Copied::New(size))

@@ -3,10 +3,15 @@
 use std::{
     fs, io,
     path::{Path, PathBuf},
+    sync::Arc,
     time::SystemTime,
 };
 
-use super::{Blobs, across, fault, names, sidecar};
+use super::{
+    Blobs, across, fault, names,
+    remote::{self, Remote},
+    sidecar,
+};
 use crate::stamp;
 use gleaner_core::{error::Result, id::BlobId};
 
@@ -21,11 +26,28 @@ pub struct Found {
     pub size_bytes: u64,
     /// Time of the last [`Blobs::place`].
     pub placed: SystemTime,
+    /// Its name in the bucket that holds it.
+    object: Option<(Arc<Remote>, String)>,
 }
 
 impl Found {
+    /// The digest of its content.
+    ///
+    /// # Errors
+    /// Internal when it cannot be read; Unavailable when the store fails.
+    pub fn digest(&self) -> Result<BlobId> {
+        match &self.object {
+            Some((remote, name)) => remote.bucket.digest(name),
+            None => super::digest(&self.path),
+        }
+    }
+
     /// Whether the file begins with these bytes; false when it cannot be read.
     pub fn begins_with(&self, bytes: &[u8]) -> bool {
+        if let Some((remote, name)) = &self.object {
+            let read = remote.bucket.beginning(name, bytes.len() as u64);
+            return read.is_ok_and(|found| found == bytes);
+        }
         let mut found = vec![0; bytes.len()];
         let read = fs::File::open(&self.path).and_then(|mut file| io::Read::read_exact(&mut file, &mut found));
         read.is_ok() && found == bytes
@@ -38,6 +60,9 @@ impl Blobs {
     /// # Errors
     /// When the folders cannot be read.
     pub fn list(&self) -> Result<Vec<Found>> {
+        if let Some(remote) = &self.remote {
+            return self.list_objects(remote);
+        }
         let mut found = Vec::new();
         for path in names(&self.root)? {
             match path.file_name().and_then(|name| name.to_str()) {
@@ -56,6 +81,11 @@ impl Blobs {
     /// # Errors
     /// When the folders cannot be read.
     pub fn is_empty(&self) -> Result<bool> {
+        if let Some(remote) = &self.remote
+            && !remote.bucket.list(crate::BLOBS)?.is_empty()
+        {
+            return Ok(false);
+        }
         for path in names(&self.root)? {
             let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
             let ours = is_hex(name) || [sidecar::TASKS, super::TRASH].contains(&name);
@@ -85,6 +115,18 @@ impl Blobs {
         Ok(removed)
     }
 
+    /// The objects of the blobs; of a bucket, others are left alone.
+    fn list_objects(&self, remote: &Arc<Remote>) -> Result<Vec<Found>> {
+        let listed = remote.bucket.list(&remote::name(&self.folder, &self.root))?;
+        let found = listed.into_iter().filter_map(|object| {
+            let path = self.folder.join(&object.name);
+            let id = Some(self.named(&path)?);
+            let (size_bytes, placed) = (object.size_bytes, object.written);
+            Some(Found { id, path, size_bytes, placed, object: Some((Arc::clone(remote), object.name)) })
+        });
+        Ok(found.collect())
+    }
+
     fn list_folder(&self, folder: &Path, found: &mut Vec<Found>) -> Result<()> {
         for path in names(folder)? {
             if !sidecar::is_one(&path) {
@@ -109,7 +151,7 @@ fn is_hex(name: &str) -> bool {
 fn look(path: PathBuf, id: Option<BlobId>) -> Result<Option<Found>> {
     let seen = fs::symlink_metadata(&path).and_then(|file| Ok((file.len(), file.modified()?)));
     match seen {
-        Ok((size_bytes, placed)) => Ok(Some(Found { id, path, size_bytes, placed })),
+        Ok((size_bytes, placed)) => Ok(Some(Found { id, path, size_bytes, placed, object: None })),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(fault("reading", &path)(error)),
     }

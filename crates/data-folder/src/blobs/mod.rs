@@ -1,15 +1,20 @@
-//! Blobs: immutable files named by the BLAKE3 of their content.
+//! Blobs: immutable files named by the BLAKE3 of their content, in a folder, or in a bucket with copies in the folder.
 //!
 //! Plain blocking code, because workers use it too; the server calls it off its runtime. Must not depend on rows. A
 //! blob is complete or missing: it is written beside its final path, synced, renamed, and its folder synced.
 
 mod across;
+#[cfg(test)]
+mod conformance;
 mod copy;
 mod hold;
 mod list;
+mod remote;
 mod sidecar;
 mod space;
 mod stream;
+#[cfg(test)]
+mod tests;
 mod trash;
 
 use std::{
@@ -25,6 +30,7 @@ pub use self::{
     copy::Copied,
     hold::{Copying, Removing},
     list::Found,
+    remote::{has_bucket, settle},
     stream::stream_file,
 };
 use crate::BLOBS;
@@ -42,15 +48,17 @@ pub struct Blobs {
     unfinished: PathBuf,
     naming: Arc<tokio::sync::RwLock<()>>,
     space: space::Space,
+    /// The bucket that holds the blobs. `None`: the folder does.
+    remote: Option<Arc<remote::Remote>>,
 }
 
 impl Blobs {
     /// Opens the blobs under `data_dir`, and creates the folders if missing.
     ///
     /// # Errors
-    /// Internal when the folders cannot be created.
+    /// Internal when the folders cannot be created; as for [`Blobs::at`].
     pub fn open(data_dir: &Path) -> Result<Self> {
-        let blobs = Self::at(data_dir);
+        let blobs = Self::at(data_dir)?;
         for folder in [&blobs.root, &blobs.unfinished] {
             fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         }
@@ -59,21 +67,67 @@ impl Blobs {
     }
 
     /// The blobs of a data directory that is only read: no folder is created.
-    pub fn at(data_dir: &Path) -> Self {
-        let (root, unfinished) = (data_dir.join(BLOBS), data_dir.join("tmp"));
-        let space = space::Space::of(data_dir);
-        Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space }
+    ///
+    /// # Errors
+    /// Precondition when the directory names a bucket and its settings cannot be used.
+    pub fn at(data_dir: &Path) -> Result<Self> {
+        Ok(Self::of(data_dir, remote::of(data_dir)?))
     }
 
-    /// The path of a blob, whether or not it exists.
+    fn of(data_dir: &Path, remote: Option<Arc<remote::Remote>>) -> Self {
+        let (root, unfinished) = (data_dir.join(BLOBS), data_dir.join("tmp"));
+        let space = space::Space::of(data_dir);
+        Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space, remote }
+    }
+
+    /// The path of a blob, whether or not it exists. With a bucket, the path of its copy.
     pub fn path(&self, id: &BlobId) -> PathBuf {
         let (folder, name) = id.as_str().split_at(2);
         self.root.join(folder).join(name)
     }
 
-    /// Whether the blob exists.
+    /// Whether the blob exists; false also when its store fails. Where that loses data, [`Blobs::size`] is called.
     pub fn contains(&self, id: &BlobId) -> bool {
-        self.path(id).is_file()
+        self.size(id).is_ok_and(|size| size.is_some())
+    }
+
+    /// The size of a blob; `None` when it is missing.
+    ///
+    /// # Errors
+    /// Unavailable when the store fails; Internal when the disk fails.
+    pub fn size(&self, id: &BlobId) -> Result<Option<u64>> {
+        if let Some(remote) = &self.remote {
+            return remote.bucket.size(&self.name(id));
+        }
+        let path = self.path(id);
+        match fs::metadata(&path) {
+            Ok(file) => Ok(file.is_file().then(|| file.len())),
+            Err(error) if is_missing(&error) => Ok(None),
+            Err(error) => Err(fault("reading", &path)(error)),
+        }
+    }
+
+    /// The number of these blobs that are missing.
+    ///
+    /// # Errors
+    /// As for [`Blobs::size`].
+    pub fn count_missing<'a>(&self, ids: impl Iterator<Item = &'a BlobId>) -> Result<usize> {
+        if self.remote.is_none() {
+            return Ok(ids.filter(|id| !self.contains(id)).count());
+        }
+        let there: std::collections::HashSet<BlobId> = self.list()?.into_iter().filter_map(|found| found.id).collect();
+        Ok(ids.filter(|id| !there.contains(id)).count())
+    }
+
+    /// The digest of a stored blob's content, which differs from its name when the blob is damaged.
+    ///
+    /// # Errors
+    /// Internal when it is missing or cannot be read; Unavailable when the store fails.
+    pub fn digest(&self, id: &BlobId) -> Result<BlobId> {
+        match &self.remote {
+            Some(remote) => remote.bucket.digest(&self.name(id)),
+            None => digest(&self.path(id)),
+        }
     }
 
     /// Stores these bytes durably.
@@ -118,6 +172,11 @@ impl Blobs {
         file.set_modified(SystemTime::now()).map_err(fault("dating", from))?;
         file.sync_all().map_err(fault("syncing", from))?;
         crate::fail_point::pass("blob.synced");
+        if let Some(remote) = &self.remote {
+            // A later failure leaves an object without a row, which the sweep removes.
+            remote.bucket.put(&self.name(id), from)?;
+            self.limit_copies(remote, file.metadata().map_err(fault("reading", from))?.len())?;
+        }
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         across::rename(from, &place).map_err(fault("renaming to", &place))?;
         // After a crash both may be names of one file; the rename then leaves `from`, which is never the last name.
@@ -133,10 +192,15 @@ impl Blobs {
     /// The bytes of a blob.
     ///
     /// # Errors
-    /// Internal when it is missing or does not match its name.
+    /// Internal when it is missing or does not match its name; Unavailable when the store fails.
     pub fn get(&self, id: &BlobId) -> Result<Vec<u8>> {
-        let path = self.path(id);
-        let bytes = fs::read(&path).map_err(fault("reading", &path))?;
+        let path = self.fetched(id)?;
+        let mut bytes = fs::read(&path).map_err(fault("reading", &path))?;
+        if let Some(remote) = self.remote.as_ref().filter(|_| BlobId::from(blake3::hash(&bytes)) != *id) {
+            // The copy is damaged, which says nothing of the object.
+            self.fetch(remote, id, &path)?;
+            bytes = fs::read(&path).map_err(fault("reading", &path))?;
+        }
         if BlobId::from(blake3::hash(&bytes)) != *id {
             return Err(Error::internal(
                 format!("reading {}", path.display()),
@@ -147,8 +211,14 @@ impl Blobs {
     }
 
     /// Time of the last [`Self::place`] of a blob; `None` when it is missing.
-    pub fn placed(&self, id: &BlobId) -> Option<SystemTime> {
-        fs::metadata(self.path(id)).and_then(|file| file.modified()).ok()
+    ///
+    /// # Errors
+    /// Unavailable when the store fails.
+    pub fn placed(&self, id: &BlobId) -> Result<Option<SystemTime>> {
+        match &self.remote {
+            Some(remote) => Ok(remote.bucket.head(&self.name(id))?.map(|found| found.written)),
+            None => Ok(fs::metadata(self.path(id)).and_then(|file| file.modified()).ok()),
+        }
     }
 
     /// Removes a blob without a row and returns its size; a missing blob is not an error. The caller has checked the
@@ -157,8 +227,10 @@ impl Blobs {
     /// # Errors
     /// Internal when the disk fails.
     pub fn remove(&self, id: &BlobId, _removing: &Removing) -> Result<Option<u64>> {
-        let path = self.path(id);
-        let size = fs::metadata(&path).map(|file| file.len()).ok();
+        let (path, size) = (self.path(id), self.size(id)?);
+        if let Some(remote) = &self.remote {
+            remote.bucket.remove(&self.name(id))?;
+        }
         match fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(fault("removing", &path)(error)),
             Ok(()) | Err(_) => {
@@ -167,6 +239,11 @@ impl Blobs {
             }
         }
     }
+}
+
+/// Whether a path has no file, or leads through one.
+fn is_missing(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory)
 }
 
 /// The BLAKE3 of a file's content.
@@ -200,75 +277,5 @@ fn names(folder: &Path) -> Result<Vec<PathBuf>> {
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
         Err(error) => Err(fault("listing", folder)(error)),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn names(folder: &Path) -> Vec<PathBuf> {
-        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect()
-    }
-
-    #[test]
-    fn equal_content_is_one_file() {
-        let dir = tempfile::tempdir().unwrap();
-        let blobs = Blobs::open(dir.path()).unwrap();
-        let id = blobs.put(b"steps").unwrap();
-        let by_file = dir.path().join("upload");
-        fs::write(&by_file, b"steps").unwrap();
-        assert_eq!(blobs.put(b"steps").unwrap(), id);
-        assert_eq!(blobs.put_file(&by_file).unwrap(), id);
-        assert!(!by_file.exists());
-        assert_eq!(blobs.get(&id).unwrap(), b"steps");
-        assert_eq!(names(blobs.path(&id).parent().unwrap()), [blobs.path(&id)]);
-        assert!(names(&dir.path().join("tmp")).is_empty());
-    }
-
-    #[test]
-    fn a_damaged_blob_is_an_error() {
-        let dir = tempfile::tempdir().unwrap();
-        let blobs = Blobs::open(dir.path()).unwrap();
-        let id = blobs.put(b"steps").unwrap();
-        fs::write(blobs.path(&id), b"stepz").unwrap();
-        assert!(blobs.get(&id).unwrap_err().to_string().contains("damaged"));
-        // Storing the content again repairs the blob.
-        blobs.put(b"steps").unwrap();
-        assert_eq!(blobs.get(&id).unwrap(), b"steps");
-    }
-
-    #[test]
-    fn an_interrupted_write_is_not_a_blob() {
-        let dir = tempfile::tempdir().unwrap();
-        let blobs = Blobs::open(dir.path()).unwrap();
-        fs::write(dir.path().join("tmp/blob-x"), b"half").unwrap();
-        assert!(!blobs.contains(&blake3::hash(b"half").into()));
-    }
-
-    #[test]
-    fn a_failed_move_keeps_the_file() {
-        let dir = tempfile::tempdir().unwrap();
-        let blobs = Blobs::open(dir.path()).unwrap();
-        let id = BlobId::from(blake3::hash(b"steps"));
-        // A file stands where the blob's folder should be.
-        fs::write(dir.path().join("blobs").join(&id.as_str()[..2]), b"").unwrap();
-        let by_file = dir.path().join("upload");
-        fs::write(&by_file, b"steps").unwrap();
-        assert!(blobs.put_file(&by_file).is_err());
-        assert!(blobs.put(b"steps").is_err());
-        assert_eq!(fs::read(&by_file).unwrap(), b"steps");
-        assert!(names(&dir.path().join("tmp")).is_empty());
-    }
-
-    #[tokio::test]
-    async fn removing_twice_is_not_an_error() {
-        let dir = tempfile::tempdir().unwrap();
-        let blobs = Blobs::open(dir.path()).unwrap();
-        let id = blobs.put(b"steps").unwrap();
-        let removing = blobs.removing().await.unwrap().unwrap();
-        assert_eq!(blobs.remove(&id, &removing).unwrap(), Some(5));
-        assert_eq!(blobs.remove(&id, &removing).unwrap(), None);
-        assert!(!blobs.contains(&id));
     }
 }

@@ -19,9 +19,17 @@ impl Blobs {
     /// The bytes of a blob in pieces of at most 1 MiB. The receiver checks the digest.
     ///
     /// # Errors
-    /// Internal when the blob is missing or cannot be read.
+    /// Internal when the blob is missing or cannot be read; Unavailable when the store fails.
     pub async fn stream(&self, id: &BlobId) -> Result<impl Stream<Item = Result<Bytes>> + Send + 'static> {
-        stream_file(self.path(id)).await
+        let path = match &self.remote {
+            None => self.path(id),
+            Some(_) => {
+                let (blobs, id) = (self.clone(), id.clone());
+                let fetching = tokio::task::spawn_blocking(move || blobs.fetched(&id));
+                fetching.await.map_err(|error| Error::internal("fetching a blob", error))??
+            }
+        };
+        stream_file(path).await
     }
 }
 

@@ -39,8 +39,11 @@ impl Blobs {
     /// # Errors
     /// Internal when the disk fails; then the blob is in one of the two places.
     pub fn move_out(&self, id: &BlobId, to: &Path) -> Result<()> {
-        let from = self.path(id);
+        let from = self.fetched(id)?;
         across::rename(&from, to).map_err(fault("renaming to", to))?;
+        if let Some(remote) = &self.remote {
+            remote.bucket.remove(&self.name(id))?;
+        }
         sidecar::sidecars(&from)?.iter().try_for_each(|sidecar| remove(sidecar))
     }
 
@@ -65,6 +68,9 @@ impl Blobs {
             if stays(&found, &described) {
                 continue;
             }
+            if let (Some(remote), Some(id)) = (&self.remote, &found.id) {
+                remote.bucket.remove(&self.trash().name(id))?;
+            }
             remove(&found.path)?;
             for sidecar in sidecar::sidecars(&found.path)? {
                 remove(&sidecar)?;
@@ -79,11 +85,7 @@ impl Blobs {
     fn move_blob(&self, id: &BlobId, to: &Self) -> Result<Option<u64>> {
         let (from, place) = (self.path(id), to.path(id));
         let folder = place.parent().unwrap_or(&to.root);
-        let size = match fs::metadata(&from) {
-            Ok(file) => file.len(),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(fault("reading", &from)(error)),
-        };
+        let Some(size) = self.size(id)? else { return Ok(None) };
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         for sidecar in sidecar::sidecars(&from)? {
             let there = folder.join(sidecar.file_name().unwrap_or_default());
@@ -93,10 +95,16 @@ impl Blobs {
             folder.map_or(Ok(()), sync_folder)?;
         }
         crate::fail_point::pass("trash.sidecars_moved");
-        // The retention time in the trash starts now.
-        let dated = File::open(&from).and_then(|file| file.set_modified(SystemTime::now()));
-        dated.map_err(fault("dating", &from))?;
-        fs::rename(&from, &place).map_err(fault("renaming to", &place))?;
+        if let Some(remote) = &self.remote {
+            // A copy in the trash would be of no use.
+            remote.bucket.rename(&self.name(id), &to.name(id))?;
+            remove(&from)?;
+        } else {
+            // The retention time in the trash starts now.
+            let dated = File::open(&from).and_then(|file| file.set_modified(SystemTime::now()));
+            dated.map_err(fault("dating", &from))?;
+            fs::rename(&from, &place).map_err(fault("renaming to", &place))?;
+        }
         crate::fail_point::pass("trash.moved");
         sync_folder(folder)?;
         from.parent().map_or(Ok(()), sync_folder)?;

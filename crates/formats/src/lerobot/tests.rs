@@ -203,7 +203,7 @@ fn a_stop_between_episodes_ends_the_export() {
 #[test]
 fn a_damaged_recording_is_named() {
     let mut lab = Lab::new();
-    std::fs::write(lab.recording(2), b"damaged").unwrap();
+    std::fs::write(lab.recording(2).unwrap(), b"damaged").unwrap();
     let spec = ExportSpec { format: ExportFormat::Mcap, ..ExportSpec::default() };
     let Err(Stop::Problem(problem)) = crate::write(spec, &mut lab) else { panic!("written") };
     assert!(problem.to_string().contains(lab.pieces()[2].episode().id.as_str()), "{problem}");

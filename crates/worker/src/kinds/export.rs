@@ -68,9 +68,9 @@ impl Files<'_> {
         Ok(&self.open.insert((piece, stored)).1)
     }
 
-    fn keep(&mut self, name: &str, blob: gleaner_core::id::BlobId, path: &Path) -> Result<(), Failure> {
-        let size = std::fs::metadata(path).map_err(|error| Error::internal("reading an exported file", error))?;
-        self.files.push(ExportFile { name: name.to_owned(), blob, size_bytes: size.len() });
+    fn keep(&mut self, name: &str, blob: gleaner_core::id::BlobId) -> Result<(), Failure> {
+        let size = self.blobs.size(&blob)?.ok_or_else(|| Error::not_found("blob", &blob))?;
+        self.files.push(ExportFile { name: name.to_owned(), blob, size_bytes: size });
         Ok(())
     }
 }
@@ -94,8 +94,8 @@ impl Export for Files<'_> {
         &self.pieces
     }
 
-    fn recording(&self, piece: usize) -> PathBuf {
-        self.blobs.path(&self.pieces[piece].episode().recording)
+    fn recording(&self, piece: usize) -> Result<PathBuf, Failure> {
+        Ok(self.blobs.fetched(&self.pieces[piece].episode().recording)?)
     }
 
     fn numbers(&mut self, piece: usize) -> Result<Numbers, Failure> {
@@ -117,13 +117,11 @@ impl Export for Files<'_> {
     fn finished(&mut self, name: &str) -> Result<(), Failure> {
         let path = self.folder.join(name);
         let blob = self.monitor.retry_while_full(|blobs| blobs.put_file(&path))?;
-        let kept = self.blobs.path(&blob);
-        self.keep(name, blob, &kept)
+        self.keep(name, blob)
     }
 
     fn finished_recording(&mut self, piece: usize, name: &str) -> Result<(), Failure> {
-        let path = self.recording(piece);
-        self.keep(name, self.pieces[piece].episode().recording.clone(), &path)
+        self.keep(name, self.pieces[piece].episode().recording.clone())
     }
 
     fn advance(&mut self) -> Result<(), Failure> {

@@ -70,20 +70,20 @@ async fn the_second_backup_copies_new_blobs_and_prunes_on_request() {
     let target = folders.path("backup");
     back_up(&lab, &target, false).await.unwrap();
     let first = Manifest::read(&target).unwrap().unwrap();
-    let before = fs::metadata(Blobs::at(&target).path(&lab.recording)).unwrap().modified().unwrap();
+    let before = fs::metadata(Blobs::at(&target).unwrap().path(&lab.recording)).unwrap().modified().unwrap();
     let upload = crate::domain::episode::Upload { outcome: Outcome::Failure, ..testing::upload(&lab.task, b"new") };
     lab.blobs.put(b"new").unwrap();
     lab.store.finish_upload(&upload, &testing::inspected(&lab.task, &upload)).await.unwrap();
     let (_, summary) = back_up(&lab, &target, false).await.unwrap();
     assert!(summary.contains("4 blobs of 24 bytes, 1 of them new"), "{summary}");
-    assert_eq!(fs::metadata(Blobs::at(&target).path(&lab.recording)).unwrap().modified().unwrap(), before);
+    assert_eq!(fs::metadata(Blobs::at(&target).unwrap().path(&lab.recording)).unwrap().modified().unwrap(), before);
     assert_ne!(Manifest::read(&target).unwrap().unwrap().database, first.database);
 
-    let orphan = Blobs::at(&target).put(b"of an earlier database").unwrap();
+    let orphan = Blobs::at(&target).unwrap().put(b"of an earlier database").unwrap();
     back_up(&lab, &target, false).await.unwrap();
-    assert!(Blobs::at(&target).contains(&orphan));
+    assert!(Blobs::at(&target).unwrap().contains(&orphan));
     let (_, summary) = back_up(&lab, &target, true).await.unwrap();
-    assert!(summary.contains("1 removed") && !Blobs::at(&target).contains(&orphan), "{summary}");
+    assert!(summary.contains("1 removed") && !Blobs::at(&target).unwrap().contains(&orphan), "{summary}");
     assert!(checked(&target, false).await.findings.is_empty());
 }
 
@@ -96,7 +96,7 @@ async fn an_interrupted_backup_leaves_the_earlier_one() {
     testing::episode(&lab.store, &lab.task, Outcome::Success, "its blob was not copied").await;
     fs::create_dir_all(target.join("tmp")).unwrap();
     Store::copy(&lab.dir.path().join("gleaner.db"), &target.join("tmp/gleaner.db")).await.unwrap();
-    Blobs::at(&target).put(b"copied before the interruption").unwrap();
+    Blobs::at(&target).unwrap().put(b"copied before the interruption").unwrap();
     assert!(restore_to(&target, &folders.path("new")).await.unwrap());
     let restored = Store::open(&folders.path("new/gleaner.db")).await.unwrap();
     assert_eq!(restored.outcome_counts(&lab.task.id).await.unwrap().success, 1);
@@ -117,7 +117,7 @@ async fn missing_blobs_are_reported_and_the_rest_is_backed_up_and_restored() {
     let (sound, summary) = back_up(&lab, &target, false).await.unwrap();
     assert!(!sound && summary.contains(lab.checkpoint.as_str()) && summary.contains("pol_"), "{summary}");
     assert!(!restore_to(&target, &folders.path("new")).await.unwrap());
-    assert_eq!(Blobs::at(&folders.path("new")).get(&lab.recording).unwrap(), b"failure");
+    assert_eq!(Blobs::at(&folders.path("new")).unwrap().get(&lab.recording).unwrap(), b"failure");
     // Once repaired, the next backup is complete.
     lab.blobs.put(b"encoder").unwrap();
     assert!(back_up(&lab, &target, false).await.unwrap().0);
@@ -128,7 +128,7 @@ async fn a_damaged_backup_is_detected() {
     let (lab, folders) = (lab().await, Backups::new());
     let target = folders.path("backup");
     back_up(&lab, &target, false).await.unwrap();
-    fs::write(Blobs::at(&target).path(&lab.recording), b"failurf").unwrap();
+    fs::write(Blobs::at(&target).unwrap().path(&lab.recording), b"failurf").unwrap();
     let report = checked(&target, false).await;
     assert!(report.findings[0].subject.contains(lab.recording.as_str()), "{:?}", report.findings);
     assert!(!restore_to(&target, &folders.path("new")).await.unwrap());

@@ -83,7 +83,7 @@ fn jpeg_files_are_copied_bit_for_bit() {
         let spool = tempfile::tempfile().unwrap();
         gleaner_recording::StepJpegs::read(path, lab.task(), &(0..8), spool).unwrap()
     };
-    let (there, back) = (jpegs(&lab.recording(0)), jpegs(&out));
+    let (there, back) = (jpegs(&lab.recording(0).unwrap()), jpegs(&out));
     for step in 0..8 {
         let bytes = back.get(1, step).unwrap().unwrap();
         assert!(bytes == there.get(1, step).unwrap().unwrap(), "step {step}");

@@ -1,0 +1,147 @@
+//! What both kinds of blobs do alike: the suite runs on a folder and on a bucket of moto, a double of S3. Where moto is
+//! not installed, the tests of buckets print SKIPPED and pass.
+
+use std::{
+    fs,
+    sync::Arc,
+    time::{Duration, SystemTime},
+};
+
+use futures::TryStreamExt as _;
+use gleaner_bucket::testing::Moto;
+use gleaner_core::id::BlobId;
+use tempfile::TempDir;
+
+use super::{
+    Blobs, Copied,
+    remote::{self, Remote},
+};
+
+/// A server of S3, if it is installed.
+fn moto() -> Option<Moto> {
+    Moto::start().unwrap()
+}
+
+/// Blobs of a new data folder in a bucket.
+fn blobs_in(moto: &Moto, dir: &TempDir, prefix: &str, most_bytes: u64) -> Blobs {
+    let plain = Blobs::open(dir.path()).unwrap();
+    Blobs { remote: Some(Arc::new(Remote::new(moto.bucket(prefix).unwrap(), most_bytes))), ..plain }
+}
+
+/// A blob is stored, found, listed, read, streamed, copied, discarded, restored and removed.
+async fn conforms(blobs: Blobs) {
+    let large: Vec<u8> = (0..=250).cycle().take((40 << 20) + 7).collect();
+    let (small, id) = (blobs.put(b"\x89MCAP0\r\nsteps").unwrap(), blobs.put(&large).unwrap());
+    let empty = blobs.put(b"").unwrap();
+    assert_eq!(blobs.put(&large).unwrap(), id);
+    assert_eq!(blobs.size(&id).unwrap(), Some(large.len() as u64));
+    assert_eq!((blobs.digest(&id).unwrap(), blobs.size(&empty).unwrap()), (id.clone(), Some(0)));
+    let now = SystemTime::now();
+    let placed = blobs.placed(&id).unwrap().unwrap();
+    assert!(placed < now + Duration::from_secs(60) && placed > now - Duration::from_secs(600));
+
+    let mut listed = blobs.list().unwrap();
+    listed.sort_by_key(|found| found.size_bytes);
+    let sizes: Vec<_> = listed.iter().map(|found| (found.id.clone().unwrap(), found.size_bytes)).collect();
+    assert_eq!(sizes, [(empty.clone(), 0), (small.clone(), 13), (id.clone(), large.len() as u64)]);
+    assert!(listed[1].begins_with(b"\x89MCAP0\r\n") && !listed[2].begins_with(b"\x89MCAP0\r\n"));
+    assert_eq!(listed[1].digest().unwrap(), small);
+
+    // Without their copies, the bytes come from the bucket.
+    for blob in [&id, &small, &empty] {
+        if blobs.remote.is_some() {
+            fs::remove_file(blobs.path(blob)).unwrap();
+        }
+    }
+    assert!(blobs.get(&id).unwrap() == large && blobs.get(&empty).unwrap().is_empty());
+    let pieces: Vec<bytes::Bytes> = blobs.stream(&small).await.unwrap().try_collect().await.unwrap();
+    assert_eq!(pieces.concat(), b"\x89MCAP0\r\nsteps");
+    assert!(blobs.fetched(&id).unwrap().is_file());
+
+    let (backup, gone) = (tempfile::tempdir().unwrap(), BlobId::from(blake3::hash(b"gone")));
+    let copy = Blobs::open(backup.path()).unwrap();
+    assert_eq!(copy.copy_from(&blobs, &id, false).unwrap(), Copied::New(large.len() as u64));
+    assert_eq!(copy.copy_from(&blobs, &id, true).unwrap(), Copied::There(large.len() as u64));
+    assert!(matches!(copy.copy_from(&blobs, &gone, false).unwrap(), Copied::Lacking(_)));
+    assert!(copy.get(&id).unwrap() == large);
+    let there = [small.clone(), gone.clone()];
+    assert_eq!(blobs.count_missing(there.iter()).unwrap(), 1);
+    assert!(blobs.size(&gone).unwrap().is_none() && blobs.placed(&gone).unwrap().is_none());
+    assert!(blobs.get(&gone).is_err() && blobs.stream(&gone).await.is_err());
+
+    blobs.describe(&small, "ep_a", b"{}").unwrap();
+    let removing = blobs.removing().await.unwrap().unwrap();
+    assert_eq!(blobs.discard(&small, &removing).unwrap(), Some(13));
+    assert_eq!(blobs.discard(&small, &removing).unwrap(), None);
+    assert!(!blobs.contains(&small) && blobs.list().unwrap().len() == 2 && blobs.list_trash().unwrap().len() == 1);
+    assert!(blobs.take_back(&small).unwrap() && !blobs.take_back(&small).unwrap());
+    assert!(blobs.is_described(&small, "ep_a") && blobs.get(&small).unwrap().len() == 13);
+    blobs.discard(&small, &removing).unwrap();
+    let (before, after) = (now - Duration::from_secs(3600), now + Duration::from_secs(3600));
+    assert_eq!(blobs.empty_trash(before, |_, _| false).unwrap(), (0, 0));
+    assert_eq!(blobs.empty_trash(after, |_, _| false).unwrap(), (1, 13));
+    assert_eq!(blobs.remove(&id, &removing).unwrap(), Some(large.len() as u64));
+    assert_eq!(blobs.remove(&id, &removing).unwrap(), None);
+    let out = backup.path().join("out");
+    blobs.move_out(&empty, &out).unwrap();
+    assert!(out.is_file() && blobs.list().unwrap().is_empty() && blobs.list_trash().unwrap().is_empty());
+}
+
+#[tokio::test]
+async fn a_folder_conforms() {
+    let dir = tempfile::tempdir().unwrap();
+    conforms(Blobs::open(dir.path()).unwrap()).await;
+}
+
+#[tokio::test]
+async fn a_bucket_conforms() {
+    let Some(moto) = moto() else { return };
+    for prefix in ["", "labs/one"] {
+        let dir = tempfile::tempdir().unwrap();
+        conforms(blobs_in(&moto, &dir, prefix, 0)).await;
+    }
+}
+
+#[test]
+fn an_altered_object_is_never_served_and_a_damaged_copy_is_fetched_again() {
+    let Some(moto) = moto() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = blobs_in(&moto, &dir, "one", 0);
+    let id = blobs.put(b"steps").unwrap();
+    fs::write(blobs.path(&id), b"stepz").unwrap();
+    assert_eq!(blobs.get(&id).unwrap(), b"steps");
+    let altered = dir.path().join("altered");
+    fs::write(&altered, b"stepz").unwrap();
+    moto.bucket("one").unwrap().put(&remote::name(dir.path(), &blobs.path(&id)), &altered).unwrap();
+    fs::remove_file(blobs.path(&id)).unwrap();
+    assert!(blobs.fetched(&id).unwrap_err().to_string().contains("damaged"));
+    assert!(!blobs.path(&id).exists() && blobs.digest(&id).unwrap() != id);
+    // Storing the content again repairs the object.
+    blobs.put(b"steps").unwrap();
+    assert_eq!(blobs.digest(&id).unwrap(), id);
+}
+
+#[test]
+fn copies_stay_below_their_limit_and_the_least_recently_used_go_first() {
+    let Some(moto) = moto() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = blobs_in(&moto, &dir, "one", 1000);
+    let ids: Vec<BlobId> = (0..3).map(|n| blobs.put(&[n; 400]).unwrap()).collect();
+    assert!(!blobs.path(&ids[0]).exists() && blobs.path(&ids[1]).exists() && blobs.path(&ids[2]).exists());
+    assert_eq!(blobs.get(&ids[0]).unwrap(), [0; 400]);
+    assert!(!blobs.path(&ids[1]).exists());
+    // A copy whose object is lost is the last one.
+    moto.bucket("one").unwrap().remove(&remote::name(dir.path(), &blobs.path(&ids[2]))).unwrap();
+    blobs.get(&ids[1]).unwrap();
+    assert!(blobs.path(&ids[2]).exists() && !blobs.path(&ids[0]).exists());
+}
+
+#[test]
+fn a_bucket_has_one_data_folder() {
+    let Some(moto) = moto() else { return };
+    let bucket = moto.bucket("one").unwrap();
+    bucket.claim("this").unwrap();
+    bucket.claim("this").unwrap();
+    assert!(bucket.claim("other").unwrap_err().message().contains("another data folder"));
+    moto.bucket("two").unwrap().claim("other").unwrap();
+}

@@ -1,0 +1,221 @@
+//! A bucket behind the blobs. Each blob is in the bucket under its path in the data folder, and its file in the folder is
+//! a copy, which is fetched when it is missing and removed when the copies exceed their limit. Sidecars and the stamp are
+//! in the data folder alone.
+//!
+//! A file of the data folder names the bucket, so that every process that opens the folder finds it; credentials come
+//! from the environment. Without that file, the folder holds the blobs itself.
+
+use std::{
+    fs::{self, File, FileTimes},
+    io::Write as _,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, Instant, SystemTime},
+};
+
+use gleaner_bucket::{Bucket, BucketConfig};
+use serde::{Deserialize, Serialize};
+
+use super::{Blobs, across, fault, sync_folder};
+use gleaner_core::{
+    error::{Error, Result},
+    id::BlobId,
+};
+
+/// Name of the file that names the bucket.
+const FILE: &str = "blob-store.json";
+/// The time for which a listing of the copies is used. Other processes fetch copies too.
+const LISTING_LASTS: Duration = Duration::from_secs(60);
+
+/// The bucket of a data folder, and the limit on the copies in the folder.
+#[derive(Debug)]
+pub(super) struct Remote {
+    pub(super) bucket: Bucket,
+    /// 0: no limit.
+    most_bytes: u64,
+    /// The bytes of the copies, and the time at which they were listed.
+    copies: Mutex<Option<(u64, Instant)>>,
+}
+
+impl Remote {
+    pub(super) fn new(bucket: Bucket, most_bytes: u64) -> Self {
+        Self { bucket, most_bytes, copies: Mutex::default() }
+    }
+}
+
+/// What the data folder remembers of its bucket.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+struct Remembered {
+    #[serde(flatten)]
+    bucket: BucketConfig,
+    cache_bytes: u64,
+    /// Written to the bucket too, so that no two data folders use one prefix.
+    owner: String,
+}
+
+/// Makes a bucket hold the blobs of a data folder from now on. Blobs that the folder holds are put into the bucket
+/// first. `None` keeps the bucket that the folder has, if any.
+///
+/// # Errors
+/// Precondition when the folder has another bucket, the bucket belongs to another folder, or its settings cannot be used;
+/// Unavailable when the store fails; Internal when the disk fails.
+pub fn settle(data_dir: &Path, wanted: Option<(BucketConfig, u64)>) -> Result<()> {
+    let before = read(data_dir)?;
+    let Some((bucket, cache_bytes)) = wanted else {
+        return before.map_or(Ok(()), |before| Bucket::open(&before.bucket)?.claim(&before.owner));
+    };
+    if let Some(before) = before.as_ref().filter(|before| before.bucket.url != bucket.url) {
+        return Err(Error::precondition(format!(
+            "--blob-store {}: the blobs of {} are in {}. To move them, back the folder up, restore it to a new folder and \
+             start there with the new bucket",
+            bucket.url,
+            data_dir.display(),
+            before.bucket.url
+        )));
+    }
+    let owner = before.as_ref().map_or_else(|| new_owner(data_dir), |before| before.owner.clone());
+    let opened = Bucket::open(&bucket)?;
+    opened.claim(&owner)?;
+    if before.is_none() {
+        let blobs = Blobs::of(data_dir, None);
+        for found in blobs.list()?.into_iter().chain(blobs.list_trash()?).filter(|found| found.id.is_some()) {
+            opened.put(&name(data_dir, &found.path), &found.path)?;
+        }
+        tracing::info!(store = opened.shown(), "the bucket holds the blobs of this data folder from now on");
+    }
+    let now = Remembered { bucket, cache_bytes, owner };
+    if before.as_ref() == Some(&now) { Ok(()) } else { write(data_dir, &now) }
+}
+
+/// Whether a bucket holds the blobs of a data folder.
+pub fn has_bucket(data_dir: &Path) -> bool {
+    data_dir.join(FILE).is_file()
+}
+
+/// The bucket that a data folder names, if any.
+pub(super) fn of(data_dir: &Path) -> Result<Option<Arc<Remote>>> {
+    let Some(found) = read(data_dir)? else { return Ok(None) };
+    Ok(Some(Arc::new(Remote::new(Bucket::open(&found.bucket)?, found.cache_bytes))))
+}
+
+/// The name in the bucket of a path in the data folder.
+pub(super) fn name(data_dir: &Path, path: &Path) -> String {
+    path.strip_prefix(data_dir).unwrap_or(path).to_string_lossy().into_owned()
+}
+
+fn read(data_dir: &Path) -> Result<Option<Remembered>> {
+    let path = data_dir.join(FILE);
+    match fs::read(&path) {
+        Ok(json) => serde_json::from_slice(&json).map(Some).map_err(|error| {
+            Error::precondition(format!("{} cannot be read: {error}; restore it from a copy", path.display()))
+        }),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(fault("reading", &path)(error)),
+    }
+}
+
+fn write(data_dir: &Path, remembered: &Remembered) -> Result<()> {
+    let path = data_dir.join(FILE);
+    let json = serde_json::to_vec_pretty(remembered).map_err(|error| Error::internal("writing a file", error))?;
+    let mut draft = across::draft(data_dir).map_err(fault("writing", &path))?;
+    draft.write_all(&json).and_then(|()| draft.as_file().sync_all()).map_err(fault("writing", &path))?;
+    draft.persist(&path).map_err(|error| fault("writing", &path)(error.error))?;
+    sync_folder(data_dir)
+}
+
+fn new_owner(data_dir: &Path) -> String {
+    let unique = format!("{:?} {} {}", SystemTime::now(), std::process::id(), data_dir.display());
+    blake3::hash(unique.as_bytes()).to_hex().to_string()
+}
+
+impl Blobs {
+    /// The path of a blob's file, which is fetched from the bucket if it is missing. The file of a bucket may be removed
+    /// later: open it at once, or ask again.
+    ///
+    /// # Errors
+    /// Internal when the object is missing or damaged; Unavailable when the store fails; Exhausted when the disk is full.
+    pub fn fetched(&self, id: &BlobId) -> Result<PathBuf> {
+        let path = self.path(id);
+        let Some(remote) = &self.remote else { return Ok(path) };
+        if let Ok(file) = File::open(&path) {
+            // Without it, the copy looks older than it is.
+            let _ = file.set_times(FileTimes::new().set_accessed(SystemTime::now()));
+            return Ok(path);
+        }
+        self.fetch(remote, id, &path)?;
+        Ok(path)
+    }
+
+    /// As [`Blobs::fetched`], from the bucket alone.
+    pub(super) fn fetch(&self, remote: &Remote, id: &BlobId, path: &Path) -> Result<()> {
+        let name = self.name(id);
+        if let Some(size) = remote.bucket.size(&name)? {
+            self.limit_copies(remote, size)?;
+            self.make_room(size)?;
+        }
+        let folder = path.parent().unwrap_or(&self.root);
+        fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
+        let draft = across::draft(folder).map_err(fault("making a file in", folder))?;
+        remote.bucket.fetch(&name, id, draft.as_file())?;
+        draft.persist(path).map_err(|error| fault("renaming to", path)(error.error))?;
+        Ok(())
+    }
+
+    /// Removes the least recently used copies until `bytes` more fit below the limit. A copy whose object is missing or
+    /// has another size stays.
+    pub(super) fn limit_copies(&self, remote: &Remote, bytes: u64) -> Result<()> {
+        if remote.most_bytes == 0 {
+            return Ok(());
+        }
+        let mut copies = remote.copies.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = copies
+            .filter(|(there, at)| at.elapsed() < LISTING_LASTS && there.saturating_add(bytes) <= remote.most_bytes);
+        let mut there = match known {
+            Some((there, _)) => there,
+            None => self.evict(remote, bytes)?,
+        };
+        there = there.saturating_add(bytes);
+        *copies = Some((there, known.map_or_else(Instant::now, |(_, at)| at)));
+        Ok(())
+    }
+
+    /// Removes copies until `bytes` more fit and a tenth of the limit is free, so that the next calls need no listing.
+    fn evict(&self, remote: &Remote, bytes: u64) -> Result<u64> {
+        let here = Self { remote: None, ..self.clone() };
+        let mut files: Vec<_> = here
+            .list()?
+            .into_iter()
+            .filter_map(|found| {
+                let used = fs::metadata(&found.path).and_then(|file| file.accessed()).ok()?;
+                found.id.map(|id| (used, found.size_bytes, id, found.path))
+            })
+            .collect();
+        files.sort();
+        let mut there: u64 = files.iter().map(|(_, size, ..)| size).sum();
+        if there.saturating_add(bytes) <= remote.most_bytes {
+            return Ok(there);
+        }
+        let most = remote.most_bytes - remote.most_bytes / 10;
+        for (_, size, id, path) in files {
+            if there.saturating_add(bytes) <= most {
+                break;
+            }
+            if remote.bucket.size(&self.name(&id))? != Some(size) {
+                tracing::error!(blob.id = %id, store = remote.bucket.shown(), "the bucket lacks a blob: its copy stays");
+                continue;
+            }
+            match fs::remove_file(&path) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(fault("removing", &path)(error));
+                }
+                Ok(()) | Err(_) => there -= size,
+            }
+        }
+        Ok(there)
+    }
+
+    /// The name of a blob in its bucket.
+    pub(super) fn name(&self, id: &BlobId) -> String {
+        name(&self.folder, &self.path(id))
+    }
+}
