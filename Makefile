@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker moto test test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -74,6 +74,12 @@ target/moto/bin/moto_server: crates/bucket/moto.txt
 	$(PYTHON) -m venv target/moto
 	target/moto/bin/pip install -q -r crates/bucket/moto.txt
 	touch $@
+
+# The tests of buckets, and crashes with a bucket, on a private Ceph with three storage daemons, one of which is killed under
+# load. Needs root; installs Debian's packages of Ceph if they are missing.
+test-ceph: .libtorch
+	$(CARGO) test --locked -p gleaner-data-folder -p gleaner-tests --no-run
+	scripts/ceph.sh $(CARGO) test --locked -p gleaner-data-folder -p gleaner-tests -- conformance blob_store with_a_bucket
 
 # The Python client, as it is installed, against the real server; GLEANER_SERVER_BIN and GLEANER_BIN name programs that
 # are built already.

@@ -1,52 +1,27 @@
 //! Blobs in a bucket: what a folder does, a bucket does, and a store that fails loses nothing that was acknowledged.
 
-use std::{fs, path::Path};
+use std::fs;
 
-use gleaner_bucket::testing::Moto;
+use gleaner_bucket::testing::TestStore;
 use gleaner_proto::v1::*;
+use tokio::task::JoinSet;
 use tonic::Code;
 
 use crate::support::{
     api::Api,
+    blob_store::{flags, forget_copies, start},
     command::{expect_sound, server_text},
     lab::{self, RECORDINGS},
     process::{Signal, signal},
     server::TestServer,
+    skipped::skipped,
 };
-
-/// The flags of a bucket.
-fn flags(moto: &Moto, prefix: &str) -> Vec<String> {
-    let config = moto.config(prefix);
-    ["--blob-store", &config.url, "--blob-store-endpoint", &config.endpoint.unwrap(), "--blob-store-http"]
-        .map(str::to_owned)
-        .into()
-}
-
-async fn start(moto: &Moto, prefix: &str, more: &[&str]) -> TestServer {
-    let flags = flags(moto, prefix);
-    TestServer::start_with(&[&flags.iter().map(String::as_str).collect::<Vec<_>>(), more].concat()).await
-}
-
-/// Removes the copies of blobs, and the decoded steps, from a data folder.
-fn forget_copies(data: &Path) {
-    for folder in fs::read_dir(data.join("blobs")).unwrap().map(|entry| entry.unwrap()) {
-        if folder.file_name().len() == 2 {
-            for file in fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()) {
-                if file.extension().is_none() {
-                    fs::remove_file(file).unwrap();
-                }
-            }
-        }
-    }
-    fs::remove_dir_all(data.join("cache")).unwrap();
-    fs::create_dir(data.join("cache")).unwrap();
-}
 
 /// The recordings are fetched by the server, and the encoder and the recordings by a worker.
 #[tokio::test]
 async fn jobs_backup_and_check_work_with_a_bucket() {
-    let Some(moto) = Moto::start().unwrap() else { return };
-    let mut server = start(&moto, "one", &[]).await;
+    let Some(store) = TestStore::start().unwrap() else { return };
+    let mut server = start(&store, "one", &[]).await;
     let mut api = Api::connect(&server).await;
     let episodes = lab::set_up(&mut api).await;
     let encoder = api.succeed(lab::TASK, lab::pretrain(4)).await.result_id;
@@ -78,18 +53,19 @@ async fn jobs_backup_and_check_work_with_a_bucket() {
     drop(restored);
 
     // The blobs of a folder move to a bucket at its first start with one.
-    let words = flags(&moto, "two");
+    let words = flags(&store, "two");
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let moved = TestServer::start_over(&new, &[&words[..], &["--workers", "0"]].concat()).await;
-    forget_copies(&new);
     let mut other = Api::connect(&moved).await;
+    assert_eq!(other.episodes().await.len(), episodes.len(), "the move is over once a call is answered");
+    forget_copies(&new);
     assert!(other.download(&episodes[0].id).await == RECORDINGS[0].bytes);
 }
 
 #[tokio::test]
 async fn a_store_that_hangs_keeps_uploads_and_the_server() {
-    let Some(moto) = Moto::start().unwrap() else { return };
-    let server = start(&moto, "one", &["--workers", "0", "--blob-store-timeout-seconds", "1"]).await;
+    let Some(store) = TestStore::moto().unwrap() else { return };
+    let server = start(&store, "one", &["--workers", "0", "--blob-store-timeout-seconds", "1"]).await;
     let mut api = Api::connect(&server).await;
     lab::create_task(&mut api).await;
     let first = lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();
@@ -97,12 +73,12 @@ async fn a_store_that_hangs_keeps_uploads_and_the_server() {
     let upload = lab::start(&mut api, lab::TASK, recording).await.unwrap().upload_id;
     lab::write(&mut api, &upload, 0, recording.bytes.clone()).await.unwrap();
 
-    signal(moto.pid(), Signal::STOP);
+    signal(store.pid().unwrap(), Signal::STOP);
     let error = lab::finish(&mut api, &upload).await.unwrap_err();
     assert!(error.code() == Code::Unavailable && error.message().contains("--blob-store-endpoint"), "{error}");
     assert_eq!(api.episodes().await, [first.clone()], "the server answers, and shows only what is stored");
     assert!(api.download(&first.id).await == RECORDINGS[0].bytes, "copies are read without the store");
-    signal(moto.pid(), Signal::CONT);
+    signal(store.pid().unwrap(), Signal::CONT);
 
     let second = lab::finish(&mut api, &upload).await.unwrap();
     forget_copies(server.data_dir());
@@ -111,8 +87,8 @@ async fn a_store_that_hangs_keeps_uploads_and_the_server() {
 
 #[tokio::test]
 async fn an_altered_object_is_an_error_of_check_and_is_never_sent() {
-    let Some(moto) = Moto::start().unwrap() else { return };
-    let server = start(&moto, "one", &["--workers", "0"]).await;
+    let Some(store) = TestStore::start().unwrap() else { return };
+    let server = start(&store, "one", &["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
     lab::create_task(&mut api).await;
     let episode = lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();
@@ -121,7 +97,7 @@ async fn an_altered_object_is_an_error_of_check_and_is_never_sent() {
     let mut bytes = RECORDINGS[0].bytes.to_vec();
     *bytes.last_mut().unwrap() ^= 1;
     fs::write(&altered, bytes).unwrap();
-    let bucket = moto.bucket("one").unwrap();
+    let bucket = store.bucket("one").unwrap();
     let name = bucket.list("blobs").unwrap().remove(0).name;
     bucket.put(&name, &altered).unwrap();
 
@@ -138,20 +114,77 @@ async fn an_altered_object_is_an_error_of_check_and_is_never_sent() {
 /// Each wrong setting ends the start with a sentence that names it.
 #[tokio::test]
 async fn wrong_settings_of_a_bucket_end_the_start() {
-    let Some(moto) = Moto::start().unwrap() else { return };
-    let server = start(&moto, "one", &["--workers", "0"]).await;
-    let endpoint = moto.config("one").endpoint.unwrap();
+    let Some(store) = TestStore::start().unwrap() else { return };
+    let server = start(&store, "one", &["--workers", "0"]).await;
+    let config = store.config("one");
+    let (taken, endpoint) = (config.url, config.endpoint.unwrap());
     let new = tempfile::tempdir().unwrap();
     let cases = [
         (vec!["--blob-store", "s3://absent", "--blob-store-http"], "bucket does not exist"),
-        (vec!["--blob-store", "s3://lab/one", "--blob-store-http"], "another data folder"),
+        (vec!["--blob-store", &taken, "--blob-store-http"], "another data folder"),
         (vec!["--blob-store", "s3://lab/two"], "--blob-store-http"),
         (vec!["--blob-store", "lab"], "s3://BUCKET"),
     ];
-    for (words, says) in cases {
+    for (words, reason) in cases {
         let words = [&["serve", "--listen", "127.0.0.1:0", "--blob-store-endpoint", &endpoint], &words[..]].concat();
         let (started, text) = server_text(&words, &new.path().join("lab")).await;
-        assert!(!started && text.contains(says), "{words:?}: {text}");
+        assert!(!started && text.contains(reason), "{words:?}: {text}");
     }
     drop(server);
+}
+
+/// The server dies when the bucket has the recording and the folder does not.
+#[tokio::test]
+async fn an_upload_that_a_crash_interrupts_between_bucket_and_folder_is_finished() {
+    let Some(store) = TestStore::start().unwrap() else { return };
+    let mut server = start(&store, "one", &["--workers", "0"]).await;
+    lab::create_task(&mut Api::connect(&server).await).await;
+    server.kill().await;
+    assert!(server.start_where_it_was(Some("blob.in_bucket")).await);
+    let mut api = Api::connect(&server).await;
+    let recording = &RECORDINGS[0];
+    let upload = lab::start(&mut api, lab::TASK, recording).await.unwrap().upload_id;
+    lab::write(&mut api, &upload, 0, recording.bytes.clone()).await.unwrap();
+    lab::finish(&mut api, &upload).await.unwrap_err();
+    assert!(!server.ended().await);
+    assert_eq!(store.bucket("one").unwrap().list("blobs").unwrap().len(), 1);
+
+    assert!(server.start_where_it_was(None).await);
+    let mut api = Api::connect(&server).await;
+    let episode = lab::finish(&mut api, &upload).await.unwrap();
+    forget_copies(server.data_dir());
+    assert!(api.download(&episode.id).await == recording.bytes);
+    assert_eq!(store.bucket("one").unwrap().list("blobs").unwrap().len(), 1);
+    expect_sound(server.data_dir()).await;
+}
+
+/// One of three storage daemons of Ceph is killed amid uploads.
+#[tokio::test]
+async fn a_killed_storage_daemon_loses_nothing_and_stops_nothing() {
+    let Ok(daemon) = std::env::var("GLEANER_TEST_CEPH_DAEMON") else {
+        return skipped("no Ceph here (make test-ceph)");
+    };
+    let store = TestStore::start().unwrap().unwrap();
+    let server = start(&store, "one", &["--workers", "0"]).await;
+    let mut api = Api::connect(&server).await;
+    lab::create_task(&mut api).await;
+    let agent: gleaner_sim::AgentSpec = "noise:0.5".parse().unwrap();
+    let recordings: Vec<_> = (1000..1040).map(|seed| lab::record(agent.clone(), Outcome::Failure, seed)).collect();
+    let (mut pushing, mut pushed) = (JoinSet::new(), Vec::new());
+    for (number, recording) in recordings.iter().enumerate() {
+        if pushing.len() == 4 {
+            pushed.push(pushing.join_next().await.unwrap().unwrap());
+        }
+        if number == 12 {
+            signal(fs::read_to_string(&daemon).unwrap().trim().parse().unwrap(), Signal::KILL);
+        }
+        let (mut api, recording) = (api.clone(), recording.clone());
+        pushing.spawn(async move { (number, lab::push(&mut api, lab::TASK, &recording).await.unwrap()) });
+    }
+    pushed.extend(pushing.join_all().await);
+    forget_copies(server.data_dir());
+    for (number, episode) in pushed {
+        assert!(api.download(&episode.id).await == recordings[number].bytes);
+    }
+    expect_sound(server.data_dir()).await;
 }

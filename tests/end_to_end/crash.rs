@@ -10,15 +10,27 @@ mod sweep;
 mod sync_order;
 mod training;
 
+use gleaner_bucket::testing::TestStore;
+
 use crate::support::{
+    blob_store,
     crash::{Settings, check, kills, lab::Lab, load},
     server::TestServer,
 };
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn acknowledged_changes_survive_every_crash() {
+    changes_survive(TestServer::start().await).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn acknowledged_changes_survive_every_crash_with_a_bucket() {
+    let Some(store) = TestStore::start().unwrap() else { return };
+    changes_survive(blob_store::start(&store, "crash", &[]).await).await;
+}
+
+async fn changes_survive(mut server: TestServer) {
     let settings = Settings::read();
-    let mut server = TestServer::start().await;
     let lab = Lab::set_up(&server, settings).await;
     let mut load = load::start(&lab);
     let report = kills::run(&mut server, &lab, &mut load).await;

@@ -2,6 +2,7 @@
 //! this module; it depends on no test.
 
 pub mod api;
+pub mod blob_store;
 pub mod browser;
 pub mod command;
 pub mod crash;

@@ -15,6 +15,7 @@ fn is_without_bucket(error: &object_store::Error) -> bool {
 pub(crate) fn described(shown: &str, doing: &str, name: &str, error: &object_store::Error) -> Error {
     use object_store::Error as Fault;
     tracing::warn!(object.name = name, store = shown, %error, "the blob store failed while {doing} an object");
+    #[expect(clippy::wildcard_enum_match_arm, reason = "the enum is open, and all other errors read alike")]
     let message = match error {
         error if is_without_bucket(error) => "the bucket does not exist: create it, or fix --blob-store".to_owned(),
         Fault::NotFound { .. } => {

@@ -1,12 +1,13 @@
-//! A server of S3 for tests: moto, which keeps objects in memory and checks no signatures. Where it is not installed, tests
-//! print SKIPPED and pass.
+//! A server of S3 for tests: the one that `GLEANER_TEST_S3` names (`make test-ceph`), or else moto, which keeps objects in
+//! memory and checks no signatures. Where moto is not installed, tests print SKIPPED and pass.
 
 use std::{
     io::{Read as _, Result, Write as _},
     net::{TcpListener, TcpStream},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
-    time::{Duration, Instant},
+    sync::atomic::{AtomicU64, Ordering},
+    time::{Duration, Instant, SystemTime},
 };
 
 use gleaner_core::{Secret, error};
@@ -19,27 +20,45 @@ pub const BUCKET: &str = "lab";
 pub const KEY_ID: &str = "test";
 /// Secret of its access key.
 pub const KEY: &str = "testtest";
-/// The time for its start, beside other work.
+/// URL of a server that has the bucket and accepts the key, for tests without moto.
+const GIVEN: &str = "GLEANER_TEST_S3";
+/// The time for the start of moto, beside other work.
 const START: Duration = Duration::from_secs(120);
 
-/// A running server with one bucket; it ends on drop.
+/// A server with one bucket, and a folder in it that no other test uses.
 #[derive(Debug)]
-pub struct Moto {
-    process: Child,
-    address: String,
+pub struct TestStore {
+    /// Ends on drop.
+    moto: Option<Child>,
+    endpoint: String,
+    /// Begins every prefix.
+    folder: String,
 }
 
-impl Moto {
-    /// Starts a server. `None` where moto is not installed.
+impl TestStore {
+    /// The server that the environment names, or moto. `None` where there is neither.
+    ///
+    /// # Errors
+    /// When moto does not start, or makes no bucket.
+    pub fn start() -> Result<Option<Self>> {
+        let Ok(endpoint) = std::env::var(GIVEN) else { return Self::moto() };
+        static STORES: AtomicU64 = AtomicU64::new(0);
+        let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let number = STORES.fetch_add(1, Ordering::Relaxed);
+        let folder = format!("{}-{}-{number}/", std::process::id(), since.as_millis());
+        Ok(Some(Self { moto: None, endpoint, folder }))
+    }
+
+    /// Moto, for tests that stop the server. `None` where it is not installed.
     ///
     /// # Errors
     /// When it does not start, or makes no bucket.
-    pub fn start() -> Result<Option<Self>> {
+    pub fn moto() -> Result<Option<Self>> {
         let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/moto/bin/moto_server");
         let program = if here.is_file() { here } else { PathBuf::from("moto_server") };
-        let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+        let address = format!("127.0.0.1:{}", TcpListener::bind("127.0.0.1:0")?.local_addr()?.port());
         let started = Command::new(program)
-            .args(["-H", "127.0.0.1", "-p", &port.to_string()])
+            .args(["-H", "127.0.0.1", "-p", address.rsplit(':').next().unwrap_or_default()])
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn();
@@ -48,38 +67,37 @@ impl Moto {
             std::io::stderr().write_all(b"SKIPPED: moto is not installed (make moto)\n")?;
             return Ok(None);
         };
-        let mut moto = Self { process, address: format!("127.0.0.1:{port}") };
+        let mut store = Self { moto: Some(process), endpoint: format!("http://{address}"), folder: String::new() };
         let begun = Instant::now();
-        while TcpStream::connect(&moto.address).is_err() {
-            if moto.process.try_wait()?.is_some() || begun.elapsed() > START {
+        while TcpStream::connect(&address).is_err() {
+            let ended = store.moto.as_mut().map(Child::try_wait).transpose()?.flatten().is_some();
+            if ended || begun.elapsed() > START {
                 return Err(std::io::Error::other("moto does not start"));
             }
             std::thread::park_timeout(Duration::from_millis(20));
         }
-        let request = format!(
-            "PUT /{BUCKET} HTTP/1.1\r\nHost: {}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n",
-            moto.address
-        );
-        let mut stream = TcpStream::connect(&moto.address)?;
+        let request =
+            format!("PUT /{BUCKET} HTTP/1.1\r\nHost: {address}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
+        let mut stream = TcpStream::connect(&address)?;
         stream.write_all(request.as_bytes())?;
         let mut answer = String::new();
         stream.read_to_string(&mut answer)?;
         match answer.starts_with("HTTP/1.1 200") {
-            true => Ok(Some(moto)),
+            true => Ok(Some(store)),
             false => Err(std::io::Error::other(answer)),
         }
     }
 
-    /// Id of its process.
-    pub fn pid(&self) -> u32 {
-        self.process.id()
+    /// Id of the process of moto; `None` for another server.
+    pub fn pid(&self) -> Option<u32> {
+        self.moto.as_ref().map(Child::id)
     }
 
     /// The configuration of a prefix of its bucket.
     pub fn config(&self, prefix: &str) -> BucketConfig {
         BucketConfig {
-            url: format!("s3://{BUCKET}/{prefix}"),
-            endpoint: Some(format!("http://{}", self.address)),
+            url: format!("s3://{BUCKET}/{}{prefix}", self.folder),
+            endpoint: Some(self.endpoint.clone()),
             region: None,
             http: true,
             virtual_host: false,
@@ -96,10 +114,12 @@ impl Moto {
     }
 }
 
-impl Drop for Moto {
+impl Drop for TestStore {
     fn drop(&mut self) {
-        // It may have ended.
-        let _ = self.process.kill();
-        let _ = self.process.wait();
+        if let Some(moto) = &mut self.moto {
+            // It may have ended.
+            let _ = moto.kill();
+            let _ = moto.wait();
+        }
     }
 }

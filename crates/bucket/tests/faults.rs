@@ -71,11 +71,11 @@ fn file() -> (tempfile::TempDir, PathBuf) {
 }
 
 /// The error of a put names the setting, and neither the secret nor the id of the key.
-fn put_fails(bucket: &Bucket, says: &str) {
+fn put_fails(bucket: &Bucket, reason: &str) {
     let (_dir, path) = file();
     let error = bucket.put("blobs/ab/cd", &path).unwrap_err();
     assert_eq!(error.kind(), Kind::Unavailable, "{error}");
-    assert!(error.message().contains(says) && !error.to_string().contains("secret-of-the-key"), "{error}");
+    assert!(error.message().contains(reason) && !error.to_string().contains("secret-of-the-key"), "{error}");
 }
 
 #[test]

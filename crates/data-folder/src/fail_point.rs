@@ -3,10 +3,11 @@
 //! Only the feature `fail-points`, which the tests alone enable, compiles them in. Must not depend on other modules.
 
 /// Every fail point. Each is at one place of the sources.
-pub const NAMES: [&str; 65] = [
+pub const NAMES: [&str; 66] = [
     "attempt.committed",
     "attempt.row_written",
     "blob.folder_synced",
+    "blob.in_bucket",
     "blob.removed",
     "blob.renamed",
     "blob.synced",

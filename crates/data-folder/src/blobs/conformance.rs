@@ -1,5 +1,5 @@
-//! What both kinds of blobs do alike: the suite runs on a folder and on a bucket of moto, a double of S3. Where moto is
-//! not installed, the tests of buckets print SKIPPED and pass.
+//! What both kinds of blobs do alike: the suite runs on a folder and on a bucket, of moto, a double of S3, or of the server
+//! that `GLEANER_TEST_S3` names. Where there is neither, the tests of buckets print SKIPPED and pass.
 
 use std::{
     fs,
@@ -8,7 +8,7 @@ use std::{
 };
 
 use futures::TryStreamExt as _;
-use gleaner_bucket::testing::Moto;
+use gleaner_bucket::testing::TestStore;
 use gleaner_core::id::BlobId;
 use tempfile::TempDir;
 
@@ -17,20 +17,19 @@ use super::{
     remote::{self, Remote},
 };
 
-/// A server of S3, if it is installed.
-fn moto() -> Option<Moto> {
-    Moto::start().unwrap()
+fn test_store() -> Option<TestStore> {
+    TestStore::start().unwrap()
 }
 
 /// Blobs of a new data folder in a bucket.
-fn blobs_in(moto: &Moto, dir: &TempDir, prefix: &str, most_bytes: u64) -> Blobs {
+fn blobs_in(store: &TestStore, dir: &TempDir, prefix: &str, most_bytes: u64) -> Blobs {
     let plain = Blobs::open(dir.path()).unwrap();
-    Blobs { remote: Some(Arc::new(Remote::new(moto.bucket(prefix).unwrap(), most_bytes))), ..plain }
+    Blobs { remote: Some(Arc::new(Remote::new(store.bucket(prefix).unwrap(), most_bytes))), ..plain }
 }
 
 /// A blob is stored, found, listed, read, streamed, copied, discarded, restored and removed.
 async fn conforms(blobs: Blobs) {
-    let large: Vec<u8> = (0..=250).cycle().take((40 << 20) + 7).collect();
+    let large: Vec<u8> = (0..=250).cycle().take((70 << 20) + 7).collect();
     let (small, id) = (blobs.put(b"\x89MCAP0\r\nsteps").unwrap(), blobs.put(&large).unwrap());
     let empty = blobs.put(b"").unwrap();
     assert_eq!(blobs.put(&large).unwrap(), id);
@@ -95,24 +94,24 @@ async fn a_folder_conforms() {
 
 #[tokio::test]
 async fn a_bucket_conforms() {
-    let Some(moto) = moto() else { return };
+    let Some(store) = test_store() else { return };
     for prefix in ["", "labs/one"] {
         let dir = tempfile::tempdir().unwrap();
-        conforms(blobs_in(&moto, &dir, prefix, 0)).await;
+        conforms(blobs_in(&store, &dir, prefix, 0)).await;
     }
 }
 
 #[test]
 fn an_altered_object_is_never_served_and_a_damaged_copy_is_fetched_again() {
-    let Some(moto) = moto() else { return };
+    let Some(store) = test_store() else { return };
     let dir = tempfile::tempdir().unwrap();
-    let blobs = blobs_in(&moto, &dir, "one", 0);
+    let blobs = blobs_in(&store, &dir, "one", 0);
     let id = blobs.put(b"steps").unwrap();
     fs::write(blobs.path(&id), b"stepz").unwrap();
     assert_eq!(blobs.get(&id).unwrap(), b"steps");
     let altered = dir.path().join("altered");
     fs::write(&altered, b"stepz").unwrap();
-    moto.bucket("one").unwrap().put(&remote::name(dir.path(), &blobs.path(&id)), &altered).unwrap();
+    store.bucket("one").unwrap().put(&remote::name(dir.path(), &blobs.path(&id)), &altered).unwrap();
     fs::remove_file(blobs.path(&id)).unwrap();
     assert!(blobs.fetched(&id).unwrap_err().to_string().contains("damaged"));
     assert!(!blobs.path(&id).exists() && blobs.digest(&id).unwrap() != id);
@@ -123,25 +122,25 @@ fn an_altered_object_is_never_served_and_a_damaged_copy_is_fetched_again() {
 
 #[test]
 fn copies_stay_below_their_limit_and_the_least_recently_used_go_first() {
-    let Some(moto) = moto() else { return };
+    let Some(store) = test_store() else { return };
     let dir = tempfile::tempdir().unwrap();
-    let blobs = blobs_in(&moto, &dir, "one", 1000);
+    let blobs = blobs_in(&store, &dir, "one", 1000);
     let ids: Vec<BlobId> = (0..3).map(|n| blobs.put(&[n; 400]).unwrap()).collect();
     assert!(!blobs.path(&ids[0]).exists() && blobs.path(&ids[1]).exists() && blobs.path(&ids[2]).exists());
     assert_eq!(blobs.get(&ids[0]).unwrap(), [0; 400]);
     assert!(!blobs.path(&ids[1]).exists());
     // A copy whose object is lost is the last one.
-    moto.bucket("one").unwrap().remove(&remote::name(dir.path(), &blobs.path(&ids[2]))).unwrap();
+    store.bucket("one").unwrap().remove(&remote::name(dir.path(), &blobs.path(&ids[2]))).unwrap();
     blobs.get(&ids[1]).unwrap();
     assert!(blobs.path(&ids[2]).exists() && !blobs.path(&ids[0]).exists());
 }
 
 #[test]
 fn a_bucket_has_one_data_folder() {
-    let Some(moto) = moto() else { return };
-    let bucket = moto.bucket("one").unwrap();
+    let Some(store) = test_store() else { return };
+    let bucket = store.bucket("one").unwrap();
     bucket.claim("this").unwrap();
     bucket.claim("this").unwrap();
     assert!(bucket.claim("other").unwrap_err().message().contains("another data folder"));
-    moto.bucket("two").unwrap().claim("other").unwrap();
+    store.bucket("two").unwrap().claim("other").unwrap();
 }

@@ -177,6 +177,7 @@ impl Blobs {
             remote.bucket.put(&self.name(id), from)?;
             self.limit_copies(remote, file.metadata().map_err(fault("reading", from))?.len())?;
         }
+        crate::fail_point::pass("blob.in_bucket");
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         across::rename(from, &place).map_err(fault("renaming to", &place))?;
         // After a crash both may be names of one file; the rename then leaves `from`, which is never the last name.

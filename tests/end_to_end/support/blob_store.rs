@@ -1,0 +1,36 @@
+//! Servers whose blobs are in a bucket.
+
+use std::{fs, path::Path};
+
+use gleaner_bucket::testing::TestStore;
+
+use super::server::TestServer;
+
+/// The flags of a bucket.
+pub fn flags(store: &TestStore, prefix: &str) -> Vec<String> {
+    let config = store.config(prefix);
+    ["--blob-store", &config.url, "--blob-store-endpoint", &config.endpoint.unwrap(), "--blob-store-http"]
+        .map(str::to_owned)
+        .into()
+}
+
+/// A server with a bucket, and with more flags.
+pub async fn start(store: &TestStore, prefix: &str, more: &[&str]) -> TestServer {
+    let flags = flags(store, prefix);
+    TestServer::start_with(&[&flags.iter().map(String::as_str).collect::<Vec<_>>(), more].concat()).await
+}
+
+/// Removes the copies of blobs, and the decoded steps, from a data folder.
+pub fn forget_copies(data: &Path) {
+    for folder in fs::read_dir(data.join("blobs")).unwrap().map(|entry| entry.unwrap()) {
+        if folder.file_name().len() == 2 {
+            for file in fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()) {
+                if file.extension().is_none() {
+                    fs::remove_file(file).unwrap();
+                }
+            }
+        }
+    }
+    fs::remove_dir_all(data.join("cache")).unwrap();
+    fs::create_dir(data.join("cache")).unwrap();
+}
