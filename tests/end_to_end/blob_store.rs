@@ -76,7 +76,7 @@ async fn a_store_that_hangs_keeps_uploads_and_the_server() {
     signal(store.pid().unwrap(), Signal::STOP);
     let error = lab::finish(&mut api, &upload).await.unwrap_err();
     assert!(error.code() == Code::Unavailable && error.message().contains("--blob-store-endpoint"), "{error}");
-    assert_eq!(api.episodes().await, [first.clone()], "the server answers, and shows only what is stored");
+    assert_eq!(api.episodes().await, std::slice::from_ref(&first), "the server answers, and shows only what is stored");
     assert!(api.download(&first.id).await == RECORDINGS[0].bytes, "copies are read without the store");
     signal(store.pid().unwrap(), Signal::CONT);
 
@@ -169,7 +169,7 @@ async fn a_killed_storage_daemon_loses_nothing_and_stops_nothing() {
     let mut api = Api::connect(&server).await;
     lab::create_task(&mut api).await;
     let agent: gleaner_sim::AgentSpec = "noise:0.5".parse().unwrap();
-    let recordings: Vec<_> = (1000..1040).map(|seed| lab::record(agent.clone(), Outcome::Failure, seed)).collect();
+    let recordings: Vec<_> = (1000..1040).map(|seed| lab::record(agent, Outcome::Failure, seed)).collect();
     let (mut pushing, mut pushed) = (JoinSet::new(), Vec::new());
     for (number, recording) in recordings.iter().enumerate() {
         if pushing.len() == 4 {

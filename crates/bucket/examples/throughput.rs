@@ -1,6 +1,13 @@
 //! The rates of uploads and reads of one file through `Bucket`, and through `object_store` alone, on the same store:
 //! `throughput ENDPOINT BUCKET MIB ROUNDS`, with credentials from the environment.
 
+#![expect(
+    clippy::expect_used,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    reason = "a measurement ends at the first failure, and prints its result"
+)]
+
 use std::{fs::File, path::Path, time::Instant};
 
 use gleaner_bucket::{Bucket, BucketConfig};

@@ -1,5 +1,6 @@
 //! A store that denies access, has no such bucket, is full, hangs, is away, or serves truncated or altered objects: each is
 //! an error that names the setting. A server with canned answers plays it, because doubles of S3 check no signatures.
+#![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::{
     io::{Read as _, Write as _},

@@ -25,7 +25,7 @@ fn main() {
     let number = |text: &String| text.parse::<u64>().expect("FIRST, COUNT and STEPS are numbers");
     let (first, count, steps) = (number(first), number(count), number(steps));
     let (data_dir, scratch) = (Path::new(data_dir), Path::new(scratch));
-    let blobs = Blobs::at(data_dir).unwrap();
+    let blobs = Blobs::at(data_dir).expect("the settings of a bucket can be used");
     let mut out = BufWriter::new(std::io::stdout().lock());
     for episode in first..first + count {
         let recording = recording(&spec, episode, steps);

@@ -41,7 +41,9 @@ impl Ingest {
             .try_acquire_owned()
             .map_err(|_| Error::exhausted(format!("{AT_ONCE} scored episodes are being read already; retry later")))?;
         self.blobs.room_for(episode.size_bytes).await?;
-        let copied = self.inspector.extract(client, &self.blobs.path(&episode.recording), task, kept).await?;
+        let (blobs, id) = (self.blobs.clone(), episode.recording.clone());
+        let recording = off_runtime("fetching a recording", move || blobs.fetched(&id)).await?;
+        let copied = self.inspector.extract(client, &recording, task, kept).await?;
         let path = copied.path();
         let fault = |error| Error::internal("reading a scored episode", error);
         let size_bytes = tokio::fs::metadata(&path).await.map_err(fault)?.len();

@@ -101,7 +101,7 @@ impl Blobs {
         }
         let path = self.path(id);
         match fs::metadata(&path) {
-            Ok(file) => Ok(file.is_file().then(|| file.len())),
+            Ok(file) => Ok(file.is_file().then_some(file.len())),
             Err(error) if is_missing(&error) => Ok(None),
             Err(error) => Err(fault("reading", &path)(error)),
         }
