@@ -109,25 +109,48 @@ impl Bucket {
     }
 
     /// Makes `owner` the owner of the files, if they have none yet. Two data folders on one prefix would sweep each
-    /// other's files.
+    /// other's files. Some stores ignore that a put is to create an object, so the present owner is read first.
     ///
     /// # Errors
     /// Precondition when the files belong to another owner; Unavailable when the store fails.
     pub fn claim(&self, owner: &str) -> Result<()> {
-        let (store, key, bytes) = (Arc::clone(&self.store), self.key(OWNER), owner.as_bytes().to_vec());
-        let found = wait(async move {
+        if self.owner()?.is_none() {
+            let (store, key, bytes) = (Arc::clone(&self.store), self.key(OWNER), owner.as_bytes().to_vec());
             let create = PutOptions { mode: PutMode::Create, ..PutOptions::default() };
-            match store.put_opts(&key, bytes.into(), create).await {
-                Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => store.get(&key).await?.bytes().await,
-                Err(error) => Err(error),
+            match wait(async move { store.put_opts(&key, bytes.into(), create).await })? {
+                Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => {}
+                Err(error) => return Err(self.fault("claiming", OWNER, error)),
             }
-        })?;
-        match found.map_err(|error| self.fault("claiming", OWNER, error))? == owner.as_bytes() {
-            true => Ok(()),
-            false => Err(Error::precondition(format!(
+        }
+        self.expect_owner(owner)
+    }
+
+    /// Checks that the files belong to `owner`.
+    ///
+    /// # Errors
+    /// Precondition when they belong to another owner or to none; Unavailable when the store fails.
+    pub fn expect_owner(&self, owner: &str) -> Result<()> {
+        match self.owner()? {
+            Some(found) if found == owner.as_bytes() => Ok(()),
+            Some(_) => Err(Error::precondition(format!(
                 "--blob-store {}: holds the blobs of another data folder; name another bucket or prefix",
                 self.shown
             ))),
+            None => Err(Error::precondition(format!(
+                "--blob-store {}: the object `{OWNER}` is missing: this is another store than before, or an emptied one; check \
+                 --blob-store-endpoint and AWS_ENDPOINT_URL",
+                self.shown
+            ))),
+        }
+    }
+
+    /// The content of the object that names the owner; `None` when it is missing.
+    fn owner(&self) -> Result<Option<Vec<u8>>> {
+        let (store, key) = (Arc::clone(&self.store), self.key(OWNER));
+        match wait(async move { store.get(&key).await?.bytes().await })? {
+            Ok(bytes) => Ok(Some(bytes.to_vec())),
+            Err(error) if fault::is_missing(&error) => Ok(None),
+            Err(error) => Err(self.fault("reading", OWNER, error)),
         }
     }
 

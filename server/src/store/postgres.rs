@@ -6,7 +6,7 @@
 use std::{fmt, fs, str::FromStr as _, time::Duration};
 
 use sqlx::{
-    Connection as _, PgConnection,
+    Connection as _, Executor as _, PgConnection,
     postgres::{PgConnectOptions, PgPoolOptions},
 };
 
@@ -22,7 +22,17 @@ const OLDEST: i32 = 150_000;
 const READERS: u32 = 8;
 /// Longest wait for a connection, and for other writers.
 const PATIENCE: Duration = Duration::from_secs(10);
-const LOCK_TIMEOUT: (&str, &str) = ("lock_timeout", "10s");
+/// Settings of every session. A server whose machine or network is lost must not keep its lock for hours. The notice of a
+/// rollback without a transaction is none.
+const SESSION: [(&str, &str); 5] = [
+    ("lock_timeout", "10s"),
+    ("tcp_keepalives_idle", "15"),
+    ("tcp_keepalives_interval", "5"),
+    ("tcp_keepalives_count", "3"),
+    ("client_min_messages", "error"),
+];
+/// The parameters of an address that are understood. sqlx would write others to the log, with their values.
+const PARAMETERS: [&str; 6] = ["host", "port", "sslmode", "sslrootcert", "sslcert", "sslkey"];
 
 /// Statements that a connection keeps prepared: every one of the store.
 const PREPARED: usize = 400;
@@ -62,9 +72,15 @@ impl Postgres {
     /// # Errors
     /// Invalid.
     pub(crate) fn at(url: &str) -> Result<Self> {
+        let parameters = url.split_once('?').map_or("", |(_, parameters)| parameters).split('&');
+        let mut names = parameters.filter_map(|one| one.split('=').next()).filter(|name| !name.is_empty());
+        if let Some(unknown) = names.find(|name| !PARAMETERS.contains(name)) {
+            let known = PARAMETERS.join(", ");
+            return Err(Error::invalid("--database", format!("the address has a parameter {unknown}; use {known}")));
+        }
         let options = PgConnectOptions::from_str(url)
             .map_err(|error| Error::invalid("--database", format!("not an address of PostgreSQL: {error}")))?;
-        let options = options.application_name("gleaner-server").options([LOCK_TIMEOUT]);
+        let options = options.application_name("gleaner-server").options(SESSION);
         Ok(Self { options: options.statement_cache_capacity(PREPARED) })
     }
 
@@ -218,7 +234,10 @@ impl Store {
 }
 
 fn patient(connections: u32) -> PgPoolOptions {
-    PgPoolOptions::new().max_connections(connections).acquire_timeout(PATIENCE)
+    let options = PgPoolOptions::new().max_connections(connections).acquire_timeout(PATIENCE);
+    // A transaction whose beginning was interrupted, by a caller that is gone or a lock that was not had, is open in
+    // PostgreSQL and unknown to sqlx.
+    options.after_release(|connection, _| Box::pin(async move { connection.execute("rollback").await.map(|_| true) }))
 }
 
 /// Has a commit return once it is on disk, also where the database is set up to return earlier. A stricter setting, of a

@@ -68,6 +68,8 @@ impl Store {
     /// Precondition when the target has rows; Internal names a table whose rows differ.
     pub(crate) async fn transfer(&self, target: &Self) -> Result<Counts> {
         target.expect_empty().await?;
+        // Commands that write beside a server wait, and then find the moved database.
+        let _held = self.writer.begin_write().await.map_err(fault("holding the database"))?;
         let postgres = if matches!(target.writer, Pool::Postgres(_)) { &target.readers } else { &self.readers };
         let mut tx = target.write().await?;
         let mut counts = Counts::new();

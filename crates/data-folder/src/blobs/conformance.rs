@@ -143,4 +143,28 @@ fn a_bucket_has_one_data_folder() {
     bucket.claim("this").unwrap();
     assert!(bucket.claim("other").unwrap_err().message().contains("another data folder"));
     store.bucket("two").unwrap().claim("other").unwrap();
+    let emptied = store.bucket("three").unwrap().expect_owner("this").unwrap_err();
+    assert!(emptied.message().contains("another store than before"), "{emptied}");
+}
+
+#[test]
+fn a_blob_that_leaves_a_bucket_has_the_content_of_its_object() {
+    let Some(store) = test_store() else { return };
+    let (dir, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let blobs = blobs_in(&store, &dir, "one", 0);
+    let id = blobs.put(b"steps").unwrap();
+    fs::write(blobs.path(&id), b"st").unwrap();
+    let to = out.path().join("steps");
+    blobs.move_out(&id, &to).unwrap();
+    assert_eq!(fs::read(&to).unwrap(), b"steps");
+    assert!(blobs.size(&id).unwrap().is_none());
+}
+
+#[test]
+fn an_owner_is_kept_from_an_interrupted_move() {
+    let dir = tempfile::tempdir().unwrap();
+    let first = remote::kept_owner(dir.path()).unwrap();
+    assert_eq!(remote::kept_owner(dir.path()).unwrap(), first);
+    let other = tempfile::tempdir().unwrap();
+    assert_ne!(remote::kept_owner(other.path()).unwrap(), first);
 }

@@ -24,6 +24,8 @@ use gleaner_core::{
 
 /// Name of the file that names the bucket.
 const FILE: &str = "blob-store.json";
+/// Name of the file with the owner's name: it exists before the bucket has it, so that an interrupted move can be repeated.
+const OWNER: &str = "blob-store-owner";
 /// The time for which a listing of the copies is used. Other processes fetch copies too.
 const LISTING_LASTS: Duration = Duration::from_secs(60);
 
@@ -62,7 +64,7 @@ struct Remembered {
 pub fn settle(data_dir: &Path, wanted: Option<(BucketConfig, u64)>) -> Result<()> {
     let before = read(data_dir)?;
     let Some((bucket, cache_bytes)) = wanted else {
-        return before.map_or(Ok(()), |before| Bucket::open(&before.bucket)?.claim(&before.owner));
+        return before.map_or(Ok(()), |before| Bucket::open(&before.bucket)?.expect_owner(&before.owner));
     };
     if let Some(before) = before.as_ref().filter(|before| before.bucket.url != bucket.url) {
         return Err(Error::precondition(format!(
@@ -73,10 +75,15 @@ pub fn settle(data_dir: &Path, wanted: Option<(BucketConfig, u64)>) -> Result<()
             before.bucket.url
         )));
     }
-    let owner = before.as_ref().map_or_else(|| new_owner(data_dir), |before| before.owner.clone());
     let opened = Bucket::open(&bucket)?;
-    opened.claim(&owner)?;
-    if before.is_none() {
+    let owner = match &before {
+        Some(before) => before.owner.clone(),
+        None => kept_owner(data_dir)?,
+    };
+    if before.is_some() {
+        opened.expect_owner(&owner)?;
+    } else {
+        opened.claim(&owner)?;
         let blobs = Blobs::of(data_dir, None);
         for found in blobs.list()?.into_iter().chain(blobs.list_trash()?).filter(|found| found.id.is_some()) {
             opened.put(&name(data_dir, &found.path), &found.path)?;
@@ -115,17 +122,31 @@ fn read(data_dir: &Path) -> Result<Option<Remembered>> {
 }
 
 fn write(data_dir: &Path, remembered: &Remembered) -> Result<()> {
-    let path = data_dir.join(FILE);
     let json = serde_json::to_vec_pretty(remembered).map_err(|error| Error::internal("writing a file", error))?;
+    write_file(data_dir, FILE, &json)
+}
+
+fn write_file(data_dir: &Path, name: &str, content: &[u8]) -> Result<()> {
+    let path = data_dir.join(name);
     let mut draft = across::draft(data_dir).map_err(fault("writing", &path))?;
-    draft.write_all(&json).and_then(|()| draft.as_file().sync_all()).map_err(fault("writing", &path))?;
+    draft.write_all(content).and_then(|()| draft.as_file().sync_all()).map_err(fault("writing", &path))?;
     draft.persist(&path).map_err(|error| fault("writing", &path)(error.error))?;
     sync_folder(data_dir)
 }
 
-fn new_owner(data_dir: &Path) -> String {
-    let unique = format!("{:?} {} {}", SystemTime::now(), std::process::id(), data_dir.display());
-    blake3::hash(unique.as_bytes()).to_hex().to_string()
+/// The owner's name of an earlier attempt to move to a bucket, or a new one.
+pub(super) fn kept_owner(data_dir: &Path) -> Result<String> {
+    let path = data_dir.join(OWNER);
+    match fs::read_to_string(&path) {
+        Ok(owner) => Ok(owner),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            let unique = format!("{:?} {} {}", SystemTime::now(), std::process::id(), data_dir.display());
+            let owner = blake3::hash(unique.as_bytes()).to_hex().to_string();
+            write_file(data_dir, OWNER, owner.as_bytes())?;
+            Ok(owner)
+        }
+        Err(error) => Err(fault("reading", &path)(error)),
+    }
 }
 
 impl Blobs {
@@ -157,12 +178,14 @@ impl Blobs {
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         let draft = across::draft(folder).map_err(fault("making a file in", folder))?;
         remote.bucket.fetch(&name, id, draft.as_file())?;
+        // After a power cut a name must not lead to a part of the content.
+        draft.as_file().sync_all().map_err(fault("syncing", path))?;
         draft.persist(path).map_err(|error| fault("renaming to", path)(error.error))?;
         Ok(())
     }
 
-    /// Removes the least recently used copies until `bytes` more fit below the limit. A copy whose object is missing or
-    /// has another size stays.
+    /// Removes the least recently used copies until `bytes` more fit below the limit. A copy whose object is missing
+    /// stays.
     pub(super) fn limit_copies(&self, remote: &Remote, bytes: u64) -> Result<()> {
         if remote.most_bytes == 0 {
             return Ok(());
@@ -200,9 +223,12 @@ impl Blobs {
             if there.saturating_add(bytes) <= most {
                 break;
             }
-            if remote.bucket.size(&self.name(&id))? != Some(size) {
+            let Some(object) = remote.bucket.size(&self.name(&id))? else {
                 tracing::error!(blob.id = %id, store = remote.bucket.shown(), "the bucket lacks a blob: its copy stays");
                 continue;
+            };
+            if object != size {
+                tracing::warn!(blob.id = %id, "a copy has another size than its object: it is removed");
             }
             match fs::remove_file(&path) {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => {

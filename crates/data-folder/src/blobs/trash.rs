@@ -39,9 +39,14 @@ impl Blobs {
     /// # Errors
     /// Internal when the disk fails; then the blob is in one of the two places.
     pub fn move_out(&self, id: &BlobId, to: &Path) -> Result<()> {
-        let from = self.fetched(id)?;
+        let from = self.path(id);
+        if let Some(remote) = &self.remote {
+            // The object is removed: what leaves is its checked content, and not the copy.
+            self.fetch(remote, id, &from)?;
+        }
         across::rename(&from, to).map_err(fault("renaming to", to))?;
         if let Some(remote) = &self.remote {
+            to.parent().map_or(Ok(()), sync_folder)?;
             remote.bucket.remove(&self.name(id))?;
         }
         sidecar::sidecars(&from)?.iter().try_for_each(|sidecar| remove(sidecar))

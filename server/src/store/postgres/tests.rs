@@ -149,3 +149,27 @@ async fn texts_with_a_nul_character_are_invalid() {
     let error = store.insert_task(&spec).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Invalid, "{error}");
 }
+
+#[test]
+fn unknown_parameters_of_an_address_are_named_without_their_values() {
+    let error = Postgres::at("postgres://gleaner@db/lab?sslpassword=secret-1").unwrap_err();
+    assert!(error.message().contains("sslpassword") && !error.to_string().contains("secret-1"), "{error}");
+    Postgres::at("postgres://gleaner@db/lab?sslmode=verify-full&host=/run/postgresql").unwrap();
+}
+
+/// The second statement of a beginning waits for a lock longer than it may, and leaves its transaction aborted.
+#[tokio::test]
+async fn a_beginning_that_fails_does_not_stop_later_writes() {
+    if !selected() {
+        return;
+    }
+    let at = testing::postgres().await;
+    let store = Store::serve_postgres(&at).await.unwrap();
+    let other = Store::open_beside(&at).await.unwrap();
+    super::super::sql::query("set lock_timeout = '50ms'").execute(&store.writer).await.unwrap();
+    let held = other.write().await.unwrap();
+    assert_eq!(store.write().await.map(drop).unwrap_err().kind(), Kind::Unavailable);
+    drop(held);
+    testing::task(&store).await;
+    assert_eq!(store.tasks().await.unwrap().len(), 1);
+}
