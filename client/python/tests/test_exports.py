@@ -107,7 +107,9 @@ def test_lerobot_export_is_read_by_pyarrow(exported: dict[str, Path]) -> None:
     np.testing.assert_allclose(stats["action"]["q90"], np.quantile(action.astype(np.float64), 0.9, axis=0), atol=1e-9)
 
 
-def test_lerobot_video_is_read_by_av(client: gleaner.Client, lab: Lab, exported: dict[str, Path], tmp_path: Path) -> None:
+def test_lerobot_video_is_read_by_av(
+    client: gleaner.Client, lab: Lab, exported: dict[str, Path], tmp_path: Path
+) -> None:
     spec = {"export": {"dataset_id": lab.dataset, "format": "lerobot", "video": True}}
     job = client.jobs.submit(TASK, spec, key="export lerobot video")
     client.jobs.wait(job, timeout=120)
