@@ -6,6 +6,8 @@ mod children;
 mod connections;
 mod database;
 mod engine;
+mod jobs;
+mod limits;
 mod maintenance;
 mod openpi;
 mod plan;
@@ -18,7 +20,6 @@ mod uploads;
 use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand};
-use gleaner_inspector::RecordingsConfig;
 use gleaner_logs::LogOptions;
 
 pub use gleaner_core::Secret;
@@ -30,6 +31,8 @@ pub use self::{
     connections::ConnectionsConfig,
     database::DatabaseConfig,
     engine::{EngineConfig, EngineKind},
+    jobs::JobsConfig,
+    limits::LimitConfig,
     maintenance::{
         BackupConfig, CheckConfig, MaintenanceCommand, MaintenanceConfig, MigrateConfig, RebuildConfig, RestoreConfig,
     },
@@ -128,78 +131,6 @@ pub struct ServeConfig {
     pub policies: PoliciesConfig,
 }
 
-/// Limits on messages, uploads and inspections.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Limits")]
-pub struct LimitConfig {
-    /// Maximum size of a gRPC message in bytes, at least 4194304. A lower limit bounds the size of snapshots and
-    /// observations; with a higher one a single call can use more memory.
-    #[arg(long, env = "GLEANER_MAX_MESSAGE_BYTES", default_value_t = 32 << 20, value_name = "BYTES")]
-    pub max_message_bytes: usize,
-    /// Maximum size of a recording in bytes. Larger recordings are rejected before their upload.
-    #[arg(long, env = "GLEANER_MAX_UPLOAD_BYTES", default_value_t = 8 << 30, value_name = "BYTES")]
-    pub max_upload_bytes: u64,
-    /// Maximum memory of one inspection in bytes, and beside 16 times the recording's size the most that its decoded
-    /// images take on disk. Memory follows the number of messages and not of pixels. Recordings that need more are
-    /// rejected.
-    #[arg(long, env = "GLEANER_INSPECT_MEMORY_BYTES", default_value_t = 2 << 30, value_name = "BYTES")]
-    pub inspect_memory_bytes: u64,
-    /// Maximum time of one inspection in seconds, for processor time and wall clock each; each 512 KiB of the recording
-    /// add a second. Recordings that need more are rejected.
-    #[arg(long, env = "GLEANER_INSPECT_SECONDS", default_value_t = 120, value_name = "SECONDS")]
-    pub inspect_seconds: u64,
-    /// Maximum number of inspections at once, shared fairly between callers: above 1, one caller gets at most all but
-    /// one. More inspections at once use more processors and memory (0: as 1).
-    #[arg(long, env = "GLEANER_INSPECT_PARALLEL", default_value_t = 3, value_name = "N")]
-    pub inspect_parallel: usize,
-    /// Threads that decode the images of one inspection (0: the processors, shared between `--inspect-parallel`). More
-    /// threads shorten the inspection of a recording with images; all count towards its processor time.
-    #[arg(long, env = "GLEANER_INSPECT_THREADS", default_value_t = 0, value_name = "N")]
-    pub inspect_threads: usize,
-    /// Maximum number of concurrent calls on one connection; further ones wait in the client.
-    #[arg(long, env = "GLEANER_MAX_STREAMS", default_value_t = 256, value_name = "N")]
-    pub max_streams: u32,
-    /// Limits on the content of a recording.
-    #[command(flatten)]
-    pub recordings: RecordingsConfig,
-}
-
-/// Workers.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Jobs")]
-pub struct JobsConfig {
-    /// Maximum number of jobs that run at once, one worker process each (0: jobs are queued and do not run).
-    #[arg(long, env = "GLEANER_WORKERS", default_value_t = 1, value_name = "N")]
-    pub workers: usize,
-    /// Compute threads of one worker; a training uses one more for its batches. More threads finish a job sooner and
-    /// leave fewer processors for serving; results are reproducible for a fixed number.
-    #[arg(long, env = "GLEANER_WORKER_THREADS", default_value_t = 2, value_name = "N")]
-    pub worker_threads: u32,
-    /// Niceness of workers. A higher value slows jobs down in favour of serving (0: the server's own priority).
-    #[arg(long, env = "GLEANER_WORKER_NICE", default_value_t = 10, value_name = "NICE")]
-    pub worker_nice: i32,
-    /// Run compute threads of jobs at idle priority (SCHED_IDLE), so that serving preempts them at once; niceness alone
-    /// lets them finish a slice of a few milliseconds. Jobs stall beside programs that use every processor; `false`
-    /// gives them a share.
-    #[arg(long, env = "GLEANER_WORKER_IDLE", default_value_t = true, action = clap::ArgAction::Set, value_name = "BOOL")]
-    pub worker_idle: bool,
-    /// Folder of pretrained weights that jobs name by `image_weights`: safetensors files of up to 256 MiB, as
-    /// `scripts/convert_resnet.py` writes them. A job gets a copy when it is submitted. Without a folder such jobs are
-    /// rejected.
-    #[arg(long, env = "GLEANER_IMAGE_WEIGHTS_DIR", value_name = "DIR")]
-    pub image_weights_dir: Option<PathBuf>,
-    /// End a job's attempt when its worker has not reported for this many seconds. Lower values detect stuck workers
-    /// sooner but end attempts on a machine that is overloaded.
-    #[arg(long, env = "GLEANER_WORKER_SILENCE_SECONDS", default_value_t = 120, value_name = "SECONDS")]
-    pub worker_silence_seconds: u64,
-    /// The processes of a training.
-    #[command(flatten)]
-    pub ranks: RanksConfig,
-    /// Where jobs run.
-    #[command(flatten)]
-    pub engine: EngineConfig,
-}
-
 impl Cli {
     /// Has this process die at the fail point of its configuration, if that names one.
     ///
@@ -222,33 +153,17 @@ impl ServeConfig {
     pub fn validate(&self) -> Result<(), String> {
         self.access.validate(self.listen, self.insecure)?;
         self.database.validate()?;
-        if self.limits.max_message_bytes < 4 << 20 {
-            return Err("--max-message-bytes: must be at least 4194304 for uploads and images to fit".to_owned());
-        }
+        self.limits.validate()?;
         if self.drain_seconds > 3600 {
             return Err("--drain-seconds: must be at most 3600".to_owned());
         }
         self.connections.validate()?;
         self.telemetry.validate(self.access.tls_cert.is_some())?;
         self.openpi.validate(self.access.tls_cert.is_some(), self.insecure)?;
-        self.limits.recordings.validate()?;
         self.blob_store.validate()?;
         self.maintenance.validate()?;
-        self.jobs.validate()?;
-        self.jobs.engine.validate(self.access.tls_cert.is_some(), self.insecure)?;
+        self.jobs.validate(self.access.tls_cert.is_some(), self.insecure)?;
         self.policies.validate()
-    }
-}
-
-impl JobsConfig {
-    fn validate(&self) -> Result<(), String> {
-        match &self.image_weights_dir {
-            Some(folder) if !folder.is_dir() => Err(format!(
-                "--image-weights-dir: {} is not a folder; create it, or leave the flag out",
-                folder.display()
-            )),
-            Some(_) | None => Ok(()),
-        }
     }
 }
 

@@ -22,8 +22,8 @@ const OLDEST: i32 = 150_000;
 const READERS: u32 = 8;
 /// Longest wait for a connection, and for other writers.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Settings of every session. A server whose machine or network is lost must not keep its lock for hours. The notice of a
-/// rollback without a transaction is none.
+/// Settings of every session. A server whose machine or network is lost must not keep its lock for hours. A rollback
+/// without a transaction sends no notice.
 const SESSION: [(&str, &str); 5] = [
     ("lock_timeout", "10s"),
     ("tcp_keepalives_idle", "15"),
@@ -72,6 +72,11 @@ impl Postgres {
     /// # Errors
     /// Invalid.
     pub(crate) fn at(url: &str) -> Result<Self> {
+        // A secret with a `?` in it would be read as parameters, and be named below.
+        if url.split_once('?').is_some_and(|(_, rest)| rest.contains('@')) {
+            let fix = "write `?`, `&` and `@` of a user or password as %3F, %26 and %40";
+            return Err(Error::invalid("--database", format!("an @ follows a ?; {fix}")));
+        }
         let parameters = url.split_once('?').map_or("", |(_, parameters)| parameters).split('&');
         let mut names = parameters.filter_map(|one| one.split('=').next()).filter(|name| !name.is_empty());
         if let Some(unknown) = names.find(|name| !PARAMETERS.contains(name)) {

@@ -10,7 +10,7 @@ mod value;
 
 use futures::{StreamExt as _, stream::BoxStream};
 use sqlx::{
-    Arguments as _, AssertSqlSafe, Postgres, SqlSafeStr, SqlStr, Sqlite,
+    Arguments as _, AssertSqlSafe, Encode, Postgres, SqlSafeStr, SqlStr, Sqlite, Type,
     error::BoxDynError,
     postgres::{PgArguments, PgRow},
     query::{Map, Query},
@@ -151,22 +151,24 @@ impl<M> Statement<M> {
 }
 
 fn sqlite(text: SqlStr, values: Vec<Value>) -> sqlx::Result<Query<'static, Sqlite, SqliteArguments>> {
-    let mut arguments = SqliteArguments::default();
-    for value in values {
-        match value {
-            Value::Integer(value) => arguments.add(value),
-            Value::Real(value) => arguments.add(value),
-            Value::Text(value) => arguments.add(value),
-            Value::Bytes(value) => arguments.add(value),
-            Value::Boolean(value) => arguments.add(value),
-        }
-        .map_err(sqlx::Error::Encode)?;
-    }
-    Ok(sqlx::query_with(text, arguments))
+    Ok(sqlx::query_with(text, encoded::<Sqlite>(values)?))
 }
 
 fn postgres(text: SqlStr, numbered: bool, values: Vec<Value>) -> sqlx::Result<Query<'static, Postgres, PgArguments>> {
-    let mut arguments = PgArguments::default();
+    let text = if numbered { text } else { AssertSqlSafe(builder::numbered(text.as_str())).into_sql_str() };
+    Ok(sqlx::query_with(text, encoded::<Postgres>(values)?))
+}
+
+/// Values as arguments of a database.
+fn encoded<D: sqlx::Database>(values: Vec<Value>) -> sqlx::Result<D::Arguments>
+where
+    Option<i64>: for<'t> Encode<'t, D> + Type<D>,
+    Option<f64>: for<'t> Encode<'t, D> + Type<D>,
+    Option<String>: for<'t> Encode<'t, D> + Type<D>,
+    Option<Vec<u8>>: for<'t> Encode<'t, D> + Type<D>,
+    Option<bool>: for<'t> Encode<'t, D> + Type<D>,
+{
+    let mut arguments = D::Arguments::default();
     for value in values {
         match value {
             Value::Integer(value) => arguments.add(value),
@@ -177,6 +179,5 @@ fn postgres(text: SqlStr, numbered: bool, values: Vec<Value>) -> sqlx::Result<Qu
         }
         .map_err(sqlx::Error::Encode)?;
     }
-    let text = if numbered { text } else { AssertSqlSafe(builder::numbered(text.as_str())).into_sql_str() };
-    Ok(sqlx::query_with(text, arguments))
+    Ok(arguments)
 }

@@ -154,6 +154,8 @@ async fn texts_with_a_nul_character_are_invalid() {
 fn unknown_parameters_of_an_address_are_named_without_their_values() {
     let error = Postgres::at("postgres://gleaner@db/lab?sslpassword=secret-1").unwrap_err();
     assert!(error.message().contains("sslpassword") && !error.to_string().contains("secret-1"), "{error}");
+    let error = Postgres::at("postgres://gleaner:secret?two=3@db/lab").unwrap_err();
+    assert!(error.message().contains("%3F") && !error.to_string().contains("two"), "{error}");
     Postgres::at("postgres://gleaner@db/lab?sslmode=verify-full&host=/run/postgresql").unwrap();
 }
 
