@@ -1,4 +1,4 @@
-//! Sums over the processes of one training: a few declarations of the process groups that libtorch contains (gloo, and
+//! Sums over the processes of one job: a few declarations of the process groups that libtorch contains (gloo, and
 //! NCCL in a CUDA build). Independent of models, jobs and servers.
 //!
 //! Rank 0 opens a [`Meeting`] at a free port; the others connect to it. Each then becomes a [`Group`], which returns when

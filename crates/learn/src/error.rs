@@ -67,9 +67,12 @@ pub enum LearnError {
         "no thread could be started to assemble batches: {0}; run fewer jobs at once or raise the limit on threads"
     )]
     Thread(std::io::Error),
-    /// Another process of the training is lost.
+    /// Another process of the job is lost.
     #[error("{0}")]
     Group(#[from] GroupError),
+    /// Another process of the job sent a result that this one cannot read.
+    #[error("another rank sent a result of another form; run the same release on every node")]
+    Exchange,
     /// The tensor library failed: out of memory, or a defect here.
     #[error("tensor library: {0}")]
     Torch(String),
@@ -87,6 +90,7 @@ impl LearnError {
             | Self::Steps { .. }
             | Self::Thread(_)
             | Self::Group(_)
+            | Self::Exchange
             | Self::Torch(_) => Error::internal(doing, self),
         }
     }

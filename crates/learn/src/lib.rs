@@ -9,7 +9,8 @@
 //!    [`LiveScorer`] scores episodes that are not stored.
 //! 4. [`train_policy`] trains a policy on experts and weighted segments, and [`Policy`] acts with it.
 //!
-//! Several processes can share one training: [`pretrain_with`] and [`train_policy_with`] take [`Peers`].
+//! Several processes can share one training or one score run: [`pretrain_with`], [`train_policy_with`] and [`score_with`]
+//! take [`Peers`].
 //!
 //! Each stage reports to a [`Monitor`], which stores checkpoints and cancels. [`kinds`] lists the policies,
 //! weightings, objectives and scorers of the crate.
@@ -73,7 +74,7 @@ pub use policy::{Observed, Policy, PolicySession, Pretrained, train_policy, trai
 pub use pretrain::{pretrain, pretrain_with};
 pub use score::{
     EpisodeScores, FeatureScale, FeatureStore, Forgetful, LiveScorer, Normaliser, ScoreBase, ScoreInputs, Scores,
-    SegmentScore, Similarity, extend_scores, features_kind, score,
+    SegmentScore, Similarity, extend_scores, features_kind, score, score_with,
 };
 pub use shape::{CameraShape, TaskShape};
 pub use steps::{Numbers, StepSource, StepWidths};

@@ -1,8 +1,13 @@
 //! The other processes of a training, which work on the other parts of each batch: the sums of gradients and numbers
-//! between `backward()` and the optimiser's step. Independent of models and losses.
+//! between `backward()` and the optimiser's step. Those of a score run exchange results exactly ([`exchange`]).
+//! Independent of models, losses and scores.
 //!
-//! Every rank draws the same batches and computes its share of the loss, so that the sum over the ranks is the loss of
+//! In a training, every rank draws the same batches and computes its share of the loss, so that the sum over the ranks is the loss of
 //! one process, up to rounding. All ranks apply the same bits, so their weights stay equal.
+
+mod exchange;
+#[cfg(test)]
+pub(crate) mod testing;
 
 use gleaner_group::Group;
 use tch::{Device, Kind, Tensor, no_grad_guard};
@@ -11,7 +16,9 @@ use crate::batch::{Part, int, values};
 use crate::error::LearnError;
 use crate::optimizer::Gradients;
 
-/// The processes of a training.
+pub(crate) use exchange::Receivers;
+
+/// The processes of a training or of a score run.
 #[derive(Debug, Default)]
 pub struct Peers(Option<Group>);
 

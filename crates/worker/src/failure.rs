@@ -33,9 +33,11 @@ impl From<LearnError> for Failure {
             | LearnError::Version { .. }
             | LearnError::Diverged { .. } => Self::Permanent(message),
             LearnError::Group(_) => Self::Lost(message),
-            LearnError::Monitor { .. } | LearnError::Steps { .. } | LearnError::Thread(_) | LearnError::Torch(_) => {
-                Self::Retryable(message)
-            }
+            LearnError::Monitor { .. }
+            | LearnError::Steps { .. }
+            | LearnError::Thread(_)
+            | LearnError::Exchange
+            | LearnError::Torch(_) => Self::Retryable(message),
         }
     }
 }

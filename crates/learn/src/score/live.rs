@@ -9,10 +9,11 @@ use tch::no_grad_guard;
 
 use super::comparison::Comparison;
 use super::features::{Features, embed_frames, embedding_width, episode_features, newest_features};
+use super::local::Spread;
 use super::normaliser::Normaliser;
 use super::run::sound;
 use super::similarity::metric;
-use super::{EpisodeScores, Opened, local, scorer};
+use super::{EpisodeScores, Opened, scorer};
 use crate::error::{LearnError, guard};
 use crate::history::{Embedding, History, Layout};
 use crate::shape::TaskShape;
@@ -219,7 +220,8 @@ fn local_scale(experts: &[Features], index: &Index, metric: Metric) -> Result<Op
     let alone: Option<Vec<_>> = (0..).zip(experts).map(alone).collect::<Result<_, LearnError>>()?;
     let Some(alone) = alone else { return Ok(None) };
     let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
-    local::means(experts, metric, &alone, || Ok(())).map(Some)
+    let spread = Spread::new(experts, metric, &alone);
+    Ok(Some((0..alone.len()).map(|expert| spread.around(expert)).collect()))
 }
 
 #[cfg(test)]

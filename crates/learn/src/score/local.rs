@@ -10,7 +10,6 @@ use gleaner_search::{Metric, Neighbours};
 
 use super::EpisodeScores;
 use super::features::Features;
-use crate::error::LearnError;
 
 /// k: enough that a single unusual expert does not set the scale, few enough that the scale stays local.
 const NEIGHBOURS: usize = 10;
@@ -27,25 +26,28 @@ pub(super) fn relative(local: Option<&Vec<Vec<f64>>>, episode: &EpisodeScores) -
     })
 }
 
-/// ρ of every segment of every expert under `metric`. `alone` is w of each expert against the others; `go_on` is called
-/// after each episode and may return an error to stop.
-pub(super) fn means(
-    experts: &[Features],
-    metric: Metric,
-    alone: &[&[f64]],
-    mut go_on: impl FnMut() -> Result<(), LearnError>,
-) -> Result<Vec<Vec<f64>>, LearnError> {
-    let neighbours = Neighbours::new(experts, metric);
-    let distances: Vec<f64> = alone.iter().flat_map(|w| w.iter().map(|w| -w)).collect();
-    #[expect(clippy::cast_precision_loss, reason = "far fewer segments than 2^52")]
-    let least = (LEAST * distances.iter().sum::<f64>() / distances.len().max(1) as f64).max(f64::MIN_POSITIVE);
-    let mut means = Vec::with_capacity(alone.len());
-    for expert in 0..alone.len() {
-        let nearest = neighbours.nearest(expert, NEIGHBOURS);
-        means.push(nearest.into_iter().map(|near| mean(near, &distances).max(least)).collect());
-        go_on()?;
+/// The spread of experts around each of their segments.
+pub(super) struct Spread {
+    neighbours: Neighbours,
+    /// The distance of every segment to the nearest one of another expert.
+    distances: Vec<f64>,
+    least: f64,
+}
+
+impl Spread {
+    /// The spread of `experts` under `metric`. `alone` is w of each expert against the others.
+    pub(super) fn new(experts: &[Features], metric: Metric, alone: &[&[f64]]) -> Self {
+        let distances: Vec<f64> = alone.iter().flat_map(|w| w.iter().map(|w| -w)).collect();
+        #[expect(clippy::cast_precision_loss, reason = "far fewer segments than 2^52")]
+        let least = (LEAST * distances.iter().sum::<f64>() / distances.len().max(1) as f64).max(f64::MIN_POSITIVE);
+        Self { neighbours: Neighbours::new(experts, metric), distances, least }
     }
-    Ok(means)
+
+    /// ρ of every segment of the expert of this number.
+    pub(super) fn around(&self, expert: usize) -> Vec<f64> {
+        let nearest = self.neighbours.nearest(expert, NEIGHBOURS);
+        nearest.into_iter().map(|near| mean(near, &self.distances).max(self.least)).collect()
+    }
 }
 
 /// The mean of `distances` at `places`, added in a fixed order, whatever the order of `places`.
@@ -86,7 +88,8 @@ mod tests {
         let experts = line();
         let alone = alone(&experts);
         let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
-        let means = super::means(&experts, metric(Similarity::LastL2, [1.0; 3]), &alone, || Ok(())).unwrap();
+        let spread = Spread::new(&experts, metric(Similarity::LastL2, [1.0; 3]), &alone);
+        let means: Vec<_> = (0..alone.len()).map(|expert| spread.around(expert)).collect();
         for expert in &means {
             let (dense, sparse) = expert.split_at(8);
             let (longest, shortest) =
@@ -100,17 +103,7 @@ mod tests {
         let twice = vec![line()[0].clone(), line()[0].clone(), line()[2].clone()];
         let alone = alone(&twice);
         let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
-        let means = super::means(&twice, metric(Similarity::LastL2, [1.0; 3]), &alone, || Ok(())).unwrap();
-        assert!(means.iter().flatten().all(|mean| *mean > 0.0));
-    }
-
-    #[test]
-    fn asking_to_stop_stops() {
-        let experts = line();
-        let alone = alone(&experts);
-        let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
-        let stopped =
-            super::means(&experts, metric(Similarity::LastL2, [1.0; 3]), &alone, || Err(LearnError::Cancelled));
-        assert!(matches!(stopped, Err(LearnError::Cancelled)));
+        let spread = Spread::new(&twice, metric(Similarity::LastL2, [1.0; 3]), &alone);
+        assert!((0..alone.len()).flat_map(|expert| spread.around(expert)).all(|mean| mean > 0.0));
     }
 }

@@ -7,11 +7,14 @@ mod base;
 mod comparison;
 mod feature_key;
 mod features;
+mod form;
 mod live;
 mod local;
 mod normaliser;
+mod progress;
 mod run;
 pub(crate) mod scorer;
+mod shards;
 mod similarity;
 
 pub use comparison::{FeatureScale, Similarity};
@@ -31,14 +34,17 @@ use crate::error::{LearnError, guard};
 use crate::model::{Network, View};
 use crate::normalize::FeatureScale as Scale;
 use crate::objective::features_view;
+use crate::peers::Peers;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use base::Known;
 use comparison::Comparison;
 use features::Encoder;
 use gleaner_core::{NormaliserKind, PretrainSpec, ScoreSpec};
-use run::{Found, Progress, Run, count};
+use progress::{Progress, count};
+use run::{Found, Run};
 use scorer::Scorer;
+use shards::Shards;
 
 /// The scores of one episode's segments, by the episode's name; entry t is the segment that ends at step t. w is the
 /// classifier's log p(expert), DemInf's information, the gain of `progress` or the share of `vote` if that is the
@@ -92,7 +98,7 @@ pub struct ScoreInputs<'a> {
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for an encoder that
 /// cannot be used, [`LearnError::Cancelled`], and errors of the tensor library.
 pub fn score(inputs: ScoreInputs<'_>, spec: &ScoreSpec, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
-    Call { inputs, spec, scorer: scorer::open(&spec.scorer)? }.run(None, monitor)
+    alone(score_with(inputs, None, spec, (&mut Peers::alone(), monitor)))
 }
 
 /// Extends an earlier run of the same encoder and settings with more experts, more imperfect
@@ -110,18 +116,43 @@ pub fn extend_scores(
     spec: &ScoreSpec,
     monitor: &mut dyn Monitor,
 ) -> Result<Scores, LearnError> {
+    alone(score_with(inputs, Some(base), spec, (&mut Peers::alone(), monitor)))
+}
+
+/// The result of a process that is alone, and so leads.
+fn alone(scores: Result<Option<Scores>, LearnError>) -> Result<Scores, LearnError> {
+    scores?.ok_or(LearnError::Exchange)
+}
+
+/// As [`score`], or [`extend_scores`] with a `base`, as one of the ranks that each score a part of the episodes: every
+/// rank calls this with the same input. Rank 0 returns the scores, the others `None`. They are bit for bit those of
+/// one process, and so are the kept features. Progress and its metric are of all ranks.
+///
+/// # Errors
+/// As [`score`] and [`extend_scores`]; also [`LearnError::Invalid`] for several ranks with a scorer whose every score depends
+/// on all episodes, and [`LearnError::Group`] when another rank is lost.
+pub fn score_with(
+    inputs: ScoreInputs<'_>,
+    base: Option<&ScoreBase>,
+    spec: &ScoreSpec,
+    (peers, monitor): (&mut Peers, &mut dyn Monitor),
+) -> Result<Option<Scores>, LearnError> {
     let scorer = scorer::open(&spec.scorer)?;
-    let Some(comparison) = scorer.comparison() else {
-        let name = &spec.scorer.name;
-        let message = format!("is {name}, whose every score depends on all episodes; score without extends");
-        return Err(LearnError::invalid("scorer", message));
+    let of_all = |consequence: &str| {
+        let message = format!("is {}, whose every score depends on all episodes; {consequence}", spec.scorer.name);
+        LearnError::invalid("scorer", message)
     };
-    if comparison.local_scale && base.experts.len() == 1 {
-        let message =
-            "is one alone, so its run had no local scale that its normaliser was fitted to; score without extends";
-        return Err(LearnError::invalid("base.experts", message));
+    match (scorer.comparison(), base) {
+        (None, Some(_)) => return Err(of_all("score without extends")),
+        (None, None) if peers.several() => return Err(of_all("score it in one process")),
+        (Some(comparison), Some(base)) if comparison.local_scale && base.experts.len() == 1 => {
+            let message =
+                "is one alone, so its run had no local scale that its normaliser was fitted to; score without extends";
+            return Err(LearnError::invalid("base.experts", message));
+        }
+        (Some(_) | None, Some(_) | None) => {}
     }
-    Call { inputs, spec, scorer }.run(Some(base), monitor)
+    Call { inputs, spec, scorer }.run(base, peers, monitor)
 }
 
 /// A decoded pretrained encoder.
@@ -158,7 +189,12 @@ struct Call<'a> {
 }
 
 impl Call<'_> {
-    fn run(&self, base: Option<&ScoreBase>, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
+    fn run(
+        &self,
+        base: Option<&ScoreBase>,
+        peers: &mut Peers,
+        monitor: &mut dyn Monitor,
+    ) -> Result<Option<Scores>, LearnError> {
         self.validate(base)?;
         guard(|| {
             let opened = Opened::read(self.inputs.encoder, self.spec, self.scorer.feature_scale())?;
@@ -166,14 +202,15 @@ impl Call<'_> {
             for trajectory in self.inputs.experts.iter().chain(self.inputs.imperfect) {
                 trajectory.validate(&network.shape)?;
             }
-            let Found { mut imperfect, mut experts, local } = match &self.scorer {
-                Scorer::Nearest(comparison) => self.by_nearest(opened.encoder(), comparison, base, monitor)?,
+            let found = match &self.scorer {
+                Scorer::Nearest(comparison) => self.by_nearest(opened.encoder(), comparison, base, (peers, monitor))?,
                 Scorer::Trained(trained) => {
                     let episodes = (self.inputs.experts, self.inputs.imperfect);
                     let (imperfect, experts) = (trained.scores)(opened.encoder(), episodes, monitor)?;
-                    Found { imperfect, experts, local: None }
+                    Some(Found { imperfect, experts, local: None })
                 }
             };
+            let Some(Found { mut imperfect, mut experts, local }) = found else { return Ok(None) };
             let normaliser = match base {
                 Some(base) => base.normaliser.clone(),
                 None => self.normaliser(&imperfect, &experts, local.as_ref()),
@@ -181,7 +218,7 @@ impl Call<'_> {
             for episode in imperfect.iter_mut().chain(&mut experts) {
                 episode.q = local::relative(local.as_ref(), episode).map(|w| normaliser.q(w)).collect();
             }
-            Ok(Scores { imperfect, experts, normaliser })
+            Ok(Some(Scores { imperfect, experts, normaliser }))
         })
     }
 
@@ -219,15 +256,15 @@ impl Call<'_> {
         Normaliser::fit(kind, scale.iter().flat_map(|episode| local::relative(local, episode)).collect())
     }
 
-    /// The scores by nearest expert segments, without q, in the given orders. Experts are numbered in the order of
-    /// their ids.
+    /// The scores by nearest expert segments, without q, in the given orders; `None` at a rank that does not lead.
+    /// Experts are numbered in the order of their ids.
     fn by_nearest(
         &self,
         encoder: Encoder<'_>,
         comparison: &Comparison,
         base: Option<&ScoreBase>,
-        monitor: &mut dyn Monitor,
-    ) -> Result<Found, LearnError> {
+        (peers, monitor): (&mut Peers, &mut dyn Monitor),
+    ) -> Result<Option<Found>, LearnError> {
         let _no_grad = no_grad_guard();
         let ScoreInputs { encoder: _, experts, imperfect, kept } = self.inputs;
         let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(experts).collect();
@@ -238,12 +275,15 @@ impl Call<'_> {
             Some(base) => Known::new(base, &experts, imperfect)?,
             None => Known::default(),
         };
-        let progress = Progress::new(monitor, total);
+        let mut shards = Shards::new(peers, Progress::new(monitor, total));
         let kept = features_kind(self.spec)?.map(|_| kept);
         let (experts, places, known) = (&experts, &places, &known);
-        let run = Run { encoder, comparison, experts, places, known, kept, progress };
-        let Found { imperfect, experts, local } = run.scores(imperfect)?;
-        Ok(Found { imperfect, experts: placed(places, experts), local: local.map(|all| placed(places, all)) })
+        let run = Run { encoder, comparison, experts, places, known, kept };
+        let found = run.scores(imperfect, &mut shards)?;
+        Ok(found.map(|Found { imperfect, experts, local }| {
+            let local = local.map(|all| placed(places, all));
+            Found { imperfect, experts: placed(places, experts), local }
+        }))
     }
 }
 

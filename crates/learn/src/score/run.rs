@@ -1,49 +1,19 @@
 //! A score run by nearest expert segments, from the start or as an extension of an earlier run.
 
-use std::time::Instant;
-
 use gleaner_core::snapshot::Role;
 use gleaner_search::{Index, Match, Metric};
 
+use super::EpisodeScores;
 use super::base::Known;
 use super::comparison::Comparison;
 use super::features::kept::{self, Kept};
 use super::features::{Encoder, FeatureStore, Features, Rough, episode_features, widths};
+use super::form::{Form, MATCHES, Matches, NUMBERS};
+use super::local::Spread;
+use super::shards::Shards;
 use super::similarity::metric;
-use super::{EpisodeScores, local};
 use crate::error::LearnError;
-use crate::train::Monitor;
 use crate::trajectory::Trajectory;
-
-/// Counts scored segments, reports them to the monitor, and checks for cancellation.
-pub(super) struct Progress<'a> {
-    monitor: &'a mut dyn Monitor,
-    total: u64,
-    done: u64,
-    begin: Instant,
-}
-
-impl<'a> Progress<'a> {
-    pub(super) fn new(monitor: &'a mut dyn Monitor, total: u64) -> Self {
-        Self { monitor, total, done: 0, begin: Instant::now() }
-    }
-
-    pub(super) fn advance(&mut self, segments: usize) -> Result<(), LearnError> {
-        if self.monitor.cancelled() {
-            return Err(LearnError::Cancelled);
-        }
-        self.done += segments as u64;
-        #[expect(clippy::cast_precision_loss, reason = "a rate for people to read")]
-        let rate = self.done as f64 / self.begin.elapsed().as_secs_f64().max(1e-9);
-        self.monitor.progress(self.done, self.total, &[("segments_per_second", rate)]);
-        Ok(())
-    }
-}
-
-/// Number of segments of `episodes`.
-pub(super) fn count<'a>(episodes: impl IntoIterator<Item = &'a Trajectory>) -> u64 {
-    episodes.into_iter().map(|episode| episode.steps() as u64).sum()
-}
 
 /// The features of episode `of`; fails unless they can be compared.
 pub(super) fn sound(features: Features, of: &str) -> Result<Features, LearnError> {
@@ -65,7 +35,6 @@ pub(super) struct Run<'a> {
     pub(super) known: &'a Known<'a>,
     /// Features of earlier runs; `None` where storing them does not pay off.
     pub(super) kept: Option<&'a dyn FeatureStore>,
-    pub(super) progress: Progress<'a>,
 }
 
 /// The result of a run, without q.
@@ -87,8 +56,12 @@ struct Indexes {
 
 impl Run<'_> {
     /// The scores of the imperfect episodes and of the experts, each in the order of `imperfect`
-    /// and of the numbers, without q.
-    pub(super) fn scores(mut self, imperfect: &[Trajectory]) -> Result<Found, LearnError> {
+    /// and of the numbers, without q; `None` at a rank that does not lead.
+    pub(super) fn scores(
+        &self,
+        imperfect: &[Trajectory],
+        shards: &mut Shards<'_>,
+    ) -> Result<Option<Found>, LearnError> {
         let had = self.known.had();
         let news = self.places.len() > had.len();
         let known = |episode: &Trajectory| self.known.matches(&episode.id).is_some();
@@ -98,13 +71,10 @@ impl Run<'_> {
             && imperfect.iter().all(known)
             && (self.experts.len() < 2 || self.experts.iter().all(|e| known(e)))
         {
-            self.progress.advance(usize::try_from(self.progress.total).unwrap_or(usize::MAX))?;
-            return Ok(self.unchanged(imperfect));
+            shards.finish()?;
+            return Ok(shards.lead().then(|| self.unchanged(imperfect)));
         }
-        let mut features = Vec::with_capacity(self.experts.len());
-        for expert in self.experts {
-            features.push(self.exact(expert)?);
-        }
+        let features = self.features(shards)?;
         let metric = metric(self.comparison.similarity, self.comparison.scale);
         let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
         let new: Vec<(u32, &Features)> = numbered.iter().filter(|(number, _)| !had.contains(number)).copied().collect();
@@ -112,40 +82,61 @@ impl Run<'_> {
             all: Index::new(&numbered, metric)?,
             new: (!had.is_empty() && news).then(|| Index::new(&new, metric)).transpose()?,
         };
-        let mut scored = Vec::with_capacity(imperfect.len());
-        for episode in imperfect {
-            scored.push(self.imperfect(episode, &indexes)?);
-        }
-        let mut experts = Vec::with_capacity(self.experts.len());
-        for (expert, features) in self.experts.iter().zip(&features) {
-            let known = self.known.matches(&expert.id);
-            experts.extend(self.nearest((&expert.id, Role::Expert), features, &indexes, known)?);
-            self.progress.advance(features.count())?;
-        }
-        let local = if plain { None } else { self.local(&features, metric, &experts)? };
-        Ok(Found { imperfect: scored, experts, local })
+        let sizes: Vec<usize> = imperfect.iter().map(Trajectory::steps).collect();
+        let scored = shards
+            .at_lead(&sizes, &MATCHES, |shards, at| self.imperfect(&imperfect[at], &indexes, shards).map(Some))?;
+        let alone = shards.all(&self.sizes(), &MATCHES, |shards, at| {
+            let (expert, features) = (self.experts[at], &features[at]);
+            let matches = self.nearest(&expert.id, features, &indexes, self.known.matches(&expert.id))?;
+            shards.advance(features.count())?;
+            Ok(matches)
+        })?;
+        let experts = self.describe_all(self.experts.iter().copied(), Role::Expert, alone);
+        let local = if plain { None } else { self.local(&features, metric, &experts, shards)? };
+        let scored = scored.map(|scored| self.describe_all(imperfect, Role::Imperfect, scored));
+        Ok(scored.map(|imperfect| Found { imperfect, experts, local }))
+    }
+
+    /// The number of segments of every expert.
+    fn sizes(&self) -> Vec<usize> {
+        self.experts.iter().map(|expert| expert.steps()).collect()
+    }
+
+    /// The features of every expert.
+    fn features(&self, shards: &mut Shards<'_>) -> Result<Vec<Features>, LearnError> {
+        let read = |at: usize, bytes: &[u8]| match self.kept_from(bytes, self.experts[at])? {
+            Kept::Exact(features) => Some(features),
+            Kept::Rough(_) => None,
+        };
+        let form = Form { write: &kept::exact_bytes, read: &read };
+        shards.all(&self.sizes(), &form, |shards, at| self.exact(self.experts[at], shards))
     }
 
     /// The local scale around each segment of the experts; `None` with a single expert.
     fn local(
-        &mut self,
+        &self,
         features: &[Features],
         metric: Metric,
         experts: &[EpisodeScores],
+        shards: &mut Shards<'_>,
     ) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
         if experts.is_empty() {
             return Ok(None);
         }
         let alone: Vec<&[f64]> = experts.iter().map(|expert| expert.w.as_slice()).collect();
-        let progress = &mut self.progress;
-        local::means(features, metric, &alone, || progress.advance(0)).map(Some)
+        let spread = Spread::new(features, metric, &alone);
+        shards.at_lead(&self.sizes(), &NUMBERS, |shards, at| {
+            let means = spread.around(at);
+            shards.advance(0)?;
+            Ok(means)
+        })
     }
 
     /// The result of a run without any new comparison: the scores of the earlier run.
     fn unchanged(&self, imperfect: &[Trajectory]) -> Found {
         let same = |episode: &Trajectory, role| {
             let matches: Vec<Match> = self.known.matches(&episode.id)?.into_iter().flatten().collect();
-            Some(self.describe(&episode.id, role, &matches))
+            Some(self.describe(episode, role, &matches))
         };
         Found {
             imperfect: imperfect.iter().filter_map(|episode| same(episode, Role::Imperfect)).collect(),
@@ -154,20 +145,23 @@ impl Run<'_> {
         }
     }
 
-    fn imperfect(&mut self, episode: &Trajectory, indexes: &Indexes) -> Result<EpisodeScores, LearnError> {
+    fn imperfect(
+        &self,
+        episode: &Trajectory,
+        indexes: &Indexes,
+        shards: &mut Shards<'_>,
+    ) -> Result<Vec<Match>, LearnError> {
         let known = self.known.matches(&episode.id);
         if let (Some(known), None) = (&known, &indexes.new) {
-            let matches: Vec<Match> = known.iter().flatten().copied().collect();
-            self.progress.advance(matches.len())?;
-            return Ok(self.describe(&episode.id, Role::Imperfect, &matches));
+            shards.advance(known.len())?;
+            return Ok(known.iter().flatten().copied().collect());
         }
         let kept = self.kept_features(episode);
         if let (Some(known), Some(new), Some(Kept::Rough(rough))) = (&known, &indexes.new, &kept)
             && self.stay(episode, new, rough, known)?
         {
-            let matches: Vec<Match> = known.iter().flatten().copied().collect();
-            self.progress.advance(matches.len())?;
-            return Ok(self.describe(&episode.id, Role::Imperfect, &matches));
+            shards.advance(known.len())?;
+            return Ok(known.iter().flatten().copied().collect());
         }
         let features = match kept {
             Some(Kept::Exact(features)) => features,
@@ -178,8 +172,8 @@ impl Run<'_> {
                 features
             }
         };
-        self.progress.advance(features.count())?;
-        self.nearest((&episode.id, Role::Imperfect), &features, indexes, known)?.ok_or_else(|| {
+        shards.advance(features.count())?;
+        self.nearest(&episode.id, &features, indexes, known)?.ok_or_else(|| {
             LearnError::invalid(
                 format!("episode {}", episode.id),
                 "is also the only expert, and an episode never matches itself; leave it out or add experts",
@@ -190,22 +184,21 @@ impl Run<'_> {
     /// The nearest expert segments of episode `id`, without an expert of the same id; `None` if no expert is left.
     fn nearest(
         &self,
-        (id, role): (&str, Role),
+        id: &str,
         queries: &Features,
         indexes: &Indexes,
         known: Option<Vec<Option<Match>>>,
-    ) -> Result<Option<EpisodeScores>, LearnError> {
+    ) -> Result<Matches, LearnError> {
         let own = self.number(id);
-        let matches = match (known, &indexes.new) {
+        Ok(match (known, &indexes.new) {
             (None, _) => indexes.all.nearest(queries, own)?,
             (Some(mut known), new) => {
                 if let Some(new) = new {
                     new.improve(queries, own, &mut known)?;
                 }
-                known.into_iter().collect::<Option<Vec<Match>>>()
+                known.into_iter().collect()
             }
-        };
-        Ok(matches.map(|matches| self.describe(id, role, &matches)))
+        })
     }
 
     /// Whether all segments of an episode keep their known matches, by its rounded features.
@@ -228,7 +221,7 @@ impl Run<'_> {
     }
 
     /// The features of an expert, which all others are compared with, so they are kept as they are.
-    fn exact(&mut self, expert: &Trajectory) -> Result<Features, LearnError> {
+    fn exact(&self, expert: &Trajectory, shards: &mut Shards<'_>) -> Result<Features, LearnError> {
         let features = if let Some(Kept::Exact(features)) = self.kept_features(expert) {
             features
         } else {
@@ -236,14 +229,16 @@ impl Run<'_> {
             self.keep(expert, kept::exact_bytes(&features));
             features
         };
-        self.progress.advance(features.count())?;
+        shards.advance(features.count())?;
         Ok(features)
     }
 
     fn kept_features(&self, trajectory: &Trajectory) -> Option<Kept> {
-        let network = self.encoder.network;
-        let bytes = self.kept?.get(&trajectory.id)?;
-        kept::from_bytes(&bytes, trajectory.steps(), widths(network, self.comparison))
+        self.kept_from(&self.kept?.get(&trajectory.id)?, trajectory)
+    }
+
+    fn kept_from(&self, bytes: &[u8], trajectory: &Trajectory) -> Option<Kept> {
+        kept::from_bytes(bytes, trajectory.steps(), widths(self.encoder.network, self.comparison))
     }
 
     fn encoded(&self, trajectory: &Trajectory) -> Result<Features, LearnError> {
@@ -256,9 +251,20 @@ impl Run<'_> {
         }
     }
 
-    fn describe(&self, id: &str, role: Role, matches: &[Match]) -> EpisodeScores {
+    /// The scores of those of `episodes` that have matches.
+    fn describe_all<'e>(
+        &self,
+        episodes: impl IntoIterator<Item = &'e Trajectory>,
+        role: Role,
+        matches: Vec<Matches>,
+    ) -> Vec<EpisodeScores> {
+        let all = episodes.into_iter().zip(matches);
+        all.filter_map(|(episode, matches)| Some(self.describe(episode, role, &matches?))).collect()
+    }
+
+    fn describe(&self, episode: &Trajectory, role: Role, matches: &[Match]) -> EpisodeScores {
         EpisodeScores {
-            episode_id: id.to_owned(),
+            episode_id: episode.id.clone(),
             role,
             // Not −distance, which would make −0 of the best w.
             w: matches.iter().map(|found| 0.0 - found.distance).collect(),

@@ -11,7 +11,7 @@ use crate::error::LearnError;
 use crate::model::Network;
 use crate::random::{Purpose, generator};
 use crate::score::EpisodeScores;
-use crate::score::run::{Progress, count};
+use crate::score::progress::{Progress, count};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 

@@ -8,7 +8,7 @@ use crate::batch::{int, values};
 use crate::error::LearnError;
 use crate::optimizer::AdamW;
 use crate::random::{Purpose, generator};
-use crate::score::run::Progress;
+use crate::score::progress::Progress;
 use gleaner_core::OptimSpec;
 
 /// Gradient steps.

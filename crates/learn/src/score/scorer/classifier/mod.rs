@@ -19,7 +19,7 @@ use crate::error::LearnError;
 use crate::model::Network;
 use crate::score::EpisodeScores;
 use crate::score::features::{Features, raw, too_far};
-use crate::score::run::{Progress, count};
+use crate::score::progress::{Progress, count};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use mlp::{BATCH, Mlp, STEPS};

@@ -25,7 +25,7 @@ use crate::model::Network;
 use crate::random::{Purpose, generator};
 use crate::score::EpisodeScores;
 use crate::score::features::{states, too_far};
-use crate::score::run::{Progress, count};
+use crate::score::progress::{Progress, count};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use estimate::{estimate, standardised, whitened, windows};

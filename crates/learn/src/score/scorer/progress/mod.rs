@@ -21,7 +21,7 @@ use crate::error::LearnError;
 use crate::model::Network;
 use crate::score::EpisodeScores;
 use crate::score::features::states;
-use crate::score::run::{Progress, count};
+use crate::score::progress::{Progress, count};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use clip::SHORTEST;

@@ -12,7 +12,7 @@ use crate::model::{Size, Transformer, weights};
 use crate::normalize::Standard;
 use crate::optimizer::AdamW;
 use crate::random::{Purpose, generator};
-use crate::score::run::Progress;
+use crate::score::progress::Progress;
 use gleaner_core::OptimSpec;
 use rand::RngExt;
 
