@@ -53,6 +53,7 @@ mod refusals;
 mod restart;
 mod rollouts;
 mod schedules;
+mod score_ranks;
 mod scoring;
 mod selection;
 mod serving;

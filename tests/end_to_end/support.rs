@@ -18,6 +18,7 @@ pub mod robot;
 pub mod rollouts;
 pub mod rpc;
 pub mod rust_source;
+pub mod scores;
 pub mod secure;
 pub mod server;
 pub mod shared;

@@ -32,10 +32,10 @@ pub struct WorkerConfig {
     /// Names of the cluster's nodes where this job runs, shown with the job.
     #[arg(long, default_value = "")]
     pub node: String,
-    /// Number of this process among those that share each batch of a training, from 0. Under srun the variable has it.
+    /// Number of this process among those of its attempt, from 0. Under srun the variable has it.
     #[arg(long, env = "SLURM_PROCID", default_value_t = 0)]
     pub rank: u32,
-    /// Processes that share each batch.
+    /// Processes of the attempt.
     #[arg(long, default_value_t = 1)]
     pub ranks: u32,
     /// Seconds without another of these processes after which this one ends.

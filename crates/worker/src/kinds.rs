@@ -24,7 +24,7 @@ use crate::{episodes::Episodes, failure::Failure, monitor::Watcher, ranks::Ranks
 
 /// A job's work, ready to begin on a thread of its own.
 pub(crate) struct Work {
-    /// The way to the other processes that share a training.
+    /// The way to the other processes of the attempt.
     pub(crate) ranks: Ranks,
     /// The server's data directory.
     pub(crate) data_dir: PathBuf,
@@ -51,13 +51,13 @@ pub(crate) struct Base {
 impl Work {
     /// Does the work of a kind. This is the list of kinds.
     ///
-    /// `None` for a rank that does not lead its training.
+    /// `None` for a rank that does not lead.
     pub(crate) fn perform(mut self, order: JobOrder) -> Result<Option<Made>, Failure> {
         let peers = std::mem::replace(&mut self.ranks, Ranks::Alone).join()?;
         self.monitor.phase("reading episodes");
         match order {
             JobOrder::Pretrain { spec, .. } => pretrain::perform(&mut self, spec, peers),
-            JobOrder::Score { spec, .. } => score::perform(&mut self, spec).map(Some),
+            JobOrder::Score { spec, .. } => score::perform(&mut self, spec, peers),
             JobOrder::Train { spec, .. } => train::perform(&mut self, spec, peers),
             JobOrder::Export { spec, .. } => export::perform(&mut self, spec).map(Some),
             JobOrder::Evaluate { spec, .. } => evaluate::perform(&mut self, &spec).map(Some),

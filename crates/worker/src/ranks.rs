@@ -1,5 +1,5 @@
 //! The ranks of an attempt with several processes: they find each other by the server, and each becomes a member of the
-//! group that shares every batch. Independent of the kind of job.
+//! group that shares the work. Independent of the kind of job.
 
 use std::{
     net::{IpAddr, SocketAddr, UdpSocket},
@@ -83,6 +83,7 @@ fn on_gpu(order: &JobOrder) -> bool {
     match order {
         JobOrder::Pretrain { spec, .. } => spec.run.device == Device::Cuda,
         JobOrder::Train { spec, .. } => spec.run.device == Device::Cuda,
+        // Scores are exchanged in main memory.
         JobOrder::Score { .. } | JobOrder::Export { .. } | JobOrder::Evaluate { .. } => false,
     }
 }

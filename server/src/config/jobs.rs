@@ -34,7 +34,7 @@ pub struct JobsConfig {
     /// sooner but end attempts on a machine that is overloaded.
     #[arg(long, env = "GLEANER_WORKER_SILENCE_SECONDS", default_value_t = 120, value_name = "SECONDS")]
     pub worker_silence_seconds: u64,
-    /// The processes of a training.
+    /// The processes of one job.
     #[command(flatten)]
     pub ranks: RanksConfig,
     /// Where jobs run.

@@ -1,10 +1,10 @@
-//! The processes that share a training.
+//! The processes that share a training or a score run.
 
 use clap::Args;
 
-use crate::domain::job::JobKind;
+use crate::domain::job::JobSpec;
 
-/// The processes of a training.
+/// The processes of one job.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Jobs")]
 pub struct RanksConfig {
@@ -19,21 +19,30 @@ pub struct RanksConfig {
     #[arg(long, env = "GLEANER_TRAIN_RANKS", default_value_t = 1, value_name = "N",
           value_parser = clap::value_parser!(u32).range(1..=64))]
     pub train_ranks: u32,
-    /// End an attempt with several processes when one of them has not joined, or not delivered its gradients, for this
-    /// many seconds, 1 to 3600. It must be longer than the largest difference between their reading of episodes, and than
-    /// storing a checkpoint. A process that ends is noticed at once.
+    /// Processes that each score a part of the episodes of a score job, 1 to 64, placed as those of a pretrain job. More of
+    /// them shorten long score runs, and the scores are the same bytes for any number. Every process holds the features of
+    /// all experts in memory. Jobs whose scorer judges all episodes together run in one process. The exchange is not
+    /// encrypted.
+    #[arg(long, env = "GLEANER_SCORE_RANKS", default_value_t = 1, value_name = "N",
+          value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub score_ranks: u32,
+    /// End an attempt with several processes when one of them has not joined, or not delivered its gradients or progress,
+    /// for this many seconds, 1 to 3600. It must be longer than the largest difference between their reading of episodes,
+    /// than storing a checkpoint, and than scoring the longest episode. A process that ends is noticed at once.
     #[arg(long, env = "GLEANER_RANK_TIMEOUT_SECONDS", default_value_t = 120, value_name = "SECONDS",
           value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub rank_timeout_seconds: u64,
 }
 
 impl RanksConfig {
-    /// The processes of an attempt of a kind of job.
-    pub(crate) fn of(&self, kind: JobKind) -> u32 {
-        match kind {
-            JobKind::Pretrain => self.pretrain_ranks,
-            JobKind::Train => self.train_ranks,
-            JobKind::Score | JobKind::Export | JobKind::Evaluate => 1,
+    /// The processes of an attempt of a job.
+    pub(crate) fn of(&self, spec: &JobSpec) -> u32 {
+        match spec {
+            JobSpec::Pretrain { .. } => self.pretrain_ranks,
+            JobSpec::Train { .. } => self.train_ranks,
+            JobSpec::Score { spec, .. } if spec.needs_all_episodes() => 1,
+            JobSpec::Score { .. } => self.score_ranks,
+            JobSpec::Export { .. } | JobSpec::Evaluate { .. } => 1,
         }
     }
 }
@@ -43,6 +52,7 @@ mod tests {
     use clap::Parser;
 
     use super::*;
+    use crate::domain::id::{EncoderId, SnapshotId};
 
     #[derive(Parser)]
     struct Flags {
@@ -50,13 +60,27 @@ mod tests {
         ranks: RanksConfig,
     }
 
+    fn score(scorer: &str) -> JobSpec {
+        let values = [("scorer".to_owned(), scorer.into())].into_iter().collect();
+        let spec = gleaner_core::ScoreSpec::from_values(&values).unwrap();
+        JobSpec::Score { encoder_id: EncoderId::new(), snapshot_id: SnapshotId::new(), extends: None, spec }
+    }
+
     #[test]
-    fn trainings_alone_have_ranks_and_one_by_default() {
+    fn jobs_have_the_ranks_of_their_kind_and_one_by_default() {
         let flags = |flags: &[&str]| Flags::try_parse_from([&["serve"], flags].concat()).map(|flags| flags.ranks);
-        assert!(JobKind::ALL.iter().all(|&kind| flags(&[]).unwrap().of(kind) == 1));
-        let config = flags(&["--pretrain-ranks", "2", "--train-ranks", "3"]).unwrap();
-        assert_eq!(JobKind::ALL.iter().map(|&kind| config.of(kind)).sum::<u32>(), 2 + 3 + 3);
-        for wrong in [["--pretrain-ranks", "0"], ["--train-ranks", "65"], ["--rank-timeout-seconds", "0"]] {
+        let spec = gleaner_core::PretrainSpec::default();
+        let jobs = [JobSpec::Pretrain { snapshot_id: SnapshotId::new(), spec }, score("raw"), score("vote")];
+        let ranks = |config: &RanksConfig| jobs.each_ref().map(|job| config.of(job));
+        assert_eq!(ranks(&flags(&[]).unwrap()), [1; 3]);
+        let several = flags(&["--pretrain-ranks", "2", "--train-ranks", "3", "--score-ranks", "4"]).unwrap();
+        assert_eq!(ranks(&several), [2, 4, 1], "every score of vote depends on all episodes");
+        for wrong in [
+            ["--pretrain-ranks", "0"],
+            ["--train-ranks", "65"],
+            ["--score-ranks", "0"],
+            ["--rank-timeout-seconds", "0"],
+        ] {
             assert!(flags(&wrong).is_err(), "{wrong:?}");
         }
     }

@@ -48,7 +48,7 @@ impl WorkerService for WorkerApi {
         request: Request<v1::StreamBaseScoresRequest>,
     ) -> Reply<Self::StreamBaseScoresStream> {
         answer(async {
-            let Worker { job, .. } = Worker::of(&request)?;
+            let Worker { job, .. } = Worker::any_rank(&request)?;
             let JobSpec::Score { extends: Some(run), .. } = job.spec else {
                 return Err(Error::precondition(format!("{} extends no earlier run", job.id)));
             };

@@ -1,9 +1,10 @@
-//! Trainings that two nodes share, by srun.
+//! Trainings and score runs that several nodes share, by srun.
 
 use gleaner_proto::v1::*;
+use serde_json::json;
 
 use super::losses;
-use crate::support::{api::Api, lab, server::TestServer, slurm::Cluster};
+use crate::support::{api::Api, lab, scores::digest, server::TestServer, slurm::Cluster};
 
 #[tokio::test]
 async fn training_over_two_nodes_equals_a_local_one_and_resumes_after_a_node_is_killed() {
@@ -36,5 +37,40 @@ async fn training_over_two_nodes_equals_a_local_one_and_resumes_after_a_node_is_
     let ended = api.watch(&killed.id).await;
     assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "{}", ended.error);
     assert_eq!(losses(&mut api, &killed.id).await, expected);
+    cluster.until_empty().await;
+}
+
+#[tokio::test]
+async fn score_run_over_nodes_gives_the_bytes_of_a_local_one_also_after_a_node_is_killed() {
+    let Some(mut cluster) = Cluster::start(3).await else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let mut server = TestServer::start_over(&data, &[]).await;
+    let mut api = Api::connect(&server).await;
+    lab::set_up(&mut api).await;
+    // A larger model takes seconds to encode the episodes.
+    let encoder = api.succeed(lab::TASK, lab::with(lab::pretrain(1), json!({"preset": "base"}))).await.result_id;
+    let score = || lab::with(lab::score(&encoder), json!({"scorer": "ssdf"}));
+    let local = api.succeed(lab::TASK, score()).await.result_id;
+    let expected = digest(&mut api, &local).await;
+    for ranks in ["1", "2", "3"] {
+        assert!(server.stop().await);
+        let flags = [cluster.flags(), ["--score-ranks", ranks].map(str::to_owned).to_vec()].concat();
+        server = TestServer::start_over(&data, &flags.iter().map(String::as_str).collect::<Vec<_>>()).await;
+        api = Api::connect(&server).await;
+        let job = api.succeed(lab::TASK, score()).await;
+        assert_eq!(digest(&mut api, &job.result_id).await, expected, "{ranks} nodes");
+        assert_eq!((job.engine.as_str(), job.attempt), ("slurm", 1), "{job:?}");
+        assert_eq!(job.node.contains(&format!("1-{ranks}")), ranks != "1", "{job:?}");
+    }
+    let killed = api.submit(lab::TASK, score()).await.unwrap();
+    let running = api.watch_until(&killed.id, |job| job.message == "scoring").await;
+    cluster.kill_node("node3").await;
+    // The cluster has no other node for the next attempt.
+    cluster.revive("node3");
+    let ended = api.watch(&killed.id).await;
+    assert_eq!(ended.state(), JobState::Succeeded, "{}", ended.error);
+    assert_ne!(ended.engine_id, running.engine_id, "the node was lost in the middle of the run");
+    assert_eq!(digest(&mut api, &ended.result_id).await, expected);
     cluster.until_empty().await;
 }

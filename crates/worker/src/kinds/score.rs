@@ -6,13 +6,13 @@ use gleaner_core::{
     score::EpisodeScores,
     work::{FrozenRun, Made},
 };
-use gleaner_learn::{Normaliser, ScoreBase, ScoreInputs};
+use gleaner_learn::{Normaliser, Peers, ScoreBase, ScoreInputs};
 
 use super::{Base, Work};
 use crate::{failure::Failure, features::KeptFeatures};
 
-/// Scores a snapshot, or extends an earlier run.
-pub(super) fn perform(work: &mut Work, spec: ScoreSpec) -> Result<Made, Failure> {
+/// Scores a snapshot, or extends an earlier run; `None` for a rank that does not lead.
+pub(super) fn perform(work: &mut Work, spec: ScoreSpec, mut peers: Peers) -> Result<Option<Made>, Failure> {
     let spec = ScoreSpec { threads: Some(work.threads), ..spec };
     let encoder = work.input("encoder", work.inputs.encoder.as_ref())?;
     let experts = work.episodes().trajectories(&work.inputs.experts)?;
@@ -21,19 +21,18 @@ pub(super) fn perform(work: &mut Work, spec: ScoreSpec) -> Result<Made, Failure>
     let kind = gleaner_learn::features_kind(&spec)?.unwrap_or_default();
     let kept = KeptFeatures::new(&work.data_dir, &work.blobs, &work.inputs, &kind);
     let inputs = ScoreInputs { encoder: &encoder, experts: &experts, imperfect: &imperfect, kept: &kept };
-    let scores = match work.base.take() {
-        None => gleaner_learn::score(inputs, &spec, &mut work.monitor)?,
-        Some(base) => gleaner_learn::extend_scores(inputs, &base_of(base, &spec), &spec, &mut work.monitor)?,
-    };
+    let base = work.base.take().map(|base| base_of(base, &spec));
+    let scores = gleaner_learn::score_with(inputs, base.as_ref(), &spec, (&mut peers, &mut work.monitor))?;
+    let Some(scores) = scores else { return Ok(None) };
     let stored = |scores: EpisodeScores<String>| scores.renamed(|id| EpisodeId::parse("episode_id", &id));
     let episodes = scores.imperfect.into_iter().chain(scores.experts).map(stored);
-    Ok(Made::Scores {
+    Ok(Some(Made::Scores {
         lo: scores.normaliser.lo,
         hi: scores.normaliser.hi,
         quantiles: scores.normaliser.quantiles,
         expert_ids: work.inputs.experts.iter().map(|expert| expert.id.clone()).collect(),
         episodes: episodes.collect::<Result<_, _>>()?,
-    })
+    }))
 }
 
 fn base_of(base: Base, spec: &ScoreSpec) -> ScoreBase {

@@ -46,7 +46,7 @@ impl Engine for Local {
 
     fn start(&self, launch: Launch<'_>) -> Result<Box<dyn Execution>, String> {
         let kind = launch.job.spec.kind();
-        let ranks = self.config.jobs.ranks.of(kind);
+        let ranks = self.config.jobs.ranks.of(&launch.job.spec);
         let (children, output) =
             start_all(&self.config, self.server, &launch.token, ranks).map_err(|error| error.to_string())?;
         crate::fail_point::pass("worker.started");

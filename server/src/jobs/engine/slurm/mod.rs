@@ -108,7 +108,7 @@ impl Engine for Slurm {
     fn start(&self, launch: Launch<'_>) -> std::result::Result<Box<dyn Execution>, String> {
         let from = From::Submission(Box::new(self.template.submission(&launch)));
         let placement = Placement { engine: Self::NAME.to_owned(), ..Placement::default() };
-        let shared = self.template.config.jobs.ranks.of(launch.job.spec.kind()) > 1;
+        let shared = self.template.config.jobs.ranks.of(&launch.job.spec) > 1;
         Ok(Box::new(SlurmJob { shared, ..self.execution(launch.attempt, launch.lease, from, placement) }))
     }
 

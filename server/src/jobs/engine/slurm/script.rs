@@ -67,7 +67,7 @@ impl Template {
         let options = options.into_iter().flat_map(str::lines).map(str::trim).filter(|line| !line.is_empty());
         let mut script = "#!/bin/sh\n".to_owned();
         options.for_each(|line| script.extend(["#SBATCH ", line, "\n"]));
-        let ranks = self.config.jobs.ranks.of(kind);
+        let ranks = self.config.jobs.ranks.of(&job.spec);
         if ranks > 1 {
             script.extend([&format!("#SBATCH --nodes={ranks} --ntasks-per-node=1"), "\n"]);
         }
