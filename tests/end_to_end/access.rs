@@ -158,6 +158,25 @@ async fn only_an_admin_deletes_by_force() {
     }
 }
 
+/// The text goes to sbatch, which is the operator's.
+#[tokio::test]
+async fn engine_options_need_an_admin() {
+    let server = SecureServer::start(&["--workers", "0"], &[]).await;
+    create_task(&server.client(Some(&server.token("contributor", &[]).await)).await).await;
+    for (role, code) in [("trainer", Code::PermissionDenied), ("admin", Code::FailedPrecondition)] {
+        let client = server.client(Some(&server.token(role, &[]).await)).await;
+        let request = SubmitJobRequest {
+            task: lab::TASK.into(),
+            spec: Some(JobSpec { spec: Some(lab::pretrain(2)) }),
+            engine_options: "--partition=gpu".into(),
+            ..SubmitJobRequest::default()
+        };
+        let status = client.jobs().submit_job(request).await.unwrap_err();
+        assert_eq!(status.code(), code, "{role}: {status}");
+        assert!(code == Code::PermissionDenied || status.message().contains("the engine local"), "{status}");
+    }
+}
+
 async fn infer(channel: &Channel, token: &str, model: &str) -> Code {
     let mut request = Request::new(ModelInferRequest { model_name: model.into(), ..Default::default() });
     request.metadata_mut().insert("authorization", format!("Bearer {token}").parse().unwrap());

@@ -167,7 +167,7 @@ mod tests {
                 "done": 1_u64 << 60, "total": 0, "message": "", "error": "", "result_id": "", "needs": [],
                 "attempt": 0, "max_attempts": 0, "create_time": "1970-01-01T00:00:00.5Z",
                 "start_time": null, "end_time": null, "peak_memory_bytes": 0, "key": "",
-                "engine": "", "engine_id": "", "node": "", "waiting": "",
+                "engine": "", "engine_id": "", "node": "", "waiting": "", "engine_options": "",
             })
         );
     }

@@ -53,6 +53,13 @@ def test_message_of_the_server_is_unchanged(client: gleaner.Client) -> None:
         client.tasks.create({**SPEC, "alignment": "closest"})
 
 
+def test_engine_options_are_of_a_cluster_alone(client: gleaner.Client) -> None:
+    with pytest.raises(gleaner.FailedPrecondition, match="engine_options: .*--engine slurm"):
+        client.jobs.pretrain(TASK, engine_options="--partition=gpu --gres=gpu:1")
+    with pytest.raises(gleaner.InvalidArgument, match="engine_options: --output=/x"):
+        client.jobs.pretrain(TASK, engine_options="--output=/x")
+
+
 def test_pushed_episodes_are_listed_and_pushed_again_they_are_the_same(
     client: gleaner.Client, lab: Lab, recordings: dict[str, list[Path]]
 ) -> None:

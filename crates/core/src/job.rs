@@ -241,6 +241,8 @@ pub struct Job {
     pub needs: Vec<JobId>,
     /// The caller's own name for it, or empty.
     pub key: String,
+    /// Options of its engine, such as those of sbatch, or empty.
+    pub engine_options: String,
     /// When it was submitted.
     pub created_at: Millis,
     /// When its newest attempt began.

@@ -37,6 +37,7 @@ pub mod client;
 pub mod curation;
 pub mod dataset;
 pub mod description;
+pub mod engine_options;
 pub mod ensemble;
 pub mod episode;
 pub mod error;

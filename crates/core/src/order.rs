@@ -122,6 +122,8 @@ pub struct Queueing {
     pub max_attempts: Option<u32>,
     /// The caller's own name for the work, or empty. One key names one job, unless that job failed or was cancelled.
     pub key: String,
+    /// Options of its engine, such as those of sbatch, or empty.
+    pub engine_options: String,
 }
 
 /// A job to be queued.
@@ -139,6 +141,8 @@ pub struct NewJob {
     pub priority: i32,
     /// Most attempts of the job, at least 1.
     pub max_attempts: u32,
+    /// Options of its engine, or empty.
+    pub engine_options: String,
     /// The jobs whose results it waits for.
     pub needs: Vec<JobId>,
     /// The caller's own name for the job and the order given with it, if there is one.

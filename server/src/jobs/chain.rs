@@ -20,7 +20,8 @@ pub(super) fn chain(task: &TaskId, pipeline: PipelineSpec, snapshot: &SnapshotId
     let mut add = |spec: JobSpec, result_id: String| {
         let needs = plan.jobs.last().map(|before: &NewJob| before.id.clone()).into_iter().collect();
         let (id, task_id) = (JobId::new(), task.clone());
-        let job = NewJob { id, task_id, spec, result_id, priority, max_attempts: MAX_ATTEMPTS, needs, keyed: None };
+        let (max_attempts, engine_options) = (MAX_ATTEMPTS, String::new());
+        let job = NewJob { id, task_id, spec, result_id, priority, max_attempts, engine_options, needs, keyed: None };
         plan.jobs.push(job);
     };
     let (encoder, run) = (EncoderId::new(), ScoreRunId::new());

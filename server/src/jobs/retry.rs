@@ -102,6 +102,7 @@ impl Again {
             result_id: result_id.clone(),
             priority: job.priority,
             max_attempts: job.max_attempts,
+            engine_options: job.engine_options.clone(),
             needs: needs.collect::<Result<_>>()?,
             keyed,
         });

@@ -22,14 +22,21 @@ impl Jobs {
     /// # Errors
     /// NotFound for a missing object; Invalid for one that belongs to another task; Precondition when the snapshot
     /// would lack a role, when the job of an input failed, or when the server lacks the image weights; Exists when the
-    /// key belongs to a job with another order; Exhausted when the disk is nearly full.
+    /// key belongs to a job with another order; Precondition for options of an engine that has none; Exhausted when the disk is nearly full.
     pub(crate) async fn submit(&self, task: &TaskId, order: JobOrder, queueing: Queueing) -> Result<Job> {
         if let Some(job) = self.known(task, &order, &queueing.key).await? {
             return Ok(job);
         }
+        if !queueing.engine_options.is_empty() && !self.0.engine.takes_options() {
+            return Err(Error::precondition(format!(
+                "engine_options: this server runs jobs by the engine {}, which has no options; leave them out, or start \
+                 the server with --engine slurm",
+                self.0.engine.name()
+            )));
+        }
         self.0.blobs.room_for(0).await?;
         let resolved = kinds::resolve(self, task, order.clone()).await?;
-        let Queueing { priority, needs, max_attempts, key } = queueing;
+        let Queueing { priority, needs, max_attempts, key, engine_options } = queueing;
         let keyed = (!key.is_empty()).then(|| Keyed { key: key.clone(), order: order.clone() });
         let job = NewJob {
             id: JobId::new(),
@@ -38,6 +45,7 @@ impl Jobs {
             result_id: resolved.result_id,
             priority,
             max_attempts: max_attempts.unwrap_or(MAX_ATTEMPTS),
+            engine_options,
             needs: resolved.maker.into_iter().chain(needs).collect(),
             keyed,
         };

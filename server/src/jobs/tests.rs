@@ -79,7 +79,8 @@ async fn an_order_gets_a_snapshot_a_result_id_and_its_needs() {
     assert!(matches!(&score.spec, JobSpec::Score { snapshot_id: own, .. } if own == snapshot_id));
 
     let order = JobOrder::Train { data: TrainData::ExpertsOf(encoder_id), spec: TrainSpec::default() };
-    let queueing = Queueing { priority: 7, needs: vec![score.id.clone()], max_attempts: Some(1), key: String::new() };
+    let queueing =
+        Queueing { priority: 7, needs: vec![score.id.clone()], max_attempts: Some(1), ..Queueing::default() };
     let base = bench.jobs.submit(&bench.task.id, order, queueing).await.unwrap();
     assert_eq!((base.priority, base.max_attempts, base.needs.len()), (7, 1, 2));
     assert!(matches!(&base.spec, JobSpec::Train { dataset_id: None, snapshot_id: own, .. } if own == snapshot_id));

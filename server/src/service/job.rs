@@ -8,7 +8,11 @@ use super::{
     Services,
     answer::{Reply, Responses, answer, change, responses},
 };
-use crate::{domain::order::JobFilter, wire};
+use crate::{
+    access::Caller,
+    domain::{access::Role, order::JobFilter},
+    wire,
+};
 
 /// Longest part of a job's log in a response, in bytes.
 const LOG: u64 = 16 << 10;
@@ -21,8 +25,13 @@ impl JobService for JobApi {
     type WatchJobStream = Responses<v1::WatchJobResponse>;
 
     async fn submit_job(&self, request: Request<v1::SubmitJobRequest>) -> Reply<v1::SubmitJobResponse> {
+        let caller = Caller::of(&request);
         change(request, async |request| {
             let (task, order, queueing) = wire::job::submit_request(request)?;
+            if !queueing.engine_options.is_empty() {
+                // The text is the operator's part of a submission to the cluster.
+                caller?.must_be(Role::Admin)?;
+            }
             let task = self.0.store.task(&task).await?;
             let job = self.0.jobs.submit(&task.id, order, queueing).await?;
             Ok(v1::SubmitJobResponse { job: Some(wire::job::job(job)) })

@@ -29,7 +29,7 @@ macro_rules! select_jobs {
 
 record! { Job:
     id, task_id, spec, state, priority, result_id, done, total, message, error, attempt, max_attempts, cancel_requested,
-    checkpoint, checkpoint_step, peak_memory_bytes, needs, created_at, started_at, ended_at, key; placement
+    checkpoint, checkpoint_step, peak_memory_bytes, needs, created_at, started_at, ended_at, key, engine_options; placement
 }
 
 record! { Placement: engine, engine_id, node, waiting }
@@ -166,8 +166,8 @@ async fn insert(tx: &mut Transaction, job: &NewJob) -> Result<()> {
     let ordered = job.keyed.as_ref().map(|keyed| serde_json::to_string(&keyed.order)).transpose();
     let ordered = ordered.map_err(|error| Error::internal("writing an order", error))?;
     sql::query(
-        "insert into jobs (id, task_id, kind, spec, state, priority, result_id, max_attempts, created_at, key, ordered) \
-         values ($1, $2, $3, $4, 'queued', $5, $6, $7, $8, $9, $10)",
+        "insert into jobs (id, task_id, kind, spec, state, priority, result_id, max_attempts, created_at, key, ordered, \
+         engine_options) values ($1, $2, $3, $4, 'queued', $5, $6, $7, $8, $9, $10, $11)",
     )
     .bind(job.id.param())
     .bind(job.task_id.param())
@@ -179,6 +179,7 @@ async fn insert(tx: &mut Transaction, job: &NewJob) -> Result<()> {
     .bind(Millis::now().param())
     .bind(job.keyed.as_ref().map_or("", |keyed| keyed.key.as_str()))
     .bind(ordered.unwrap_or_default())
+    .bind(&job.engine_options)
     .execute(&mut *tx)
     .await
     .map_err(|error| match &job.keyed {

@@ -113,6 +113,7 @@ mod tests {
             result_id: ExportId::new().into(),
             priority: 0,
             max_attempts: 1,
+            engine_options: String::new(),
             needs: Vec::new(),
             keyed: None,
         };

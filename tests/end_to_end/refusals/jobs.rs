@@ -36,6 +36,9 @@ async fn invalid_jobs_are_rejected() {
         submit_job(with(|r| r.max_attempts = Some(101))) => InvalidArgument ["max_attempts: "];
         submit_job(with(|r| r.key = "x".repeat(201))) => InvalidArgument ["key: "];
         submit_job(with(|r| r.key = "\0".into())) => InvalidArgument ["key: "];
+        submit_job(with(|r| r.engine_options = "-p a\n#SBATCH -J b".into())) => InvalidArgument ["engine_options: ", "one line"];
+        submit_job(with(|r| r.engine_options = "-p a --output=/x".into())) => InvalidArgument ["engine_options: --output=/x: "];
+        submit_job(with(|r| r.engine_options = "-p gpu".into())) => FailedPrecondition ["engine_options: ", "--engine slurm"];
     );
     expect_alive(&mut api).await;
 }

@@ -77,3 +77,23 @@ async fn unknown_partition_is_a_reason_for_waiting() {
     assert_eq!(api.watch(&job.id).await.state(), JobState::Cancelled);
     assert!(cluster.jobs().await.is_empty());
 }
+
+#[tokio::test]
+async fn options_of_a_job_win_over_those_of_the_server() {
+    let Some(cluster) = Cluster::start(2).await else { return };
+    let flags = [cluster.flags(), vec!["--slurm-options".to_owned(), "--nodelist=node1".to_owned()]].concat();
+    let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
+    let (_server, mut api, _) = lab::with_episodes(&flags).await;
+    for (engine_options, node) in [("", "node1"), ("--nodelist=node2 -t 10", "node2")] {
+        let request = SubmitJobRequest {
+            task: lab::TASK.into(),
+            spec: Some(JobSpec { spec: Some(lab::pretrain(2)) }),
+            engine_options: engine_options.to_owned(),
+            ..SubmitJobRequest::default()
+        };
+        let job = api.jobs.submit_job(request).await.unwrap().into_inner().job.unwrap();
+        let ended = api.watch(&job.id).await;
+        assert_eq!((ended.state(), ended.node.as_str()), (JobState::Succeeded, node), "{}", ended.error);
+        assert_eq!(ended.engine_options, engine_options);
+    }
+}

@@ -7,7 +7,7 @@ use gleaner_proto::v1::evaluate_spec::Subject;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{EvaluateSpec, ListDeploymentsRequest};
 
-use super::submit::{KeyArgs, Submission, SubmitArgs};
+use super::submit::{JobArgs, Submission, SubmitArgs};
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 
@@ -27,7 +27,7 @@ pub(crate) struct EvaluateCommand {
     #[command(flatten)]
     submit: SubmitArgs,
     #[command(flatten)]
-    key: KeyArgs,
+    job: JobArgs,
 }
 
 impl EvaluateCommand {
@@ -48,7 +48,7 @@ impl EvaluateCommand {
             spec.subject = Some(Subject::PolicyId(policy));
             task
         };
-        let submission = Submission { task, spec: Spec::Evaluate(spec), key: self.key.key };
+        let submission = Submission { task, spec: Spec::Evaluate(spec), job: self.job };
         submission.submit(context, &client, &self.submit).await
     }
 }

@@ -192,6 +192,7 @@ fn describe(job: &Job) -> String {
         ("waits for", job.needs.join(" ")),
         ("attempt", format!("{} of {}", job.attempt, job.max_attempts)),
         ("engine", place(job)),
+        ("engine options", job.engine_options.clone()),
         ("waiting", job.waiting.clone()),
         ("priority", job.priority.to_string()),
         ("created", words::moment(job.create_time.as_ref())),

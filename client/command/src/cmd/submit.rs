@@ -28,13 +28,17 @@ pub(crate) struct SubmitArgs {
     pub(crate) priority: i32,
 }
 
-/// The caller's name for a job.
+/// Options of a submission of one job.
 #[derive(Args, Debug)]
-pub(crate) struct KeyArgs {
+pub(crate) struct JobArgs {
     /// Key that prevents duplicate jobs, chosen by the caller. An unfailed job with the same key is returned instead of
     /// a new one.
     #[arg(long, default_value = "", hide_default_value = true)]
     pub(crate) key: String,
+    /// Options of sbatch for this job, which win over the server's: `--engine-options="--partition=gpu --gres=gpu:1"`. Needs
+    /// the role admin and a server with `--engine slurm`.
+    #[arg(long, default_value = "", hide_default_value = true, value_name = "OPTIONS", allow_hyphen_values = true)]
+    pub(crate) engine_options: String,
 }
 
 #[derive(Args, Debug)]
@@ -49,7 +53,7 @@ pub(crate) struct PretrainCommand {
     #[command(flatten)]
     submit: SubmitArgs,
     #[command(flatten)]
-    key: KeyArgs,
+    job: JobArgs,
 }
 
 impl PretrainCommand {
@@ -57,7 +61,7 @@ impl PretrainCommand {
         let client = context.client().await?;
         let task = context.task(&client, self.task.as_deref()).await?;
         let submission =
-            Submission { task, spec: Spec::Pretrain(self.snapshot.pretrain(&self.settings.values)), key: self.key.key };
+            Submission { task, spec: Spec::Pretrain(self.snapshot.pretrain(&self.settings.values)), job: self.job };
         submission.submit(context, &client, &self.submit).await
     }
 }
@@ -81,7 +85,7 @@ pub(crate) struct ScoreCommand {
     #[command(flatten)]
     submit: SubmitArgs,
     #[command(flatten)]
-    key: KeyArgs,
+    job: JobArgs,
 }
 
 impl ScoreCommand {
@@ -97,7 +101,7 @@ impl ScoreCommand {
         let task = context.task_of_result(&client, self.task.as_deref(), known).await?;
         let settings = Some(to_struct(&self.settings.values));
         let spec = ScoreSpec { encoder_id, snapshot_id: self.snapshot.unwrap_or_default(), extends, settings };
-        let submission = Submission { task, spec: Spec::Score(spec), key: self.key.key };
+        let submission = Submission { task, spec: Spec::Score(spec), job: self.job };
         submission.submit(context, &client, &self.submit).await
     }
 }
@@ -122,7 +126,7 @@ pub(crate) struct TrainCommand {
     #[command(flatten)]
     submit: SubmitArgs,
     #[command(flatten)]
-    key: KeyArgs,
+    job: JobArgs,
 }
 
 impl TrainCommand {
@@ -130,7 +134,7 @@ impl TrainCommand {
         let client = context.client().await?;
         let (task, data) = self.data(context, &client).await?;
         let spec = TrainSpec { data: Some(data), settings: Some(to_struct(&self.settings.values)) };
-        let submission = Submission { task, spec: Spec::Train(spec), key: self.key.key };
+        let submission = Submission { task, spec: Spec::Train(spec), job: self.job };
         submission.submit(context, &client, &self.submit).await
     }
 
@@ -175,7 +179,7 @@ pub(crate) async fn task_of_dataset(client: &Client, named: Option<String>, data
 pub(crate) struct Submission {
     pub(crate) task: String,
     pub(crate) spec: Spec,
-    pub(crate) key: String,
+    pub(crate) job: JobArgs,
 }
 
 impl Submission {
@@ -185,7 +189,8 @@ impl Submission {
             task: self.task,
             spec: Some(JobSpec { spec: Some(self.spec) }),
             priority: args.priority,
-            key: self.key,
+            key: self.job.key,
+            engine_options: self.job.engine_options,
             ..SubmitJobRequest::default()
         };
         let mut job = present(client.jobs().submit_job(request).await?.into_inner().job, "a job")?;

@@ -18,6 +18,7 @@ class Order(TypedDict, total=False):
     priority: int  # higher runs first
     needs: Sequence[str]  # further jobs to wait for
     max_attempts: int
+    engine_options: str  # options of sbatch for this job; needs the role admin and a server with --engine slurm
 
 
 class RoleRule(TypedDict, total=False):

@@ -4,6 +4,7 @@ use gleaner_proto::v1;
 
 use super::{field, order};
 use crate::{
+    engine_options,
     error::{Error, Result},
     id::JobId,
     job::{Job, JobKind, JobState, Metric},
@@ -29,7 +30,7 @@ pub fn job_id(text: &str) -> Result<JobId> {
 /// # Errors
 /// Invalid names the field and the remedy.
 pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder, Queueing)> {
-    let v1::SubmitJobRequest { task, spec, priority, needs, max_attempts, key } = request;
+    let v1::SubmitJobRequest { task, spec, priority, needs, max_attempts, key, engine_options } = request;
     if needs.len() > MAX_NEEDS {
         return Err(Error::invalid("needs", format!("are {}, must be at most {MAX_NEEDS}", needs.len())));
     }
@@ -44,7 +45,9 @@ pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder
             format!("must be at most {LONGEST_KEY} characters, without control characters"),
         ));
     }
-    Ok((field::text("task", task)?, order::order(spec)?, Queueing { priority, needs, max_attempts, key }))
+    let engine_options = engine_options::engine_options("engine_options", &engine_options)?;
+    let queueing = Queueing { priority, needs, max_attempts, key, engine_options };
+    Ok((field::text("task", task)?, order::order(spec)?, queueing))
 }
 
 /// The task's name or id, the pipeline, and the priority of its jobs.
@@ -123,6 +126,7 @@ pub fn job(job: Job) -> v1::Job {
         started_at,
         ended_at,
         key,
+        engine_options,
         placement: Placement { engine, engine_id, node, waiting },
     } = job;
     v1::Job {
@@ -149,6 +153,7 @@ pub fn job(job: Job) -> v1::Job {
         engine_id,
         node,
         waiting,
+        engine_options,
     }
 }
 
@@ -206,6 +211,9 @@ mod tests {
         }
         let longest = v1::SubmitJobRequest { key: "ü".repeat(200), ..request.clone() };
         assert_eq!(submit_request(longest).unwrap().2.key.chars().count(), 200);
+        let options = |text: &str| v1::SubmitJobRequest { engine_options: text.to_owned(), ..request.clone() };
+        assert_eq!(submit_request(options(" -p gpu ")).unwrap().2.engine_options, "-p gpu");
+        assert!(refusal(options("--wrap=ls")).starts_with("engine_options: --wrap=ls: is set by the server"));
         assert!(refusal(v1::SubmitJobRequest { task: String::new(), ..request }).starts_with("task: "));
 
         let list = |request| list_request(request).err().unwrap().message().to_owned();

@@ -150,6 +150,7 @@ mod tests {
             peak_memory_bytes: 0,
             needs: Vec::new(),
             key: String::new(),
+            engine_options: String::new(),
             created_at: Millis(0),
             started_at: Some(Millis(1000)),
             ended_at: None,

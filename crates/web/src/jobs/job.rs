@@ -121,6 +121,7 @@ fn record(job: &Job) -> Markup {
             dt { "Result" } dd.id { (job.result_id) }
             dt { "Priority" } dd { (job.priority) }
             @if !job.key.is_empty() { dt { "Key" } dd { (job.key) } }
+            @if !job.engine_options.is_empty() { dt { "Engine options" } dd { code { (job.engine_options) } } }
             @if let Some(ended) = job.ended_at { dt { "Ended" } dd { (text::time(ended)) " UTC" } }
         }
     }

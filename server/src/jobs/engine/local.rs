@@ -44,6 +44,10 @@ impl Engine for Local {
         false
     }
 
+    fn takes_options(&self) -> bool {
+        false
+    }
+
     fn start(&self, launch: Launch<'_>) -> Result<Box<dyn Execution>, String> {
         let kind = launch.job.spec.kind();
         let ranks = self.config.jobs.ranks.of(&launch.job.spec);

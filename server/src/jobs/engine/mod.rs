@@ -42,6 +42,9 @@ pub(super) trait Engine: Send + Sync {
     /// Whether workers continue while the server is down.
     fn outlives_server(&self) -> bool;
 
+    /// Whether a job may have options of its own. Those of a job that was queued under another engine are ignored.
+    fn takes_options(&self) -> bool;
+
     /// Starts the worker of an attempt.
     ///
     /// # Errors

@@ -20,6 +20,7 @@ async fn claimed(store: &Store) -> Attempt {
         result_id: ExportId::new().into(),
         priority: 0,
         max_attempts: 3,
+        engine_options: String::new(),
         needs: Vec::new(),
         keyed: None,
     };

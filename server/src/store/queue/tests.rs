@@ -21,6 +21,7 @@ fn export(task: &Task, priority: i32, needs: &[&JobId]) -> NewJob {
         result_id: ExportId::new().into(),
         priority,
         max_attempts: 3,
+        engine_options: String::new(),
         needs: needs.iter().map(|&id| id.clone()).collect(),
         keyed: None,
     }

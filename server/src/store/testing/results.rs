@@ -23,6 +23,7 @@ pub(crate) async fn job(store: &Store, task: &Task, spec: JobSpec, result_id: &s
         result_id: result_id.to_owned(),
         priority: 0,
         max_attempts: 1,
+        engine_options: String::new(),
         needs: Vec::new(),
         keyed: None,
     };

@@ -72,6 +72,7 @@ impl Course {
                 result_id: ExportId::new().into(),
                 priority,
                 max_attempts,
+                engine_options: String::new(),
                 needs,
                 keyed: None,
             });

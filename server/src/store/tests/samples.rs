@@ -15,7 +15,7 @@ use crate::{
 /// A version, a dump, and the number of rows that each table must still have.
 type Sample = (i64, &'static str, &'static [(&'static str, i64)]);
 
-const SAMPLES: [Sample; 9] = [
+const SAMPLES: [Sample; 10] = [
     (
         8,
         include_str!("../../../../tests/samples/schema_0008.sql"),
@@ -60,6 +60,11 @@ const SAMPLES: [Sample; 9] = [
         28,
         include_str!("../../../../tests/samples/schema_0028.sql"),
         &[("episodes", 10), ("jobs", 4), ("score_runs", 1), ("datasets", 1), ("policies", 2), ("job_metrics", 6)],
+    ),
+    (
+        29,
+        include_str!("../../../../tests/samples/schema_0029.sql"),
+        &[("episodes", 10), ("jobs", 4), ("score_runs", 1), ("datasets", 1), ("policies", 2), ("job_metrics", 25)],
     ),
 ];
 

@@ -48,6 +48,7 @@ fn export() -> Job {
         peak_memory_bytes: 0,
         needs: Vec::new(),
         key: String::new(),
+        engine_options: String::new(),
         created_at: Millis(0),
         started_at: None,
         ended_at: None,

@@ -105,6 +105,10 @@ impl Engine for Slurm {
         true
     }
 
+    fn takes_options(&self) -> bool {
+        true
+    }
+
     fn start(&self, launch: Launch<'_>) -> std::result::Result<Box<dyn Execution>, String> {
         let from = From::Submission(Box::new(self.template.submission(&launch)));
         let placement = Placement { engine: Self::NAME.to_owned(), ..Placement::default() };

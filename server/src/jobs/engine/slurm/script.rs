@@ -32,8 +32,8 @@ pub(super) struct Submission {
     pub(super) arguments: Vec<OsString>,
     pub(super) variables: Vec<(&'static str, String)>,
     pub(super) script: String,
-    /// The flag of the options for this kind of job.
-    pub(super) flag: &'static str,
+    /// Where the options come from: flags, and the job.
+    pub(super) sources: String,
 }
 
 /// The name of an attempt's Slurm job, by which a lost one is found.
@@ -63,7 +63,7 @@ impl Template {
             flag("--chdir=", &self.data_dir),
         ];
         let (flag_of_kind, of_kind) = slurm.options_of(kind);
-        let options = [slurm.slurm_options.as_str(), of_kind];
+        let options = [slurm.slurm_options.as_str(), of_kind, job.engine_options.as_str()];
         let options = options.into_iter().flat_map(str::lines).map(str::trim).filter(|line| !line.is_empty());
         let mut script = "#!/bin/sh\n".to_owned();
         options.for_each(|line| script.extend(["#SBATCH ", line, "\n"]));
@@ -75,7 +75,9 @@ impl Template {
         let mut variables =
             vec![("GLEANER_JOB_TOKEN", launch.token.reveal().to_owned()), ("OMP_WAIT_POLICY", "PASSIVE".to_owned())];
         variables.extend(self.authority.clone().map(|pem| ("GLEANER_WORKER_CA", pem)));
-        Submission { arguments: arguments.into(), variables, script, flag: flag_of_kind }
+        let own = if job.engine_options.is_empty() { "" } else { ", and the job's own options" };
+        let sources = format!("--slurm-options and {flag_of_kind}{own}");
+        Submission { arguments: arguments.into(), variables, script, sources }
     }
 
     /// The command of the worker, each word quoted; with several ranks, by srun on each node, which ends them all when one

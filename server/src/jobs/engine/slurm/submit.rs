@@ -25,9 +25,9 @@ impl SlurmJob {
                 Ok(id) => return self.submitted(&id),
                 Err(problem) => problem,
             };
-            let flag = submission.flag;
-            let waiting = format!("{problem}; check --slurm-options and {flag}; the submission is repeated");
-            tracing::warn!(problem, flag, "Slurm did not accept a job; retrying");
+            let sources = &submission.sources;
+            let waiting = format!("{problem}; check {sources}; the submission is repeated");
+            tracing::warn!(problem, sources, "Slurm did not accept a job; retrying");
             self.placement.send_if_modified(|placement| replace(&mut placement.waiting, &waiting));
             sleep(pause).await;
             pause = LONGEST_PAUSE.min(pause * 2);

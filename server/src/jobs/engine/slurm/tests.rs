@@ -38,6 +38,26 @@ async fn the_token_is_in_the_environment_and_the_options_of_the_operator_are_in_
     assert!(!environment.lines().any(|line| line.starts_with("TMPDIR=")), "{environment}");
 }
 
+#[tokio::test]
+async fn the_options_of_a_job_come_after_those_of_the_server() {
+    let mut fake = Fake::new().await;
+    fake.job.engine_options = "--partition=gpu --gres=gpu:1".to_owned();
+    fake.install("sbatch", "cat > script; echo 'sbatch: error: Invalid generic resource' >&2; exit 1");
+    fake.install("squeue", "true");
+    let mut execution = fake.start();
+    let mut places = execution.placement();
+    tokio::select! {
+        end = execution.ended() => panic!("{end:?}"),
+        waits = place(&mut places, |place| !place.waiting.is_empty()) => {
+            let sources = "check --slurm-options and --slurm-pretrain-options, and the job's own options";
+            assert!(waits.waiting.contains(sources), "{waits:?}");
+        }
+    }
+    let script = std::fs::read_to_string(fake.path("script")).unwrap();
+    let lines: Vec<&str> = script.lines().filter(|line| line.starts_with("#SBATCH")).collect();
+    assert_eq!(lines, [format!("#SBATCH {PARTITION}").as_str(), "#SBATCH --partition=gpu --gres=gpu:1"]);
+}
+
 /// The job waits with the reason and runs once the command works; no attempt is counted meanwhile.
 #[tokio::test]
 async fn each_failure_of_sbatch_is_a_reason_for_waiting() {
