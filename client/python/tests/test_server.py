@@ -54,7 +54,7 @@ def test_message_of_the_server_is_unchanged(client: gleaner.Client) -> None:
 
 
 def test_engine_options_are_of_a_cluster_alone(client: gleaner.Client) -> None:
-    with pytest.raises(gleaner.FailedPrecondition, match="engine_options: .*--engine slurm"):
+    with pytest.raises(gleaner.FailedPrecondition, match=r"engine_options: .*--engine slurm"):
         client.jobs.pretrain(TASK, engine_options="--partition=gpu --gres=gpu:1")
     with pytest.raises(gleaner.InvalidArgument, match="engine_options: --output=/x"):
         client.jobs.pretrain(TASK, engine_options="--output=/x")
