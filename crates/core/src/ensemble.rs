@@ -3,8 +3,10 @@
 //! Plain data: must not know clocks, sessions or policies.
 
 mod execution;
+mod steps;
 
 pub use execution::Execution;
+pub use steps::StepChunks;
 
 use std::collections::VecDeque;
 

@@ -2,7 +2,7 @@
 //! policy, and of how sessions are served.
 
 use gleaner_core::action::ActionRanges;
-use gleaner_core::ensemble::{ChunkError, Ensemble, Execution};
+use gleaner_core::ensemble::{ChunkError, Execution, StepChunks};
 
 use super::Policy;
 use crate::error::LearnError;
@@ -12,9 +12,7 @@ use crate::history::History;
 #[derive(Debug, Clone)]
 pub struct PolicySession {
     history: History,
-    chunks: Ensemble,
-    /// The control step of the newest observation; the first is 1.
-    step: u64,
+    chunks: StepChunks,
 }
 
 /// One step of an episode.
@@ -37,46 +35,24 @@ impl PolicySession {
 
     /// Counts control steps that passed without an observation.
     pub fn skip(&mut self, steps: u64) {
-        self.step = self.step.saturating_add(steps);
+        self.chunks.skip(steps);
     }
 
     /// Whether the policy has to predict after this many further steps; if not, its last chunk still gives the actions.
     pub fn predicts_after(&self, steps: u64) -> bool {
-        let time = i64::try_from(self.step.saturating_add(steps));
-        time.is_ok_and(|time| self.chunks.remaining(time).is_none())
-    }
-
-    /// The newest step as a time of the chunks.
-    fn time(&self) -> Result<i64, LearnError> {
-        i64::try_from(self.step).map_err(|_| LearnError::invalid("step", "is too high; reset for a new episode"))
-    }
-
-    /// The actions from the newest step on that the last chunk still gives; `None` when the policy has to predict.
-    fn remaining(&self) -> Result<Option<Vec<Vec<f32>>>, LearnError> {
-        let Some(actions) = self.chunks.remaining(self.time()?) else { return Ok(None) };
-        let mut actions = actions.to_vec();
-        if let (Some(first), Some(now)) = (actions.first_mut(), self.chunks.action(self.time()?)) {
-            *first = now;
-        }
-        Ok(Some(actions))
+        self.chunks.predicts_after(steps)
     }
 
     /// Adds the chunk predicted for the newest step, and returns it with its first action replaced by the one to
     /// execute.
-    fn push(&mut self, mut chunk: Vec<Vec<f32>>) -> Result<Vec<Vec<f32>>, LearnError> {
-        let time = self.time()?;
-        self.chunks.push(time, chunk.clone()).map_err(|problem| match problem {
+    fn push(&mut self, chunk: Vec<Vec<f32>>) -> Result<Vec<Vec<f32>>, LearnError> {
+        self.chunks.push(chunk).map_err(|problem| match problem {
             ChunkError::Empty => LearnError::invalid("chunk", "is empty; push the actions of the policy"),
             ChunkError::Width { .. } => LearnError::invalid("chunk", format!("{problem}; reset before another policy")),
             ChunkError::Order { last } => {
-                LearnError::invalid("step", format!("is {time}, must be after {last}; reset for a new episode"))
+                LearnError::invalid("step", format!("must be after {last}; reset for a new episode"))
             }
-        })?;
-        // The chunk that was just added covers its own step.
-        if let (Some(first), Some(now)) = (chunk.first_mut(), self.chunks.action(time)) {
-            *first = now;
-        }
-        Ok(chunk)
+        })
     }
 }
 
@@ -84,9 +60,8 @@ impl Policy {
     /// A session at the start of an episode. A policy that draws its actions draws them from `seed`: the same seed and
     /// observations give the same actions, also in a pass with other sessions.
     pub fn session(&self, seed: u64) -> PolicySession {
-        let mut chunks = Ensemble::new(1, self.shape().ranges.clone());
-        chunks.set_execution(self.execution());
-        PolicySession { history: History::seeded(self.segment_length(), seed), chunks, step: 0 }
+        let chunks = StepChunks::new(self.shape().ranges.clone(), self.execution());
+        PolicySession { history: History::seeded(self.segment_length(), seed), chunks }
     }
 
     /// How the chunks of this policy are executed.
@@ -108,7 +83,7 @@ impl Policy {
         let mut answers = Vec::with_capacity(sessions.len());
         for (session, steps) in &mut *sessions {
             session.skip(steps.len() as u64);
-            answers.push(session.remaining()?);
+            answers.push(session.chunks.remaining());
         }
         // A history of one step is replaced by the next one, so that a step without a pass need not be encoded.
         let reads = |answer: &Option<_>| answer.is_none() || self.segment_length() > 0;
