@@ -26,7 +26,7 @@ fn names(source: &str, word: &str) -> bool {
 
 #[test]
 fn crates_are_named_in_their_place_only() {
-    let rules: [(&str, &[&str]); 30] = [
+    let rules: [(&str, &[&str]); 31] = [
         ("tch", &["crates/group/", "crates/learn/", "crates/search/"]),
         ("gleaner_group", &["crates/group/", "crates/learn/", "crates/worker/"]),
         ("sqlx", &["server/src/store/"]),
@@ -56,6 +56,7 @@ fn crates_are_named_in_their_place_only() {
                 "crates/core/src/proto",
                 "server/src/wire/",
                 "server/src/service/",
+                "crates/remote/",
                 "crates/worker/",
                 "server/src/access/",
                 "client/",
@@ -87,7 +88,8 @@ fn crates_are_named_in_their_place_only() {
             "prost_reflect",
             &["crates/recording/", "client/", "tests/", "server/src/access/table.rs", "server/src/service/tests.rs"],
         ),
-        ("tokio_rustls", &["crates/edge/", "server/src/access/tls/"]),
+        ("tokio_rustls", &["crates/edge/", "crates/remote/", "server/src/access/tls/"]),
+        ("gleaner_remote", &["crates/remote/", "server/src/config/policy_servers.rs", "server/src/policies/"]),
         (
             "gleaner_sim",
             &[

@@ -55,6 +55,7 @@ pub mod placement;
 pub mod policy;
 pub mod printable;
 mod recording_summary;
+pub mod remote;
 mod report;
 pub mod schedule;
 pub mod schema;

@@ -137,13 +137,17 @@ pub(crate) fn text(value: &Value) -> Option<&str> {
 
 /// An array of 32-bit numbers as openpi's client reads it.
 pub(crate) fn numbers(shape: &[usize], values: impl Iterator<Item = f32>) -> Value {
-    let data: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
+    packed("<f4", shape, values.flat_map(f32::to_le_bytes).collect())
+}
+
+/// An array of any type as numpy's packers write it.
+pub(crate) fn packed(dtype: &str, shape: &[usize], data: Vec<u8>) -> Value {
     let sizes = shape.iter().map(|size| Value::from(*size)).collect();
     let key = |name: &str| Value::Binary(name.as_bytes().to_vec());
     Value::Map(vec![
         (key(MARK), Value::Boolean(true)),
         (key("data"), Value::Binary(data)),
-        (key("dtype"), Value::from("<f4")),
+        (key("dtype"), Value::from(dtype)),
         (key("shape"), Value::Array(sizes)),
     ])
 }
@@ -154,13 +158,7 @@ pub(crate) mod tests {
 
     /// An array as the client packs it, of any type.
     pub(crate) fn packed(dtype: &str, shape: &[usize], data: &[u8]) -> Value {
-        let key = |name: &str| Value::Binary(name.as_bytes().to_vec());
-        Value::Map(vec![
-            (key(MARK), Value::Boolean(true)),
-            (key("data"), Value::Binary(data.to_vec())),
-            (key("dtype"), Value::from(dtype)),
-            (key("shape"), Value::Array(shape.iter().map(|size| Value::from(*size)).collect())),
-        ])
+        super::packed(dtype, shape, data.to_vec())
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::support::files;
 
 /// Every crate of the workspace but its tests and benches, and the others that it may name.
-const CRATES: [(&str, &[&str]); 23] = [
+const CRATES: [(&str, &[&str]); 24] = [
     ("proto", &[]),
     ("crates/bucket", &["core"]),
     ("crates/capacity", &[]),
@@ -20,6 +20,7 @@ const CRATES: [(&str, &[&str]); 23] = [
     ("crates/logs", &["core"]),
     ("crates/openpi", &["core"]),
     ("crates/recording", &["core", "video"]),
+    ("crates/remote", &["core", "openpi", "proto"]),
     ("crates/search", &[]),
     ("crates/video", &[]),
     ("crates/web", &["core", "edge"]),
@@ -42,6 +43,7 @@ const CRATES: [(&str, &[&str]); 23] = [
             "openpi",
             "proto",
             "recording",
+            "remote",
             "sim",
             // For tests alone.
             "test-postgres",
