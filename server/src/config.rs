@@ -12,6 +12,7 @@ mod maintenance;
 mod openpi;
 mod plan;
 mod policies;
+mod policy_servers;
 mod ranks;
 mod telemetry;
 mod tls;
@@ -39,6 +40,7 @@ pub use self::{
     openpi::OpenpiConfig,
     plan::PlanConfig,
     policies::PoliciesConfig,
+    policy_servers::PolicyServersConfig,
     ranks::RanksConfig,
     telemetry::TelemetryConfig,
     tls::{TlsClientConfig, TlsCommand, TlsConfig, TlsFolderConfig, TlsServerConfig},
@@ -129,6 +131,9 @@ pub struct ServeConfig {
     /// Serving of policies.
     #[command(flatten)]
     pub policies: PoliciesConfig,
+    /// Policies of other servers.
+    #[command(flatten)]
+    pub policy_servers: PolicyServersConfig,
 }
 
 impl Cli {
@@ -163,7 +168,8 @@ impl ServeConfig {
         self.blob_store.validate()?;
         self.maintenance.validate()?;
         self.jobs.validate(self.access.tls_cert.is_some(), self.insecure)?;
-        self.policies.validate()
+        self.policies.validate()?;
+        self.policy_servers.validate()
     }
 }
 

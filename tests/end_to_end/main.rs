@@ -50,6 +50,7 @@ mod prose;
 mod ranks;
 mod real_recordings;
 mod refusals;
+mod remote_policies;
 mod restart;
 mod rollouts;
 mod schedules;

@@ -147,7 +147,7 @@ pub enum SessionOutput {
         /// The score of the newest scored segment.
         score: Option<SegmentScored>,
     },
-    /// No action for an observation, because its deadline passed.
+    /// No action for an observation with a deadline: it passed, or the policy's own server does not answer.
     Missed {
         /// The stamp of the observation.
         stamp_ns: i64,
@@ -155,6 +155,8 @@ pub enum SessionOutput {
         dropped: u64,
         /// Time spent in each stage until the deadline.
         timings: Timings,
+        /// Why there is no action, where it is another cause than time; empty otherwise.
+        reason: String,
     },
     /// The server is stopping, and ends the session at `close_at`.
     Draining {

@@ -2,28 +2,73 @@
 
 use super::{
     id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, TaskId},
+    remote::RemotePolicy,
     time::Millis,
 };
 
-/// A trained policy.
+pub use super::remote::KIND as REMOTE;
+
+/// A policy: trained here, or run by another server.
 #[derive(Debug, Clone)]
 pub struct Policy {
     /// Its id.
     pub id: PolicyId,
     /// Its task.
     pub task_id: TaskId,
+    /// For example `finetune`; [`REMOTE`] for a policy that another server runs.
+    pub kind: String,
+    /// Where it comes from.
+    pub origin: PolicyOrigin,
+    /// When it was finished, or registered.
+    pub created_at: Millis,
+}
+
+/// Where a policy comes from.
+#[derive(Debug, Clone)]
+pub enum PolicyOrigin {
+    /// A training of this server.
+    Trained(Training),
+    /// Another server, which runs it.
+    Remote(Box<RemotePolicy>),
+}
+
+/// The training of a policy.
+#[derive(Debug, Clone)]
+pub struct Training {
     /// The job that made it.
     pub job_id: JobId,
-    /// For example `finetune`.
-    pub kind: String,
     /// The encoder its training started from; `None` when it started from scratch.
     pub encoder_id: Option<EncoderId>,
     /// Its training data besides experts; `None` for experts alone.
     pub dataset_id: Option<DatasetId>,
     /// Blob of its checkpoint.
     pub checkpoint: BlobId,
-    /// When it was finished.
-    pub created_at: Millis,
+}
+
+impl Policy {
+    /// Its training; `None` for a policy that another server runs.
+    #[must_use]
+    pub fn training(&self) -> Option<&Training> {
+        match &self.origin {
+            PolicyOrigin::Trained(training) => Some(training),
+            PolicyOrigin::Remote(_) => None,
+        }
+    }
+
+    /// The server that runs it; `None` for a policy that was trained here.
+    #[must_use]
+    pub fn remote(&self) -> Option<&RemotePolicy> {
+        match &self.origin {
+            PolicyOrigin::Trained(_) => None,
+            PolicyOrigin::Remote(remote) => Some(remote),
+        }
+    }
+
+    /// The job that made it, if it was trained here.
+    #[must_use]
+    pub fn job_id(&self) -> Option<&JobId> {
+        self.training().map(|training| &training.job_id)
+    }
 }
 
 /// What a deployment's name points at.

@@ -13,6 +13,7 @@ pub mod kinds;
 pub mod order;
 pub mod policy;
 pub mod recording;
+pub mod remote;
 pub mod schedule;
 pub mod score;
 pub mod selection;

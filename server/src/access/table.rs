@@ -136,6 +136,9 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::PolicyServiceRollBack
         | Rpc::PolicyServiceReportEvaluation => changes(Role::Trainer),
 
+        // The server connects to the address that the caller names.
+        Rpc::PolicyServiceRegisterPolicy => changes(Role::Admin),
+
         Rpc::WorkerServiceGetAssignment
         | Rpc::WorkerServiceStreamEpisodes
         | Rpc::WorkerServiceStreamBaseScores

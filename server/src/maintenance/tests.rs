@@ -50,7 +50,7 @@ pub(super) async fn lab() -> Lab {
     let encoder = results::encoder(&store, &task).await;
     let checkpoint = blobs.put(b"encoder").unwrap();
     let policy = results::policy(&store, &task, &encoder, checkpoint.clone()).await;
-    for job in [&encoder.job_id, &policy.job_id] {
+    for job in [&encoder.job_id, policy.job_id().unwrap()] {
         results::set_state(&store, job, crate::domain::job::JobState::Succeeded, "").await;
     }
     let ingest = open_on(&dir, &store).await;

@@ -25,6 +25,8 @@ pub(super) enum StepResult<H> {
     Advanced(Advanced<H>),
     /// The deadline passed before the model was free. The model did not run; the history is returned unchanged.
     Late(Option<H>),
+    /// The policy's own server did not answer; a later request may succeed. The history is returned unchanged.
+    Unanswered(Option<H>, Error),
 }
 
 impl<H> StepResult<H> {
@@ -36,6 +38,7 @@ impl<H> StepResult<H> {
         match self {
             Self::Advanced(advanced) => Ok(advanced),
             Self::Late(_) => Err(Error::late("the deadline passed before the policy was free")),
+            Self::Unanswered(_, error) => Err(error),
         }
     }
 }

@@ -108,6 +108,24 @@ impl<M: Model> Engine<M> {
         }))
     }
 
+    /// A handle whose requests a task answers, in place of a thread. The task ends when its receiver is disconnected.
+    pub(super) fn of_task(
+        identity: Identity,
+        (shape, window, execution): (TaskShape, usize, Execution),
+    ) -> (Arc<Self>, flume::Receiver<QueuedRequest<M::History>>) {
+        let (requests, waiting) = flume::bounded(identity.queue.max(1));
+        let engine = Self {
+            rates: SessionRates::new(identity.wait),
+            identity,
+            shape: Arc::new(shape),
+            window,
+            execution,
+            requests: Mutex::new(Some(requests)),
+            thread: Mutex::new(None),
+        };
+        (Arc::new(engine), waiting)
+    }
+
     pub(super) fn identity(&self) -> &Identity {
         &self.identity
     }

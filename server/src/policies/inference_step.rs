@@ -37,23 +37,35 @@ impl<H> Memory<H> {
     }
 }
 
-/// Answers one observation. Returns the session's next state and the actions, in physical units, one per control
-/// period; `None` when the deadline passed before the model was free, so that the model did not run and the step stays
-/// unseen.
+/// The result of one observation.
+#[derive(Debug)]
+pub(super) enum StepAnswer {
+    /// Actions in physical units, one per control period.
+    Acted(Vec<Vec<f32>>),
+    /// None: the deadline passed before the model was free, or the policy's own server does not answer, which is the
+    /// reason then. The model did not run and the step stays unseen.
+    Missed(String),
+}
+
+/// Answers one observation. Returns the session's next state and the answer.
 ///
 /// # Errors
-/// Invalid for a bad observation; Internal when the model fails; Unavailable when it is being unloaded.
+/// Invalid for a bad observation; Internal when the model fails; Unavailable when it is being unloaded, or when the
+/// policy's own server does not answer an observation without a deadline; Precondition when that server's answer
+/// cannot be used.
 pub(super) async fn inference_step<M: Model>(
     engine: Arc<Engine<M>>,
     memory: Memory<M::History>,
     observation: Observation,
     reply: PendingReply,
-) -> Result<(Memory<M::History>, Option<Vec<Vec<f32>>>)> {
+) -> Result<(Memory<M::History>, StepAnswer)> {
     let Memory { history, seed, given, withheld, unseen, mut watch } = memory;
     let skipped = unseen + reply.dropped;
-    let unrun = |history, given, watch| (Memory { history, seed, given, withheld, unseen: skipped + 1, watch }, None);
+    let unrun = |history, given, watch, reason| {
+        (Memory { history, seed, given, withheld, unseen: skipped + 1, watch }, StepAnswer::Missed(reason))
+    };
     if reply.is_late() {
-        return Ok(unrun(history, given, watch));
+        return Ok(unrun(history, given, watch, String::new()));
     }
     let shape = engine.shape();
     let begun = Instant::now();
@@ -70,10 +82,14 @@ pub(super) async fn inference_step<M: Model>(
     }
     let input = ModelInput { history, seed, skipped, steps: vec![step] };
     Ok(match engine.infer_by(InferenceRequest { input, stages: reply.stages, deadline: reply.deadline }).await? {
-        StepResult::Late(history) => unrun(history, given, watch),
+        StepResult::Late(history) => unrun(history, given, watch, String::new()),
+        // A robot without a deadline has no other use for a session that cannot act.
+        StepResult::Unanswered(_, error) if reply.deadline.is_none() => return Err(error),
+        StepResult::Unanswered(history, error) => unrun(history, given, watch, error.message().to_owned()),
         StepResult::Advanced(advanced) => {
             let history = Some(advanced.history);
-            (Memory { history, seed, given, withheld: false, unseen: 0, watch }, Some(advanced.actions))
+            let acted = StepAnswer::Acted(advanced.actions);
+            (Memory { history, seed, given, withheld: false, unseen: 0, watch }, acted)
         }
     })
 }

@@ -15,6 +15,8 @@ pub(crate) mod observation;
 mod open_session;
 mod pending_reply;
 mod record;
+mod remote;
+mod remote_history;
 mod reply_sender;
 mod sequences;
 mod session;
@@ -32,6 +34,7 @@ use std::{
 };
 
 use gleaner_learn::Policy as Model;
+use gleaner_remote::Outgoing;
 use tracing::Instrument as _;
 
 use self::{
@@ -48,7 +51,7 @@ use crate::{
         id::{ScoreRunId, SessionId},
         live::{LiveSession, SessionState},
         observation::{Acted, Observation},
-        policy::{Assignment, Deployment, Policy},
+        policy::{Assignment, Deployment, Policy, PolicyOrigin, Training},
     },
     error::{Error, Result},
     rollouts::Rollouts,
@@ -69,6 +72,8 @@ struct Inner {
     loaded: Mutex<LoadedPolicies<Model>>,
     sequences: Sequences<Model>,
     live: Live,
+    /// Which other servers may be called for policies, and how.
+    outgoing: Outgoing,
     /// Held while a policy is loaded or a name is moved, so that a slow first use cannot undo a deployment.
     moving: tokio::sync::Mutex<()>,
 }
@@ -78,6 +83,7 @@ impl Policies {
     pub fn new(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, scorers: Scorers, rollouts: Rollouts) -> Self {
         Self(Arc::new(Inner {
             config: Arc::clone(config),
+            outgoing: remote::outgoing(&config.policy_servers),
             store,
             blobs,
             scorers,
@@ -108,7 +114,9 @@ impl Policies {
     /// the run cannot score live, or the name belongs to another task.
     pub(crate) async fn deploy(&self, name: &str, assignment: Assignment) -> Result<Deployment> {
         let policy = self.0.store.policy(&assignment.policy_id).await?;
+        // Before the lock: the scorer and the policy's own server take long.
         let scorer = self.scorer(&policy, assignment.score_run_id.as_ref()).await?;
+        self.check(&policy, assignment.hide_history).await?;
         let (policies, name) = (self.clone(), name.to_owned());
         move_to_end(async move {
             let _scorer = scorer;
@@ -127,9 +135,11 @@ impl Policies {
     /// # Errors
     /// NotFound; Precondition when there is no previous policy, or its checkpoint cannot be read by this version.
     pub(crate) async fn roll_back(&self, name: &str) -> Result<Deployment> {
-        // Before the lock: loading a scorer takes long.
+        // Before the lock: the scorer and the policy's own server take long.
         let before = self.0.store.before(name).await?;
-        let scorer = self.scorer(&self.0.store.policy(&before.policy_id).await?, before.score_run_id.as_ref()).await?;
+        let policy = self.0.store.policy(&before.policy_id).await?;
+        let scorer = self.scorer(&policy, before.score_run_id.as_ref()).await?;
+        self.check(&policy, before.hide_history).await?;
         let (policies, name) = (self.clone(), name.to_owned());
         move_to_end(async move {
             let (_scorer, store) = (scorer, &policies.0.store);
@@ -204,10 +214,7 @@ impl Policies {
         if let Some(engine) = lock(&self.0.loaded).loaded(&(policy.id.clone(), hide_history))? {
             return Ok(engine);
         }
-        let (blobs, checkpoint) = (self.0.blobs.clone(), policy.checkpoint.clone());
-        let sizing = tokio::task::spawn_blocking(move || blobs.size(&checkpoint)).await;
-        let bytes = sizing.map_err(|error| Error::internal("reading a policy's size", error))??.unwrap_or(0);
-        lock(&self.0.loaded).make_room(bytes);
+        let task = self.0.store.task_by_id(&policy.task_id).await?;
         let config = &self.0.config.policies;
         let identity = Identity {
             policy_id: policy.id.clone(),
@@ -215,18 +222,34 @@ impl Policies {
             task_id: policy.task_id.clone(),
             batch: config.policy_batch,
             queue: config.policy_queue,
-            period: Duration::from_secs_f64(1.0 / self.0.store.task_by_id(&policy.task_id).await?.spec.rate_hz),
+            period: Duration::from_secs_f64(1.0 / task.spec.rate_hz),
             wait: config.policy_batch_wait,
             spin: config.policy_spin(),
         };
-        let (blobs, checkpoint) = (self.0.blobs.clone(), policy.checkpoint.clone());
+        let (engine, bytes) = match &policy.origin {
+            PolicyOrigin::Trained(training) => self.start(identity, training).await?,
+            // It is called at its first observation, so that a session opens although its server is down.
+            PolicyOrigin::Remote(remote) => {
+                (remote::engine(identity, self.remote(remote, &task)?, remote.execute_length, &task)?, 0)
+            }
+        };
+        lock(&self.0.loaded).put(&engine, bytes);
+        Ok(engine)
+    }
+
+    /// Starts a trained policy; returns the size of its checkpoint too.
+    async fn start(&self, identity: Identity, training: &Training) -> Result<(Arc<Engine<Model>>, u64)> {
+        let (blobs, checkpoint) = (self.0.blobs.clone(), training.checkpoint.clone());
+        let sizing = tokio::task::spawn_blocking(move || blobs.size(&checkpoint)).await;
+        let bytes = sizing.map_err(|error| Error::internal("reading a policy's size", error))??.unwrap_or(0);
+        lock(&self.0.loaded).make_room(bytes);
+        let (blobs, checkpoint) = (self.0.blobs.clone(), training.checkpoint.clone());
+        let hide_history = identity.hide_history;
         let load = move || {
             let policy = Model::load(&blobs.get(&checkpoint)?).map_err(model::learned)?;
             if hide_history { policy.hiding_history().map_err(model::learned) } else { Ok(policy) }
         };
-        let engine = Engine::start(identity, load).await?;
-        lock(&self.0.loaded).put(&engine, bytes);
-        Ok(engine)
+        Ok((Engine::start(identity, load).await?, bytes))
     }
 }
 

@@ -3,6 +3,7 @@
 use gleaner_core::ensemble::Execution;
 use gleaner_learn::{LearnError, Observed, Policy, PolicySession, TaskShape};
 
+use super::remote_history::RemoteHistory;
 pub(super) use crate::error::guarded;
 use crate::error::{Error, Result};
 
@@ -66,8 +67,17 @@ pub(super) trait Model: 'static {
     fn advance(&self, inputs: &[&ModelInput<Self::History>]) -> Result<Vec<Advanced<Self::History>>>;
 }
 
+/// The state of a session with a policy of any origin.
+#[derive(Debug, Clone)]
+pub(super) enum History {
+    /// With a policy that was trained here.
+    Trained(PolicySession),
+    /// With a policy that another server runs.
+    Remote(RemoteHistory),
+}
+
 impl Model for Policy {
-    type History = PolicySession;
+    type History = History;
 
     fn shape(&self) -> &TaskShape {
         self.shape()
@@ -81,25 +91,34 @@ impl Model for Policy {
         self.execution()
     }
 
-    fn predicts(&self, input: &ModelInput<PolicySession>) -> bool {
+    fn predicts(&self, input: &ModelInput<History>) -> bool {
         let steps = input.skipped.saturating_add(input.steps.len() as u64);
-        input.history.as_ref().is_none_or(|session| session.predicts_after(steps))
+        trained(input).is_none_or(|session| session.predicts_after(steps))
     }
 
-    fn advance(&self, inputs: &[&ModelInput<PolicySession>]) -> Result<Vec<Advanced<PolicySession>>> {
+    fn advance(&self, inputs: &[&ModelInput<History>]) -> Result<Vec<Advanced<History>>> {
         let mut sessions: Vec<PolicySession> = inputs.iter().map(|input| session(self, input)).collect();
         let steps: Vec<Vec<Observed<'_>>> =
             inputs.iter().map(|input| input.steps.iter().map(observed).collect()).collect();
         let mut advancing: Vec<_> =
             sessions.iter_mut().zip(&steps).map(|(one, steps)| (one, steps.as_slice())).collect();
         let actions = Policy::advance(self, &mut advancing).map_err(learned)?;
-        Ok(sessions.into_iter().zip(actions).map(|(history, actions)| Advanced { history, actions }).collect())
+        let advanced = |(session, actions)| Advanced { history: History::Trained(session), actions };
+        Ok(sessions.into_iter().zip(actions).map(advanced).collect())
+    }
+}
+
+/// The session of an input. A session keeps its engine, so a model that was trained here sees no other history.
+fn trained(input: &ModelInput<History>) -> Option<&PolicySession> {
+    match &input.history {
+        Some(History::Trained(session)) => Some(session),
+        Some(History::Remote(_)) | None => None,
     }
 }
 
 /// The session of an input, with its skipped steps.
-fn session(policy: &Policy, input: &ModelInput<PolicySession>) -> PolicySession {
-    let mut session = input.history.clone().unwrap_or_else(|| policy.session(input.seed));
+fn session(policy: &Policy, input: &ModelInput<History>) -> PolicySession {
+    let mut session = trained(input).cloned().unwrap_or_else(|| policy.session(input.seed));
     session.skip(input.skipped);
     session
 }

@@ -32,9 +32,9 @@ impl PendingReply {
         self.deadline.is_some_and(|deadline| deadline <= std::time::Instant::now())
     }
 
-    /// The output in place of an action.
-    pub(super) fn missed(self) -> SessionOutput {
-        SessionOutput::Missed { stamp_ns: self.stamp_ns, dropped: self.dropped, timings: self.stages.timings() }
+    /// The output in place of an action; `reason` is another cause than time, or empty.
+    pub(super) fn missed(self, reason: String) -> SessionOutput {
+        SessionOutput::Missed { stamp_ns: self.stamp_ns, dropped: self.dropped, timings: self.stages.timings(), reason }
     }
 }
 

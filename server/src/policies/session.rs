@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::{
     engine::Engine,
-    inference_step::{Memory, inference_step},
+    inference_step::{Memory, StepAnswer, inference_step},
     model::Model,
     pending_reply::{PendingReply, late, passed},
     record::Record,
@@ -150,11 +150,11 @@ impl<M: Model> Session<M> {
                     return Err(Error::unavailable("the server is stopping; open the session again"));
                 }
                 result = &mut busy, if !busy.is_terminated() => {
-                    let (remembered, actions) = result?;
+                    let (remembered, answer) = result?;
                     memory = remembered;
-                    self.record.inference_finished(actions.is_some());
+                    self.record.inference_finished(matches!(answer, StepAnswer::Acted(_)));
                     self.stirred = Instant::now();
-                    if let Some(output) = self.settle(actions, &mut memory) {
+                    if let Some(output) = self.settle(answer, &mut memory) {
                         replies.send(output).await?;
                     }
                 }
@@ -177,12 +177,12 @@ impl<M: Model> Session<M> {
     }
 
     /// The output for a finished inference step: its actions if still in time, unless it was reported missed already.
-    fn settle(&mut self, actions: Option<Vec<Vec<f32>>>, memory: &mut Memory<M::History>) -> Option<SessionOutput> {
+    fn settle(&mut self, answer: StepAnswer, memory: &mut Memory<M::History>) -> Option<SessionOutput> {
         let score = self.record.scored(memory.watch.as_mut());
         memory.withheld = true;
         let reply = self.in_flight.take()?;
-        match actions {
-            Some(actions) if !reply.is_late() => {
+        match answer {
+            StepAnswer::Acted(actions) if !reply.is_late() => {
                 self.counts.answered += 1;
                 memory.given = actions.first().cloned();
                 memory.withheld = false;
@@ -192,9 +192,13 @@ impl<M: Model> Session<M> {
                 self.record.commanded(&acted);
                 Some(SessionOutput::Action { acted, dropped, score })
             }
-            Some(_) | None => {
+            StepAnswer::Acted(_) => {
                 self.counts.missed += 1;
-                Some(reply.missed())
+                Some(reply.missed(String::new()))
+            }
+            StepAnswer::Missed(reason) => {
+                self.counts.missed += 1;
+                Some(reply.missed(reason))
             }
         }
     }
@@ -203,7 +207,7 @@ impl<M: Model> Session<M> {
     async fn miss(&mut self, reply: Option<PendingReply>, replies: &ReplySender) -> Result<()> {
         let Some(reply) = reply else { return Ok(()) };
         self.counts.missed += 1;
-        replies.send(reply.missed()).await
+        replies.send(reply.missed(String::new())).await
     }
 
     fn opened(&self) -> SessionOutput {

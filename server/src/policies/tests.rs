@@ -1,6 +1,7 @@
 //! Deployments and sessions with real, tiny policies.
 
 mod moved;
+mod remote;
 mod score_run;
 
 use clap::Parser as _;
@@ -42,7 +43,9 @@ impl Lab {
         let (dir, store) = testing::store().await;
         let data_dir = dir.path().to_str().unwrap();
         let Command::Serve(config) =
-            Cli::try_parse_from(["gleaner-server", "serve", "--data-dir", data_dir]).unwrap().command
+            Cli::try_parse_from(["gleaner-server", "serve", "--policy-servers", "127.0.0.1", "--data-dir", data_dir])
+                .unwrap()
+                .command
         else {
             panic!("not serve");
         };

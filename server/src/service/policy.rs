@@ -32,6 +32,15 @@ impl PolicyService for PolicyApi {
         .await
     }
 
+    async fn register_policy(&self, request: Request<v1::RegisterPolicyRequest>) -> Reply<v1::RegisterPolicyResponse> {
+        change(request, async |request| {
+            let (task, remote) = wire::remote::register_request(request)?;
+            let policy = self.0.policies.register(&self.0.store.task(&task).await?, remote).await?;
+            Ok(v1::RegisterPolicyResponse { policy: Some(wire::policy::policy(policy)) })
+        })
+        .await
+    }
+
     async fn deploy(&self, request: Request<v1::DeployRequest>) -> Reply<v1::DeployResponse> {
         change(request, async |request| {
             let (name, assignment) = wire::policy::deploy_request(request)?;

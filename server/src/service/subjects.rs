@@ -94,6 +94,9 @@ messages! {
     DeleteScheduleResponse {}
     Schedule { id, task_id, name, pipeline }
 
+    RegisterPolicyRequest { task }
+    RegisterPolicyResponse { policy }
+    Policy { id, task_id, encoder_id, dataset_id, job_id }
     DeployRequest { name, policy_id, score_run_id }
     DeployResponse { deployment }
     RollBackRequest { name }

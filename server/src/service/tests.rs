@@ -236,6 +236,8 @@ async fn every_rpc_that_changes_something_is_in_the_audit_log_with_its_subjects(
             "NotFound", [format!("open.snapshot_id=snap_{ID}"), format!("open.encoder_id=enc_{ID}")];
         DatasetServiceCreateDataset(v1::CreateDatasetRequest { score_run_id: format!("run_{ID}"), selection: None })
             -> CreateDatasetResponse, "InvalidArgument", [format!("score_run_id=run_{ID}")];
+        PolicyServiceRegisterPolicy(v1::RegisterPolicyRequest { task: "arm".into(), remote: Some(v1::RemotePolicy { protocol: 1, ..Default::default() }) })
+            -> RegisterPolicyResponse, "NotFound", ["task=arm"];
         PolicyServiceDeploy(v1::DeployRequest { name: "arm".into(), policy_id: format!("pol_{ID}"), score_run_id: String::new(), ..Default::default() })
             -> DeployResponse, "NotFound", ["name=arm".to_owned(), format!("policy_id=pol_{ID}")];
         PolicyServiceRollBack(v1::RollBackRequest { name: "arm".into() }) -> RollBackResponse, "NotFound", ["name=arm"];

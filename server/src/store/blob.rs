@@ -14,7 +14,7 @@ macro_rules! named_blobs {
         // The setting `image_weights` ends in the digest of a blob, which is needed until its job has ended.
         "select recording as blob, id as needed_by, size_bytes from episodes where purged_at is null \
          union all select checkpoint, id, null from encoders \
-         union all select checkpoint, id, null from policies \
+         union all select checkpoint, id, null from policies where checkpoint is not null \
          union all select blob, export_id || ' (its file ' || name || ')', size_bytes from export_files \
          union all select checkpoint, id || ' (to resume from)', null from jobs where checkpoint is not null \
          union all select substr(weights, length(weights) - 63), id || ' (to begin with)', null from \

@@ -8,8 +8,8 @@ use serde::de::DeserializeOwned;
 use super::{Store, fault, row};
 use crate::{
     domain::{
-        evaluation::SeedResult, id::EpisodeId, job::JobSpec, order::JobOrder, schedule::PipelineSpec,
-        snapshot::RoleRule,
+        evaluation::SeedResult, id::EpisodeId, job::JobSpec, order::JobOrder, remote::RemotePolicy,
+        schedule::PipelineSpec, snapshot::RoleRule,
     },
     error::Result,
 };
@@ -18,7 +18,7 @@ use crate::{
 type Document = (&'static str, &'static str, fn(&str) -> Option<String>);
 
 /// Columns that hold JSON.
-const DOCUMENTS: [Document; 9] = [
+const DOCUMENTS: [Document; 10] = [
     ("its spec", "select id, spec from tasks", unreadable::<TaskSpec>),
     ("its report", "select id, report from episodes", unreadable::<Report>),
     ("its rule", "select id, rule from snapshots", unreadable::<RoleRule>),
@@ -27,6 +27,7 @@ const DOCUMENTS: [Document; 9] = [
     ("its experts", "select id, expert_ids from score_runs", unreadable::<Vec<EpisodeId>>),
     ("its settings", "select id, settings from score_runs where job_id is not null", unreadable::<ScoreSpec>),
     ("its pipeline", "select id, pipeline from schedules", unreadable::<PipelineSpec>),
+    ("its server", "select id, remote from policies where remote is not null", unreadable::<RemotePolicy>),
     ("its trials", "select id, seeds from evaluations", unreadable::<Vec<SeedResult>>),
 ];
 
@@ -57,7 +58,7 @@ const RULES: [&str; 14] = [
      and not exists (select 1 from evaluations where id = result_id)",
     "select id, 'its job ' || job_id || ' did not make it' from \
      (select id, job_id from encoders union all select id, job_id from score_runs where job_id is not null \
-      union all select id, job_id from policies \
+      union all select id, job_id from policies where job_id is not null \
       union all select id, job_id from exports union all select id, job_id from evaluations where job_id is not null) \
      as made where not exists (select 1 from jobs where jobs.id = job_id and result_id = made.id and state = 'succeeded')",
     "select id, 'it waits for a job that has no result' from jobs where state = 'queued' and exists \

@@ -107,9 +107,11 @@ impl Store {
             let id = PolicyId::try_from(id.to_owned());
             let id = id.map_err(|problem| Error::internal("reading the id of a queued sidecar", problem))?;
             self.policy(&id).await.map(|policy| {
-                let (task_id, job_id, created_at) = (policy.task_id, policy.job_id, policy.created_at);
+                // A policy of another server has no blob here.
+                let Some(training) = policy.training().cloned() else { return Described::Gone };
+                let (task_id, job_id, created_at) = (policy.task_id, training.job_id, policy.created_at);
                 let description = Description::Policy { id, task_id, job_id, policy: policy.kind, created_at };
-                Described::Beside(policy.checkpoint, description)
+                Described::Beside(training.checkpoint, description)
             })
         };
         match described {

@@ -87,6 +87,6 @@ async fn rows_of_an_earlier_version_are_kept() {
     let read = store.score_run(&run).await.unwrap();
     assert_eq!((read.origin.values(), read.extends, read.quantiles.len()), (score.values(), None, 0));
     assert_eq!(store.dataset(&dataset).await.unwrap().selection, Selection::beta(0.5));
-    assert!(store.policy(&policy).await.unwrap().encoder_id.is_some());
+    assert!(store.policy(&policy).await.unwrap().training().unwrap().encoder_id.is_some());
     assert_eq!(store.deployment("arm@prod").await.unwrap().policy_id(), Some(&policy));
 }

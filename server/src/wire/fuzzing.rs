@@ -9,7 +9,7 @@ use gleaner_recording::Limits;
 use prost::Message;
 
 use super::{
-    dataset, episode, evaluation, import, inference, job, policy, schedule, score, scoring, selection, session,
+    dataset, episode, evaluation, import, inference, job, policy, remote, schedule, score, scoring, selection, session,
     snapshot, task, upload, worker,
 };
 use crate::{
@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// How many kinds of messages [`message`] knows.
-pub const KINDS: u8 = 36;
+pub const KINDS: u8 = 37;
 
 /// Decodes `bytes` as a message of this kind and converts it. What is refused is refused as Invalid or Exhausted, and
 /// names a field and a fix.
@@ -59,6 +59,7 @@ pub fn message(kind: u8, bytes: &[u8]) {
         31 => convert(bytes, import::batch),
         32 => convert(bytes, worker::episodes_from),
         33 => convert(bytes, worker::meeting_request),
+        35 => convert(bytes, remote::register_request),
         _ => convert(bytes, infer),
     }
 }

@@ -74,11 +74,12 @@ pub(crate) fn session_response(output: SessionOutput) -> v1::SessionResponse {
                 score: score.map(live_score),
             })
         }
-        SessionOutput::Missed { stamp_ns, dropped, timings: spent } => {
+        SessionOutput::Missed { stamp_ns, dropped, timings: spent, reason } => {
             session_response::Message::Missed(v1::SessionMissed {
                 observation_stamp_ns: stamp_ns,
                 dropped,
                 timings: Some(timings(spent)),
+                reason,
             })
         }
         SessionOutput::Draining { close_at } => {

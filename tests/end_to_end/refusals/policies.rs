@@ -59,6 +59,56 @@ async fn invalid_policy_requests_are_rejected() {
 }
 
 #[tokio::test]
+async fn invalid_policies_of_other_servers_are_rejected() {
+    use gleaner_proto::v1::remote_input::Value;
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let right = || RemotePolicy {
+        protocol: RemoteProtocol::OpenInference.into(),
+        address: "http://127.0.0.1:9".into(),
+        model: "arm".into(),
+        ..RemotePolicy::default()
+    };
+    let register =
+        |task: &str, remote: RemotePolicy| RegisterPolicyRequest { task: task.to_owned(), remote: Some(remote) };
+    let of = |remote: RemotePolicy| register(lab::TASK, remote);
+    let sends = |name: &str, value: Option<Value>| RemoteInput { name: name.to_owned(), value };
+    let input = |name: &str, value| of(RemotePolicy { inputs: vec![sends(name, value)], ..right() });
+    let twice = vec![sends("x", Some(Value::Proprioception(true))); 2];
+    let openpi =
+        RemotePolicy { protocol: RemoteProtocol::Openpi.into(), address: "ws://127.0.0.1:9".into(), ..right() };
+    expect_errors!(api.policies:
+        register_policy(register("absent", right())) => NotFound ["absent"];
+        register_policy(RegisterPolicyRequest { task: lab::TASK.into(), remote: None }) => InvalidArgument ["remote: "];
+        register_policy(of(RemotePolicy { protocol: 0, ..right() })) => InvalidArgument ["remote.protocol: "];
+        register_policy(of(RemotePolicy { address: "127.0.0.1:9".into(), ..right() })) => InvalidArgument ["remote.address: "];
+        register_policy(of(RemotePolicy { address: "file:///etc/passwd".into(), ..right() })) => InvalidArgument ["remote.address: "];
+        register_policy(of(RemotePolicy { address: "http://a:b@127.0.0.1:9".into(), ..right() })) => InvalidArgument ["remote.address: "];
+        register_policy(of(RemotePolicy { address: "http://169.254.169.254:80".into(), ..right() })) => FailedPrecondition ["--policy-servers"];
+        register_policy(of(RemotePolicy { model: String::new(), ..right() })) => InvalidArgument ["remote.model: "];
+        register_policy(of(RemotePolicy { model_version: "x".repeat(256), ..right() })) => InvalidArgument ["remote.model_version: "];
+        register_policy(of(openpi.clone())) => InvalidArgument ["remote.model: "];
+        register_policy(of(RemotePolicy { model: String::new(), sequences: true, ..openpi })) => InvalidArgument ["remote.sequences: "];
+        register_policy(of(RemotePolicy { output: "a\n".into(), ..right() })) => InvalidArgument ["remote.output: "];
+        register_policy(of(RemotePolicy { chunk_length: 1025, ..right() })) => InvalidArgument ["remote.chunk_length: "];
+        register_policy(of(RemotePolicy { execute_length: 2, ..right() })) => InvalidArgument ["remote.execute_length: "];
+        register_policy(of(RemotePolicy { answer_within_ms: 60_001, ..right() })) => InvalidArgument ["remote.answer_within_ms: "];
+        register_policy(of(RemotePolicy { source: "x".repeat(256), ..right() })) => InvalidArgument ["remote.source: "];
+        register_policy(of(RemotePolicy { inputs: twice, ..right() })) => InvalidArgument ["remote.inputs[1].name: "];
+        register_policy(input("", Some(Value::Proprioception(true)))) => InvalidArgument ["remote.inputs[0].name: "];
+        register_policy(input("x", None)) => InvalidArgument ["remote.inputs[0].value: "];
+        register_policy(input("x", Some(Value::Camera("absent".into())))) => InvalidArgument ["remote.inputs[0].camera: "];
+        register_policy(input("x", Some(Value::CameraPlanes("absent".into())))) => InvalidArgument ["remote.inputs[0].camera_planes: "];
+        register_policy(input("x", Some(Value::Depth("absent".into())))) => InvalidArgument ["remote.inputs[0].depth: "];
+        register_policy(input("x", Some(Value::Field("absent".into())))) => InvalidArgument ["remote.inputs[0].field: "];
+        register_policy(input("x", Some(Value::Proprioception(false)))) => InvalidArgument ["remote.inputs[0].proprioception: "];
+        register_policy(input("x", Some(Value::ExecutedAction(false)))) => InvalidArgument ["remote.inputs[0].executed_action: "];
+        register_policy(input("x", Some(Value::Text("x".repeat(1001))))) => InvalidArgument ["remote.inputs[0].text: "];
+    );
+    expect_alive(&mut api).await;
+}
+
+#[tokio::test]
 async fn invalid_evaluations_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;

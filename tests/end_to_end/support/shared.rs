@@ -31,7 +31,8 @@ pub async fn shared() -> Arc<Shared> {
     if let Some(shared) = held.upgrade() {
         return shared;
     }
-    let (server, mut api, episodes) = lab::with_episodes(&["--web-listen", "127.0.0.1:0"]).await;
+    let (server, mut api, episodes) =
+        lab::with_episodes(&["--web-listen", "127.0.0.1:0", "--policy-servers", "127.0.0.1"]).await;
     let pretrain = api.succeed(lab::TASK, lab::pretrain(3)).await;
     let Some(job_spec::Spec::Pretrain(spec)) = pretrain.spec.unwrap().spec else { panic!("not pretrain") };
     let encoder = pretrain.result_id;

@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use gleaner_proto::v1;
 
-use super::field;
+use super::{field, remote::remote_to_proto};
 use crate::{
     error::{Error, Result},
     id::{PolicyId, ScoreRunId},
     observation::{Acted, CameraFrame, Image, ImageFormat, Observation, Timings},
-    policy::{Assignment, Deployment, DeploymentChange, Policy},
+    policy::{Assignment, Deployment, DeploymentChange, Policy, PolicyOrigin, Training},
 };
 
 const NAME_BYTES: usize = 128;
@@ -105,15 +105,22 @@ fn image(path: &str, sent: v1::Image) -> Result<Image> {
 
 /// A policy.
 pub fn policy(policy: Policy) -> v1::Policy {
-    let Policy { id, task_id, job_id, kind, encoder_id, dataset_id, checkpoint: _, created_at } = policy;
-    v1::Policy {
+    let Policy { id, task_id, kind, origin, created_at } = policy;
+    let policy = v1::Policy {
         id: id.into(),
         task_id: task_id.into(),
         kind,
-        encoder_id: encoder_id.map(Into::into).unwrap_or_default(),
-        dataset_id: dataset_id.map(Into::into).unwrap_or_default(),
-        job_id: job_id.into(),
         create_time: Some(field::timestamp(created_at)),
+        ..v1::Policy::default()
+    };
+    match origin {
+        PolicyOrigin::Trained(Training { job_id, encoder_id, dataset_id, checkpoint: _ }) => v1::Policy {
+            encoder_id: encoder_id.map(Into::into).unwrap_or_default(),
+            dataset_id: dataset_id.map(Into::into).unwrap_or_default(),
+            job_id: job_id.into(),
+            ..policy
+        },
+        PolicyOrigin::Remote(remote) => v1::Policy { remote: Some(remote_to_proto(*remote)), ..policy },
     }
 }
 

@@ -7,7 +7,12 @@ use gleaner_core::{
 use maud::{Markup, html};
 use serde_json::json;
 
-use crate::{link, sheet::Sheet, text};
+use crate::{
+    link,
+    page_request::PageRequest,
+    sheet::{self, Sheet},
+    text,
+};
 
 /// `62.0 % (55.1 to 68.4)` of the attempts.
 pub(crate) fn rate(success: &Success) -> String {
@@ -28,8 +33,21 @@ fn whisker(success: &Success) -> Markup {
     }
 }
 
+/// The evaluations; without any, the command that makes one.
+pub(super) fn section(request: &PageRequest, tried: &[Evaluation], command: &str) -> Markup {
+    html! {
+        @if tried.is_empty() {
+            p.panel.empty { "Not evaluated yet. " code { (command) } " runs trials in the simulator; others are reported with "
+                code { "ReportEvaluation" } "." }
+        } @else {
+            (table(tried))
+            (sheet::links(request))
+        }
+    }
+}
+
 /// A policy's evaluations.
-pub(super) fn table(evaluations: &[Evaluation]) -> Markup {
+fn table(evaluations: &[Evaluation]) -> Markup {
     html! {
         div.scroll { table {
             thead { tr {

@@ -8,7 +8,8 @@ use gleaner_core::{
     dataset::Dataset,
     id::PolicyId,
     job::{Job, JobKind, JobSpec, JobState},
-    policy::Deployment,
+    policy::{Deployment, Policy},
+    remote::RemotePolicy,
     score::ScoreRun,
     snapshot::Snapshot,
 };
@@ -56,6 +57,28 @@ pub(crate) async fn of_run(backend: &dyn Backend, run: &ScoreRun) -> Result<Mark
     let named: Vec<&str> = datasets.iter().map(|dataset| dataset.id.as_str()).collect();
     family.after(&backend.jobs_naming(&run.task_id, &named).await?);
     Ok(card::row(&family.cards, run.id.as_str()))
+}
+
+/// The lineage of a policy that another server runs: its evaluations and deployments.
+///
+/// # Errors
+/// Internal.
+pub(crate) async fn of_remote_policy(
+    backend: &dyn Backend,
+    (policy, remote): (&Policy, &RemotePolicy),
+    deployments: &[Deployment],
+) -> Result<Markup> {
+    let mut family = Family::new(backend);
+    family.add(Card {
+        stage: Stage::Policy,
+        id: policy.id.to_string(),
+        to: link::page(policy.id.as_str()),
+        summary: format!("runs on {}", remote.address),
+        state: None,
+    });
+    family.trials(&policy.id).await?;
+    deployments.iter().for_each(|deployment| family.add(of_deployment(deployment)));
+    Ok(card::row(&family.cards, policy.id.as_str()))
 }
 
 /// The lineage of a dataset.

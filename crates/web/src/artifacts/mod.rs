@@ -6,6 +6,7 @@ mod encoder;
 mod evaluations;
 mod lineage;
 mod policy;
+mod remote_policy;
 mod snapshot;
 
 pub(super) use self::{

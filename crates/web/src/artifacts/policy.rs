@@ -6,12 +6,12 @@ use gleaner_core::{
     id::PolicyId,
     job::{Job, JobSpec},
     looks::{Look, looks},
-    policy::{Deployment, Policy},
+    policy::{Deployment, Policy, PolicyOrigin, Training},
     snapshot::Snapshot,
 };
 use maud::{Markup, html};
 
-use super::{episodes, evaluations, of_job};
+use super::{episodes, evaluations, of_job, remote_policy};
 use crate::{
     link,
     page_request::PageRequest,
@@ -30,9 +30,16 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
     if format != Format::Html {
         return Ok(evaluations::sheet(&policy, &tried).answer(format)?);
     }
-    let (task, job) = (backend.task_by_id(&policy.task_id).await?, backend.job(&policy.job_id).await?);
+    let task = backend.task_by_id(&policy.task_id).await?;
     let mut deployments = backend.deployments(Some(&policy.task_id)).await?;
+    let training = match &policy.origin {
+        PolicyOrigin::Trained(training) => training,
+        PolicyOrigin::Remote(remote) => {
+            return remote_policy::show(&request, (&policy, remote), &task, (&tried, &deployments)).await;
+        }
+    };
     deployments.retain(|deployment| deployment.policy_id() == Some(&policy.id));
+    let job = backend.job(&training.job_id).await?;
     let Some(snapshot_id) = job.spec.snapshot_id() else {
         return Err(Error::internal("reading a policy's spec", "its job is not a training job").into());
     };
@@ -44,16 +51,10 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
     };
     let body = html! {
         h1 { "Policy " (link::tail(policy.id.as_str())) }
-        p.lead { (policy.kind) ", trained on experts" @if policy.dataset_id.is_some() { " and kept segments" }
+        p.lead { (policy.kind) ", trained on experts" @if training.dataset_id.is_some() { " and kept segments" }
             " of " (task.spec.name) ", " (text::time(policy.created_at)) " UTC" }
         h2 { "Evaluations" }
-        @if tried.is_empty() {
-            p.panel.empty { "Not evaluated yet. " code { "gleaner evaluate" } " runs trials in the simulator; others are reported with "
-                code { "ReportEvaluation" } "." }
-        } @else {
-            (evaluations::table(&tried))
-            (sheet::links(&request))
-        }
+        (evaluations::section(&request, &tried, "gleaner evaluate"))
         @if !trained.is_empty() || !evaluated.is_empty() {
             h2 { "What it looks at" }
             (shares(&trained, &evaluated))
@@ -61,7 +62,7 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
         h2 { "Lineage" }
         (of_job(backend, &job).await?)
         h2 { "Facts" }
-        (facts(&policy, &job, &snapshot, &deployments))
+        (facts((&policy, training), &job, &snapshot, &deployments))
     };
     let head = Head { title: "Policy", tab: Tab::Runs, task: Some(&task.spec.name), script: None };
     Ok(shell::page(&request, &head, &body).into_response())
@@ -89,7 +90,12 @@ fn shares(trained: &[Look], evaluated: &[Look]) -> Markup {
     }
 }
 
-fn facts(policy: &Policy, job: &Job, snapshot: &Snapshot, deployments: &[Deployment]) -> Markup {
+fn facts(
+    (policy, training): (&Policy, &Training),
+    job: &Job,
+    snapshot: &Snapshot,
+    deployments: &[Deployment],
+) -> Markup {
     html! {
         dl.facts.panel {
             dt { "Policy" } dd.id { (policy.id) }
@@ -99,15 +105,15 @@ fn facts(policy: &Policy, job: &Job, snapshot: &Snapshot, deployments: &[Deploym
                 dt { "Weighting of kept segments" } dd { (spec.weighting.name) @for (name, value) in settings::rows(&spec.weighting.settings) { ", " (name) " " (value) } }
                 dt { "Experts of" } dd { (episodes(snapshot)) " (" (link::whole(snapshot.id.as_str())) ")" }
             }
-            @if let Some(dataset) = &policy.dataset_id { dt { "Dataset" } dd { (link::whole(dataset.as_str())) } }
-            @if let Some(encoder) = &policy.encoder_id { dt { "Encoder" } dd { (link::whole(encoder.as_str())) } }
+            @if let Some(dataset) = &training.dataset_id { dt { "Dataset" } dd { (link::whole(dataset.as_str())) } }
+            @if let Some(encoder) = &training.encoder_id { dt { "Encoder" } dd { (link::whole(encoder.as_str())) } }
             dt { "Deployed as" }
             dd {
                 @if deployments.is_empty() { "not deployed" }
                 @for deployment in deployments { a href=(format!("/deployments/{}", deployment.name)) { (deployment.name) } " " }
             }
-            dt { "Created by" } dd { (link::whole(policy.job_id.as_str())) }
-            dt { "Checkpoint (BLAKE3)" } dd.id { (policy.checkpoint) }
+            dt { "Created by" } dd { (link::whole(training.job_id.as_str())) }
+            dt { "Checkpoint (BLAKE3)" } dd.id { (training.checkpoint) }
         }
     }
 }

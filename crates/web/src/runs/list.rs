@@ -9,7 +9,7 @@ use gleaner_core::{
     id::{DatasetId, SnapshotId},
     job::{Job, JobKind, JobState},
     order::JobFilter,
-    policy::Policy,
+    policy::{Policy, PolicyOrigin},
     score::{Origin, ScoreRun},
     snapshot::Snapshot,
     task::Task,
@@ -163,14 +163,27 @@ impl RunsOfTask {
                     td { (link::brief(policy.id.as_str(), Some(&format!("/policies/{}", policy.id)))) }
                     td.when { (text::time(policy.created_at)) }
                     td { (policy.kind) }
-                    td { "experts" @if let Some(id) = &policy.dataset_id {
-                        " and " a.tag.kept href=(format!("/datasets/{id}")) {
-                            (self.selection_of(id).unwrap_or_else(|| "a dataset".to_owned()))
-                        }
+                    td { (self.trained_on(policy)) }
+                    td { @if let Some(job) = policy.job_id() {
+                        (link::brief(job.as_str(), Some(&format!("/jobs/{job}"))))
                     } }
-                    td { (link::brief(policy.job_id.as_str(), Some(&format!("/jobs/{}", policy.job_id)))) }
                 } } }
             } }
+        }
+    }
+
+    /// The data of a policy; of one that another server runs, its address.
+    fn trained_on(&self, policy: &Policy) -> Markup {
+        let training = match &policy.origin {
+            PolicyOrigin::Trained(training) => training,
+            PolicyOrigin::Remote(remote) => return html! { "elsewhere, runs on " (remote.address) },
+        };
+        html! {
+            "experts" @if let Some(id) = &training.dataset_id {
+                " and " a.tag.kept href=(format!("/datasets/{id}")) {
+                    (self.selection_of(id).unwrap_or_else(|| "a dataset".to_owned()))
+                }
+            }
         }
     }
 
@@ -210,17 +223,19 @@ impl RunsOfTask {
 
     fn policy_sheet(&self, task: &Task) -> Sheet {
         let row = |policy: &Policy| {
-            let Policy { id, kind, encoder_id, dataset_id, job_id, created_at, .. } = policy;
+            let Policy { id, kind, created_at, .. } = policy;
+            let training = policy.training();
             vec![
                 json!(id),
                 json!(text::stamp(*created_at)),
                 json!(kind),
-                json!(encoder_id),
-                json!(dataset_id),
-                json!(job_id),
+                json!(training.and_then(|training| training.encoder_id.as_ref())),
+                json!(training.and_then(|training| training.dataset_id.as_ref())),
+                json!(policy.job_id()),
+                json!(policy.remote().map(|remote| remote.address.as_str())),
             ]
         };
-        let columns = &["policy_id", "created_at", "kind", "encoder_id", "dataset_id", "job_id"];
+        let columns = &["policy_id", "created_at", "kind", "encoder_id", "dataset_id", "job_id", "address"];
         Sheet { name: format!("{}-policies", task.spec.name), columns, rows: self.policies.iter().map(row).collect() }
     }
 }

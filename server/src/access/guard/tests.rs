@@ -172,6 +172,7 @@ const TRAINER: [&str; 12] = [
     "RollBack",
     "ReportEvaluation",
 ];
+const ADMIN: [&str; 1] = ["RegisterPolicy"];
 const ROBOT: [&str; 9] = [
     "GetTask",
     "ListDeployments",
@@ -193,6 +194,7 @@ fn may(role: Role, path: &str) -> bool {
     let rung = match method {
         method if CONTRIBUTOR.contains(&method) => 1,
         method if TRAINER.contains(&method) => 2,
+        method if ADMIN.contains(&method) => 3,
         _ => 0,
     };
     match role {

@@ -39,8 +39,21 @@ async fn policy(jobs: &Jobs, task: &TaskId, subject: Subject) -> Result<(JobId, 
             same_task(field, id.as_str(), &task_id, task)?;
             Ok((maker, id, hidden))
         }
-        Some(_) | None => Err(Error::not_found("policy", id)),
+        Some(_) => Err(Error::not_found("policy", id)),
+        None => Err(match jobs.0.store.policy(&id).await {
+            Ok(policy) => elsewhere(&policy.id),
+            Err(error) => error,
+        }),
     }
+}
+
+/// A worker has a policy's checkpoint, and connects to this server alone.
+fn elsewhere(policy: &PolicyId) -> Error {
+    Error::precondition(format!(
+        "{policy} runs on another server, to which jobs do not connect; evaluate its deployment by sessions: \
+         `gleaner drive NAME --report` in the built-in simulator, or gleaner.evaluate of the Python client in your own, \
+         then `gleaner report-evaluation {policy}`"
+    ))
 }
 
 /// Trials in the simulator's task of that name, or of the task's own: rejected now if it cannot be simulated.
@@ -60,7 +73,9 @@ pub(in crate::jobs) async fn simulated(
 }
 
 pub(super) async fn inputs(jobs: &Jobs, policy: &PolicyId, inputs: &mut Inputs) -> Result<()> {
-    inputs.policy = Some(jobs.0.store.policy(policy).await?.checkpoint);
+    let policy = jobs.0.store.policy(policy).await?;
+    let training = policy.training().ok_or_else(|| elsewhere(&policy.id))?;
+    inputs.policy = Some(training.checkpoint.clone());
     Ok(())
 }
 

@@ -240,10 +240,10 @@ async fn an_evaluation_is_of_a_task_that_can_be_simulated() {
     assert_eq!(submit(Subject::Deployment("missing".into())).await.unwrap_err().kind(), Kind::NotFound);
 
     let job = submit(Subject::Deployment("cube@prod".into())).await.unwrap();
-    assert_eq!(job.needs, [mine.job_id]);
+    assert_eq!(job.needs, [mine.job_id().unwrap().clone()]);
     let JobSpec::Evaluate { policy_id, spec } = &job.spec else { panic!("not evaluate") };
     assert_eq!((policy_id, spec.simulation.as_str()), (&mine.id, "pick_cube"));
-    assert_eq!(bench.inputs(&job).await.unwrap().policy, Some(mine.checkpoint));
+    assert_eq!(bench.inputs(&job).await.unwrap().policy, mine.training().map(|training| training.checkpoint.clone()));
 
     let result = |seed, episodes| SeedResult { seed, episodes, successes: 1, mean_steps: 5.0 };
     let of = |seeds| super::accept(&bench.store, &job, Made::Trials(seeds));

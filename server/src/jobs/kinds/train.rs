@@ -8,7 +8,7 @@ use crate::{
         id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, SnapshotId, TaskId},
         job::{Job, JobSpec},
         order::{TrainData, needs_encoder},
-        policy::Policy,
+        policy::{Policy, PolicyOrigin, Training},
         snapshot::{Role, RoleRule},
         time::Millis,
         work::Inputs,
@@ -76,11 +76,13 @@ pub(super) fn accept(
     Ok(JobResult::Policy(Policy {
         id: result_id(job, PolicyId::try_from)?,
         task_id: job.task_id.clone(),
-        job_id: job.id.clone(),
         kind,
-        encoder_id: encoder.cloned(),
-        dataset_id: dataset.cloned(),
-        checkpoint,
+        origin: PolicyOrigin::Trained(Training {
+            job_id: job.id.clone(),
+            encoder_id: encoder.cloned(),
+            dataset_id: dataset.cloned(),
+            checkpoint,
+        }),
         created_at: Millis::now(),
     }))
 }

@@ -106,7 +106,7 @@ async fn a_snapshot_and_an_encoder_link_to_their_results() {
     results::set_state(store, run.origin.job_id().unwrap(), JobState::Succeeded, "").await;
     let dataset = store.insert_dataset(&run.id, Selection::beta(0.5)).await.unwrap();
     let policy = results::policy(store, &task, &encoder, blake3::hash(b"policy").into()).await;
-    results::set_state(store, &policy.job_id, JobState::Succeeded, "").await;
+    results::set_state(store, policy.job_id().unwrap(), JobState::Succeeded, "").await;
     let link = |to: &str, id: &str| format!("href=\"/{to}/{id}\"");
 
     let shown = text(&pages, &format!("/snapshots/{}", encoder.snapshot_id)).await;

@@ -217,7 +217,7 @@ async fn a_policy_shows_its_success_and_inputs() {
     let path = format!("/policies/{}", policy.id);
     let plain = pages.get(&Client::default(), &path).await.text();
     assert!(!plain.contains("What it looks at"), "no share is reported");
-    results::metrics(store, &policy.job_id, &[("share_images", 0.625), ("share_camera_0", 0.25)]).await;
+    results::metrics(store, policy.job_id().unwrap(), &[("share_images", 0.625), ("share_camera_0", 0.25)]).await;
     results::metrics(store, &encoder.job_id, &[("share_images", 0.125), ("share_proprioception", 0.875)]).await;
     let shown = pages.get(&Client::default(), &path).await.text();
     let (made_with, made_of) = (format!("/encoders/{}", encoder.id), format!("/snapshots/{}", encoder.snapshot_id));

@@ -66,8 +66,8 @@ impl Robot {
     /// The missed stamp and the dropped count.
     async fn misses(&mut self) -> (i64, u64) {
         match self.answers.recv().await {
-            Some(Ok(SessionOutput::Missed { stamp_ns, dropped, timings })) => {
-                assert!(timings.total_us > 0);
+            Some(Ok(SessionOutput::Missed { stamp_ns, dropped, timings, reason })) => {
+                assert!(timings.total_us > 0 && reason.is_empty());
                 (stamp_ns, dropped)
             }
             other => panic!("{other:?}"),

@@ -103,7 +103,7 @@ mod tests {
         assert!(matches!(&pretraining.inputs[..], [(Input::Snapshot(id), None)] if *id == encoder.snapshot_id));
         assert_eq!(
             ids(&pretraining.jobs),
-            [run.origin.job_id().unwrap().as_str(), training.as_str(), policy.job_id.as_str()]
+            [run.origin.job_id().unwrap().as_str(), training.as_str(), policy.job_id().unwrap().as_str()]
         );
         assert!(pretraining.datasets.is_empty() && pretraining.deployments.is_empty());
 
@@ -118,11 +118,11 @@ mod tests {
         assert_eq!((&found.id, &maker.id), (&dataset.id, run.origin.job_id().unwrap()));
         assert!(trained.jobs.is_empty());
 
-        let acting = of(policy.job_id.clone()).await;
+        let acting = of(policy.job_id().unwrap().clone()).await;
         assert_eq!(acting.deployments.len(), 1);
         let newer = results::policy(&store, &task, &encoder, blake3::hash(b"newer").into()).await;
         store.deploy("arm", &task.id, &crate::domain::policy::Assignment::of(&newer.id)).await.unwrap();
-        assert!(of(policy.job_id).await.deployments.is_empty(), "it no longer acts");
+        assert!(of(policy.job_id().unwrap().clone()).await.deployments.is_empty(), "it no longer acts");
         assert!(of(run.origin.job_id().unwrap().clone()).await.deployments.is_empty());
     }
 

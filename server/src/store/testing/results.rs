@@ -7,7 +7,7 @@ use crate::domain::{
     id::{BlobId, EncoderId, EpisodeId, JobId, PolicyId, ScoreRunId},
     job::{JobSpec, JobState},
     order::{NewJob, Plan},
-    policy::Policy,
+    policy::{Policy, PolicyOrigin, Training},
     score::{Encoder, EpisodeScores, Origin, ScoreRun},
     snapshot::{Role, RoleRule},
     task::Task,
@@ -154,14 +154,17 @@ pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkp
         dataset_id: None,
         spec: TrainSpec::default(),
     };
-    let policy = Policy {
+    let training = Training {
         job_id: job(store, task, spec, id.as_str()).await,
-        id,
-        task_id: task.id.clone(),
-        kind: "finetune".into(),
         encoder_id: Some(encoder.id.clone()),
         dataset_id: None,
         checkpoint,
+    };
+    let policy = Policy {
+        id,
+        task_id: task.id.clone(),
+        kind: "finetune".into(),
+        origin: PolicyOrigin::Trained(training),
         created_at: Millis::now(),
     };
     let mut tx = store.write().await.unwrap();

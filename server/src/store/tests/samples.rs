@@ -15,7 +15,7 @@ use crate::{
 /// A version, a dump, and the number of rows that each table must still have.
 type Sample = (i64, &'static str, &'static [(&'static str, i64)]);
 
-const SAMPLES: [Sample; 10] = [
+const SAMPLES: [Sample; 11] = [
     (
         8,
         include_str!("../../../../tests/samples/schema_0008.sql"),
@@ -65,6 +65,11 @@ const SAMPLES: [Sample; 10] = [
         29,
         include_str!("../../../../tests/samples/schema_0029.sql"),
         &[("episodes", 10), ("jobs", 4), ("score_runs", 1), ("datasets", 1), ("policies", 2), ("job_metrics", 25)],
+    ),
+    (
+        30,
+        include_str!("../../../../tests/samples/schema_0030.sql"),
+        &[("episodes", 10), ("jobs", 4), ("policies", 2), ("deployment_changes", 2), ("job_metrics", 25)],
     ),
 ];
 

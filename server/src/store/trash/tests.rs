@@ -84,7 +84,7 @@ async fn an_episode_of_a_snapshot_is_deleted_by_force_only_and_keeps_its_row() {
     assert_eq!(store.snapshot(&encoder.snapshot_id).await.unwrap().1.len(), 2, "the snapshot is unchanged");
     let swept = store.sweep_trash(LATER).await.unwrap();
     assert_eq!((swept.removed, swept.purged), (0, 0), "jobs of the task are under way");
-    for job in [&encoder.job_id, &policy.job_id] {
+    for job in [&encoder.job_id, policy.job_id().unwrap()] {
         results::set_state(&store, job, JobState::Failed, "").await;
     }
     assert_eq!(store.sweep_trash(Millis(0)).await.unwrap().purged, 0, "not yet");

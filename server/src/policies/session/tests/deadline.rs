@@ -91,7 +91,7 @@ async fn an_unsent_action_is_not_taken_as_executed() {
 async fn after_an_unsent_answer_the_executed_action_is_unknown() {
     let (engine, _control) = engine(8, 8).await;
     let mut session = Session::new(engine, terms(), Record::new(None, Showing::nowhere()), None);
-    let (mut memory, actions) = (Memory::new(0, None), || Some(vec![vec![1.0, 0.0]]));
+    let (mut memory, actions) = (Memory::new(0, None), || StepAnswer::Acted(vec![vec![1.0, 0.0]]));
     for (owed, withheld) in [(true, false), (false, true), (true, false)] {
         session.in_flight = owed.then(|| PendingReply::for_observation(&observation(1, &[]), None, 0));
         assert_eq!(session.settle(actions(), &mut memory).is_some(), owed);
