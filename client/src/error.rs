@@ -61,12 +61,14 @@ pub enum ClientError {
     #[error("the session was lost: {0}; is the server still running?")]
     SessionLost(String),
     /// The server did not answer an observation by its deadline. The session continues.
-    #[error("the observation of stamp {stamp_ns} missed its deadline after {waited_us} µs; send the next one")]
+    #[error("the observation of stamp {stamp_ns} got no action by its deadline ({waited_us} µs){}; send the next one", because(.reason))]
     Missed {
         /// The observation's stamp.
         stamp_ns: i64,
         /// How long the server had it, in microseconds; 0 when the server did not report it.
         waited_us: u64,
+        /// Another cause than time, as the server reported it; empty otherwise.
+        reason: String,
     },
     /// A job ended without success.
     #[error("{}", describe_job(.0))]
@@ -129,6 +131,10 @@ fn describe(status: &tonic::Status) -> String {
         (false, None) => message.to_owned(),
         (true, None) => format!("the server rejected the call: {}", status.code().description()),
     }
+}
+
+fn because(reason: &str) -> String {
+    if reason.is_empty() { String::new() } else { format!(": {reason}") }
 }
 
 fn describe_job(job: &Job) -> String {

@@ -80,6 +80,7 @@ impl Session {
             Response::Missed(missed) => Err(ClientError::Missed {
                 waited_us: missed.timings.map_or(0, |timings| timings.total_us),
                 stamp_ns: missed.observation_stamp_ns,
+                reason: missed.reason,
             }),
             Response::Opened(_) | Response::Draining(_) | Response::Closed(_) => {
                 Err(ClientError::Contract { missing: "an action" })

@@ -4,7 +4,8 @@ use clap::{Parser, Subcommand};
 
 use crate::cmd::{
     dataset, drive, episodes, evaluate, evaluations, export, import_scores, inspect, jobs, kinds, label, metrics, open,
-    pipeline, policies, push, record, schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
+    pipeline, policies, push, record, register_policy, schedule, score_recording, scores, snapshot, submit, task,
+    trash, what_if,
 };
 use crate::connection::{ConnectionArgs, GLOBAL};
 use crate::context::Context;
@@ -104,6 +105,8 @@ pub(crate) enum Command {
     Open(open::OpenArgs),
     /// List a task's policies.
     Policies(policies::PoliciesArgs),
+    /// Register a policy that another server runs, such as a PyTorch model behind Triton or openpi's server.
+    RegisterPolicy(register_policy::RegisterPolicyArgs),
     /// Assign a policy to a deployment.
     Deploy(policies::DeployArgs),
     /// Return a deployment to its previous policy.
@@ -162,6 +165,7 @@ impl Command {
             Self::Export(args) => args.run(context).await,
             Self::Open(args) => args.run(context).await,
             Self::Policies(args) => args.run(context).await,
+            Self::RegisterPolicy(args) => args.run(context).await,
             Self::Deploy(args) => args.run(context).await,
             Self::Rollback(args) => args.run(context).await,
             Self::Deployments(args) => args.run(context).await,
@@ -207,10 +211,13 @@ mod tests {
             "gleaner score",
             "gleaner train --policy bc",
             "gleaner dataset create --top 0.1",
+            "gleaner register-policy --protocol openpi --address ws://gpu:8000 --input prompt=text:pick --chunk-length 10",
+            "gleaner register-policy --protocol open-inference --address http://gpu:8001 --model arm --sequences",
             "gleaner deploy a@b --policy pol_1 --score-run run_1",
             "gleaner score-recording run_1 a.mcap --matches --beta 0.5",
             "gleaner import-scores snap_1 scores.csv --source oracle --encoder enc_1",
             "gleaner drive a@b --real-time --deadline-ms 40 --hold-ms 0",
+            "gleaner drive a@b --episodes 5 --report",
             "gleaner pretrain --max-experts 20 --imperfect-per-expert 3 --rule-seed 1",
             "gleaner task create --sim pick_cube --image 64",
             "gleaner delete ep_1 ep_2 --force",
@@ -254,6 +261,9 @@ mod tests {
             "gleaner experiment a.toml --report --plan",
             "gleaner pipeline --beta 0.5 --top 0.1",
             "gleaner rollback",
+            "gleaner register-policy --protocol http --address http://gpu:8001",
+            "gleaner register-policy --protocol openpi --address ws://gpu:8000 --input x=y",
+            "gleaner register-policy --protocol openpi --address ws://gpu:8000 --chunk-length 0",
             "gleaner delete",
             "gleaner restore",
             "gleaner score-recording run_1",

@@ -3,7 +3,7 @@
 //! Must not depend on the commands.
 
 use gleaner_client::Client;
-use gleaner_proto::v1::{Job, ListJobsRequest, ListTasksRequest};
+use gleaner_proto::v1::{Job, ListJobsRequest, ListPoliciesRequest, ListTasksRequest};
 
 use crate::connection::ConnectionArgs;
 use crate::failure::{Failure, Result};
@@ -48,6 +48,9 @@ impl Context {
         if let Some(task) = named {
             return Ok(task.to_owned());
         }
+        if let Some(task) = remote_policy_task(client, result).await? {
+            return Ok(task);
+        }
         Ok(self.job_of_result(client, result).await?.task_id)
     }
 
@@ -67,4 +70,19 @@ impl Context {
             request.page_token = page.next_page_token;
         }
     }
+}
+
+/// The task of a policy that another server runs, which no job makes.
+async fn remote_policy_task(client: &Client, result: &str) -> Result<Option<String>> {
+    if !result.starts_with("pol_") {
+        return Ok(None);
+    }
+    for task in client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks {
+        let request = ListPoliciesRequest { task: task.id.clone() };
+        let policies = client.policies().list_policies(request).await?.into_inner().policies;
+        if policies.iter().any(|policy| policy.id == result && policy.remote.is_some()) {
+            return Ok(Some(task.id));
+        }
+    }
+    Ok(None)
 }

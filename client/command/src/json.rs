@@ -41,7 +41,7 @@ described! {
     ListScoreRunsResponse, GetEpisodeScoresResponse, GetHistogramResponse, CountKeptResponse,
     ScoreRecordingResponse, ScoreRun,
     CreateDatasetResponse, GetDatasetResponse, ListDatasetsResponse, Segment, ListExportFilesResponse,
-    ListPoliciesResponse, DeployResponse, RollBackResponse, ListDeploymentsResponse,
+    ListPoliciesResponse, RegisterPolicyResponse, DeployResponse, RollBackResponse, ListDeploymentsResponse,
     ListEvaluationsResponse, GetEvaluationResponse, ReportEvaluationResponse,
 }
 

@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use gleaner_client::robot::ControlReport;
 use gleaner_client::{Client, DrivePlan, Driven, DrivenEpisode, RealTime, Recorded};
+use gleaner_proto::v1::{ReportEvaluationRequest, SeedResult};
 use serde_json::{Value, json};
 
 use super::task::sim_config;
@@ -49,6 +50,10 @@ pub(crate) struct DriveArgs {
     /// Cohort of the recorded episodes. Default: the name of the deployment.
     #[arg(long, value_name = "TAG", requires = "record")]
     cohort: Option<String>,
+    /// Store the result as an evaluation of the policy. Jobs evaluate policies that were trained on the server; this also
+    /// evaluates those of other servers.
+    #[arg(long, conflicts_with = "real_time")]
+    report: bool,
 }
 
 impl DriveArgs {
@@ -69,6 +74,11 @@ impl DriveArgs {
         let client = context.client().await?;
         let driven = drive(context, &client, &plan).await?;
         context.output.result(|| Ok(document(&plan, &driven)), || summary(&plan, &driven))?;
+        if self.report {
+            client.policies().report_evaluation(evaluation(&plan, &driven)).await?;
+            context.output.next(format!("gleaner evaluations {}", driven.policy_id));
+            return Ok(());
+        }
         match plan.record {
             None => context.output.next("gleaner deployments"),
             // The task has the simulator's name for it, unless its creator chose another.
@@ -91,6 +101,18 @@ pub(crate) async fn drive(context: &Context, client: &Client, plan: &DrivePlan) 
         .await;
     bar.finish_and_clear();
     Ok(driven?)
+}
+
+/// The result as an evaluation of one seed.
+fn evaluation(plan: &DrivePlan, driven: &Driven) -> ReportEvaluationRequest {
+    #[expect(clippy::cast_precision_loss, reason = "an evaluation has fewer than 2^52 steps")]
+    let mean_steps = driven.steps() as f64 / driven.episodes.len().max(1) as f64;
+    let (episodes, successes) = (u32::try_from(driven.episodes.len()).unwrap_or(u32::MAX), driven.successes());
+    ReportEvaluationRequest {
+        policy_id: driven.policy_id.clone(),
+        simulation: plan.task.to_string(),
+        seeds: vec![SeedResult { seed: plan.seed, episodes, successes, mean_steps }],
+    }
 }
 
 fn summary(plan: &DrivePlan, driven: &Driven) -> String {
@@ -239,6 +261,9 @@ mod tests {
             "pick@prod (pol_1): 1 of 2, 50.0 % (95 % interval 9.5 to 90.5)\n\
              90 steps in 3.0 s; latency p50 2.0 ms, p99 4.0 ms"
         );
+        let reported = evaluation(&plan, &driven);
+        let seed = SeedResult { seed: 5, episodes: 2, successes: 1, mean_steps: 45.0 };
+        assert_eq!((reported.simulation.as_str(), reported.seeds), ("pick_cube", vec![seed]));
         let shown = document(&plan, &driven);
         assert_eq!((&shown["successes"], &shown["failed_seeds"]), (&json!(1), &json!([6])));
         assert_eq!((&shown["latency_p99_ms"], &shown["real_time"]), (&json!(4.0), &Value::Null));

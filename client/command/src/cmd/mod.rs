@@ -21,6 +21,7 @@ mod plan;
 pub(crate) mod policies;
 pub(crate) mod push;
 pub(crate) mod record;
+pub(crate) mod register_policy;
 pub(crate) mod schedule;
 pub(crate) mod score_recording;
 pub(crate) mod scores;

@@ -25,9 +25,13 @@ impl PoliciesArgs {
         let client = context.client().await?;
         let request = ListPoliciesRequest { task: context.task(&client, self.task.as_deref()).await? };
         let reply = client.policies().list_policies(request).await?.into_inner();
-        let columns = [Left("ID"), Left("KIND"), Left("DATASET"), Left("ENCODER"), Left("CREATED")];
+        let columns = [Left("ID"), Left("KIND"), Left("DATASET OR ADDRESS"), Left("ENCODER"), Left("CREATED")];
         let row = |policy: &Policy| {
-            let dataset = if policy.dataset_id.is_empty() { "experts alone" } else { &policy.dataset_id };
+            let dataset = match &policy.remote {
+                Some(remote) => &remote.address,
+                None if policy.dataset_id.is_empty() => "experts alone",
+                None => &policy.dataset_id,
+            };
             [
                 policy.id.clone(),
                 policy.kind.clone(),

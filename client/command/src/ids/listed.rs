@@ -3,7 +3,8 @@
 use gleaner_client::Client;
 use gleaner_proto::v1::{
     Job, JobKind, JobState, ListDatasetsRequest, ListDeploymentsRequest, ListEpisodesRequest, ListEvaluationsRequest,
-    ListJobsRequest, ListSchedulesRequest, ListScoreRunsRequest, ListSnapshotsRequest, ListTasksRequest,
+    ListJobsRequest, ListPoliciesRequest, ListSchedulesRequest, ListScoreRunsRequest, ListSnapshotsRequest,
+    ListTasksRequest,
 };
 
 use super::Kind;
@@ -21,7 +22,7 @@ pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &
     match kind {
         Kind::Job => Ok(jobs(client, task).await?.into_iter().map(|job| job.id).collect()),
         Kind::Encoder => results(client, task, JobKind::Pretrain).await,
-        Kind::Policy => results(client, task, JobKind::Train).await,
+        Kind::Policy => policies(client, task).await,
         Kind::Schedule => {
             let request = ListSchedulesRequest { task: task.unwrap_or_default().to_owned() };
             let reply = client.schedules().list_schedules(request).await?.into_inner();
@@ -29,7 +30,7 @@ pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &
         }
         Kind::Evaluation => {
             let mut found = results(client, task, JobKind::Evaluate).await?;
-            for policy_id in results(client, task, JobKind::Train).await? {
+            for policy_id in policies(client, task).await? {
                 let request = ListEvaluationsRequest { policy_id };
                 // A policy whose job is queued has none.
                 if let Ok(reply) = client.policies().list_evaluations(request).await {
@@ -70,6 +71,16 @@ pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &
             Ok(found)
         }
     }
+}
+
+/// The policies that jobs make, and those of other servers.
+async fn policies(client: &Client, task: Option<&str>) -> Result<Vec<String>> {
+    let mut found = results(client, task, JobKind::Train).await?;
+    for task in tasks(client, task).await? {
+        let reply = client.policies().list_policies(ListPoliciesRequest { task }).await?.into_inner();
+        found.extend(reply.policies.into_iter().filter(|policy| policy.remote.is_some()).map(|policy| policy.id));
+    }
+    Ok(found)
 }
 
 async fn tasks(client: &Client, task: Option<&str>) -> Result<Vec<String>> {

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from gleaner._messages import build
 from gleaner._proto.v1 import policy_pb2 as pb
 from gleaner._rpc import Rpc
 from gleaner.types import Deployment, Evaluation, PolicyRecord, SeedResult
@@ -14,6 +16,52 @@ class Policies:
 
     def __init__(self, rpc: Rpc) -> None:
         self._rpc = rpc
+
+    def register(
+        self,
+        task: str,
+        protocol: str,
+        address: str,
+        *,
+        model: str = "",
+        model_version: str = "",
+        inputs: Mapping[str, Mapping[str, Any]] | None = None,
+        output: str = "",
+        chunk_length: int = 1,
+        execute_length: int = 1,
+        sequences: bool = False,
+        answer_within_ms: int = 0,
+        source: str = "",
+    ) -> PolicyRecord:
+        """Registers a policy that another server runs, for example your own PyTorch model.
+
+        `protocol` is `open-inference` (Triton, gleaner) or `openpi`. `inputs` maps each tensor or key to a value of the
+        task: `{"observation/image": {"camera": "top"}, "prompt": {"text": "pick"}}`, with one of `camera`,
+        `camera_planes`, `depth`, `field`, `text`, `proprioception: True`, `executed_action: True`; None: every camera
+        and the proprioception under the names of gleaner's servers. `chunk_length` is the most actions of an answer,
+        `execute_length` how many are executed before the next is requested (0: the mean of all predictions for a step).
+        Needs the role admin, and a server that allows the host (`--policy-servers`).
+        """
+        request = pb.RegisterPolicyRequest(
+            task=task,
+            remote=build(
+                pb.RemotePolicy,
+                {
+                    "protocol": protocol.replace("-", "_"),
+                    "address": address,
+                    "model": model,
+                    "model_version": model_version,
+                    "inputs": [{"name": name, **value} for name, value in (inputs or {}).items()],
+                    "output": output,
+                    "chunk_length": chunk_length,
+                    "execute_length": execute_length,
+                    "sequences": sequences,
+                    "answer_within_ms": answer_within_ms,
+                    "source": source,
+                },
+            ),
+        )
+        return self._rpc.unary("PolicyService/RegisterPolicy", request, pb.RegisterPolicyResponse).policy
 
     def deploy(self, name: str, policy_id: str, *, score_run: str = "", hide_history: bool = False) -> Deployment:
         """Points a deployment's name at a policy, once it is loaded and warmed up.

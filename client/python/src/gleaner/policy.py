@@ -140,7 +140,8 @@ class Policy:
         self.dropped += answer.dropped
         if isinstance(answer, pb.SessionMissed):
             self.missed += 1
-            raise Missed(f"deployment {self.deployment}: no action by the deadline")
+            reason = answer.reason or "no action by the deadline"
+            raise Missed(f"deployment {self.deployment}: {reason}")
         actions = np.array([step.values for step in answer.actions], np.float32)
         score = LiveScore.of(answer.score) if answer.HasField("score") else None
         self.last = Chunk(stamp_ns, actions.reshape(-1, size(self.spec.action)), answer.timings, answer.dropped, score)
