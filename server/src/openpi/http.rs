@@ -37,7 +37,6 @@ pub(super) async fn serve(connection: Connection<Transport>, shared: Arc<Shared>
         async move { Ok::<_, Infallible>(respond(request, shared, state).await) }
     });
     let served = http1::Builder::new()
-        .keep_alive(false)
         .timer(TokioTimer::new())
         .serve_connection(TokioIo::new(connection), answer)
         .with_upgrades()
@@ -146,6 +145,9 @@ fn status(kind: Kind) -> StatusCode {
 fn text(status: StatusCode, text: &str) -> Response<String> {
     let mut response = Response::new(text.to_owned());
     *response.status_mut() = status;
+    // A connection carries one request. Without keep-alive, hyper would also answer an upgrade with `close`, which strict
+    // clients refuse.
+    response.headers_mut().insert(CONNECTION, http::HeaderValue::from_static("close"));
     response.headers_mut().insert(CONTENT_TYPE, http::HeaderValue::from_static("text/plain; charset=utf-8"));
     response
 }
