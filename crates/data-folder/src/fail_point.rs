@@ -3,7 +3,7 @@
 //! Only the feature `fail-points`, which the tests alone enable, compiles them in. Must not depend on other modules.
 
 /// Every fail point. Each is at one place of the sources.
-pub const NAMES: [&str; 66] = [
+pub const NAMES: [&str; 67] = [
     "attempt.committed",
     "attempt.row_written",
     "blob.folder_synced",
@@ -59,6 +59,7 @@ pub const NAMES: [&str; 66] = [
     "trash.moved",
     "trash.sidecars_moved",
     "upload.blob_placed",
+    "upload.blob_sent",
     "upload.bytes_synced",
     "upload.bytes_written",
     "upload.digest_checked",

@@ -1,7 +1,7 @@
 //! The caller's side of an export: where steps come from and where files go.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use gleaner_core::TaskSpec;
 
@@ -35,7 +35,7 @@ pub trait Export {
     fn pieces(&self) -> &[Piece];
 
     /// The recording of a piece, by its place among the pieces.
-    fn recording(&self, piece: usize) -> Result<PathBuf, Self::Error>;
+    fn recording(&self, piece: usize) -> Result<impl AsRef<Path>, Self::Error>;
 
     /// The numbers of every step of a piece.
     ///

@@ -147,7 +147,7 @@ impl<'a> Source<'a> {
             None
         } else {
             let spool = tempfile::tempfile_in(export.folder()).map_err(Problem::io(export.folder()))?;
-            let read = StepJpegs::read(&export.recording(at)?, export.task(), &piece.steps, spool);
+            let read = StepJpegs::read(export.recording(at)?.as_ref(), export.task(), &piece.steps, spool);
             Some(read.map_err(Problem::recording(piece.episode().id.as_str()))?)
         };
         Ok(Self { scores: piece.scores(), state: numbers.proprioception, action: numbers.action, jpegs, experts })

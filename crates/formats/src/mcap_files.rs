@@ -24,7 +24,7 @@ pub(crate) fn write<E: Export>(export: &mut E) -> Result<(), E::Error> {
                 let kept =
                     Kept { first_step: count(piece.steps.start), scores: scores.clone(), about: about(export, &piece) };
                 let out = export.folder().join(&name);
-                gleaner_recording::extract(&export.recording(at)?, export.task(), &kept, &out)
+                gleaner_recording::extract(export.recording(at)?.as_ref(), export.task(), &kept, &out)
                     .map_err(Problem::recording(piece.episode().id.as_str()))?;
                 export.finished(&name)?;
             }

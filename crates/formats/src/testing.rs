@@ -163,6 +163,7 @@ impl Export for Lab {
         &self.pieces
     }
 
+    #[expect(refining_impl_trait, reason = "tests read the path")]
     fn recording(&self, piece: usize) -> Result<PathBuf, Stop> {
         Ok(self.folder.path().join(format!("{}.mcap", self.pieces[piece].episode().id)))
     }

@@ -151,7 +151,7 @@ impl Ingest {
         let declared = upload.blake3.clone();
         let recording = off_runtime("checking a digest", move || {
             // A crash between the move and the row leaves the recording in its place already.
-            let recording = if part.exists() { part } else { blobs.fetched(&declared)? };
+            let recording = if part.exists() { part.into() } else { blobs.fetched(&declared)? };
             match blobs::digest(&recording)? == declared {
                 true => Ok(recording),
                 false => {
@@ -168,9 +168,14 @@ impl Ingest {
         inspected.keep_frames(&self.blobs, &frames_path(&self.data_dir, &upload.blake3, &task.spec)).await?;
         crate::fail_point::pass("upload.frames_kept");
         let (blobs, id) = (self.blobs.clone(), upload.blake3.clone());
+        let recording =
+            off_runtime("sending a recording", move || blobs.send(&id, &recording).map(|()| recording)).await?;
+        crate::fail_point::pass("upload.blob_sent");
         // From here until its row is committed, no sweep removes the blob.
         let naming = self.blobs.naming().await;
-        off_runtime("storing a recording", move || blobs.place(&id, &recording)).await?;
+        let (blobs, id) = (self.blobs.clone(), upload.blake3.clone());
+        let place = move || blobs.place_sent(&id, &recording, &naming).map(|()| naming);
+        let naming = off_runtime("storing a recording", place).await?;
         crate::fail_point::pass("upload.blob_placed");
 
         let episode = upload.become_episode(&inspected.report);

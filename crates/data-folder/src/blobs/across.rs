@@ -6,7 +6,7 @@ use std::{
     path::Path,
 };
 
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 
 /// The prefix of drafts' names.
 const DRAFT: &str = ".draft-";
@@ -36,6 +36,16 @@ pub(super) fn rename(from: &Path, to: &Path) -> io::Result<()> {
 /// The error of the disk.
 pub(super) fn draft(folder: &Path) -> io::Result<NamedTempFile> {
     tempfile::Builder::new().prefix(DRAFT).tempfile_in(folder)
+}
+
+/// A second name of a file, in the same folder; it is removed on drop, and by the sweep of drafts after a crash.
+///
+/// # Errors
+/// The error of the disk.
+pub(super) fn link(path: &Path) -> io::Result<TempPath> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let linked = tempfile::Builder::new().prefix(DRAFT).make_in(folder, |link| fs::hard_link(path, link))?;
+    Ok(linked.into_temp_path())
 }
 
 /// Whether a file is a draft, perhaps of a killed process.

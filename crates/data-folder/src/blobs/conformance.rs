@@ -136,6 +136,50 @@ fn copies_stay_below_their_limit_and_the_least_recently_used_go_first() {
 }
 
 #[test]
+fn a_fetched_file_outlives_the_copy_that_makes_room_for_others() {
+    let Some(store) = test_store() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = blobs_in(&store, &dir, "one", 1000);
+    let id = blobs.put(&[0; 400]).unwrap();
+    let fetched = blobs.fetched(&id).unwrap();
+    for n in 1..3 {
+        blobs.put(&[n; 400]).unwrap();
+    }
+    assert!(!blobs.path(&id).exists());
+    assert_eq!(fs::read(&fetched).unwrap(), [0; 400]);
+    assert_eq!(blobs.list().unwrap().len(), 3, "a second name is no blob");
+    let name = fetched.to_path_buf();
+    drop(fetched);
+    assert!(!name.exists());
+}
+
+#[test]
+fn a_sent_file_is_sent_again_only_if_its_object_is_gone() {
+    let Some(store) = test_store() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = blobs_in(&store, &dir, "one", 0);
+    let (bucket, part, other) = (store.bucket("one").unwrap(), dir.path().join("part"), dir.path().join("other"));
+    let id = BlobId::from(blake3::hash(b"steps"));
+    let name = remote::name(dir.path(), &blobs.path(&id));
+    let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+    let naming = runtime.block_on(blobs.naming());
+    let place = || {
+        fs::write(&part, b"steps").unwrap();
+        blobs.place_sent(&id, &part, &naming).unwrap();
+    };
+    fs::write(&part, b"steps").unwrap();
+    blobs.send(&id, &part).unwrap();
+    assert!(!blobs.path(&id).exists() && blobs.contains(&id));
+    fs::write(&other, b"other").unwrap();
+    bucket.put(&name, &other).unwrap();
+    place();
+    assert_eq!(blobs.digest(&id).unwrap(), BlobId::from(blake3::hash(b"other")), "the object was not sent again");
+    bucket.remove(&name).unwrap();
+    place();
+    assert_eq!(blobs.digest(&id).unwrap(), id);
+}
+
+#[test]
 fn a_bucket_has_one_data_folder() {
     let Some(store) = test_store() else { return };
     let bucket = store.bucket("one").unwrap();

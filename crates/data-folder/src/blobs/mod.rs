@@ -6,6 +6,7 @@
 mod across;
 #[cfg(test)]
 mod conformance;
+mod copies;
 mod copy;
 mod hold;
 mod list;
@@ -27,8 +28,9 @@ use std::{
 };
 
 pub use self::{
+    copies::Fetched,
     copy::Copied,
-    hold::{Copying, Removing},
+    hold::{Copying, Naming, Removing},
     list::Found,
     remote::{has_bucket, settle},
     stream::stream_file,
@@ -165,6 +167,14 @@ impl Blobs {
     /// # Errors
     /// Internal when the disk fails; then `from` still exists.
     pub fn place(&self, id: &BlobId, from: &Path) -> Result<()> {
+        self.place_in(id, from, |remote, size| {
+            // A later failure leaves an object without a row, which the sweep removes.
+            remote.bucket.put(&self.name(id), from)?;
+            self.limit_copies(remote, size)
+        })
+    }
+
+    fn place_in(&self, id: &BlobId, from: &Path, send: impl FnOnce(&remote::Remote, u64) -> Result<()>) -> Result<()> {
         let place = self.path(id);
         let folder = place.parent().unwrap_or(&self.root);
         let file = File::open(from).map_err(fault("opening", from))?;
@@ -173,9 +183,7 @@ impl Blobs {
         file.sync_all().map_err(fault("syncing", from))?;
         crate::fail_point::pass("blob.synced");
         if let Some(remote) = &self.remote {
-            // A later failure leaves an object without a row, which the sweep removes.
-            remote.bucket.put(&self.name(id), from)?;
-            self.limit_copies(remote, file.metadata().map_err(fault("reading", from))?.len())?;
+            send(remote, file.metadata().map_err(fault("reading", from))?.len())?;
         }
         crate::fail_point::pass("blob.in_bucket");
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
@@ -195,12 +203,13 @@ impl Blobs {
     /// # Errors
     /// Internal when it is missing or does not match its name; Unavailable when the store fails.
     pub fn get(&self, id: &BlobId) -> Result<Vec<u8>> {
-        let path = self.fetched(id)?;
-        let mut bytes = fs::read(&path).map_err(fault("reading", &path))?;
+        let read = |path: &Path| fs::read(path).map_err(fault("reading", path));
+        let mut bytes = read(&self.fetched(id)?)?;
+        let path = self.path(id);
         if let Some(remote) = self.remote.as_ref().filter(|_| BlobId::from(blake3::hash(&bytes)) != *id) {
             // The copy is damaged, which says nothing of the object.
             self.fetch(remote, id, &path)?;
-            bytes = fs::read(&path).map_err(fault("reading", &path))?;
+            bytes = read(&self.fetched(id)?)?;
         }
         if BlobId::from(blake3::hash(&bytes)) != *id {
             return Err(Error::internal(

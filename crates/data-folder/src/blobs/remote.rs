@@ -6,37 +6,32 @@
 //! from the environment. Without that file, the folder holds the blobs itself.
 
 use std::{
-    fs::{self, File, FileTimes},
+    fs,
     io::Write as _,
-    path::{Path, PathBuf},
-    sync::{Arc, Mutex, PoisonError},
-    time::{Duration, Instant, SystemTime},
+    path::Path,
+    sync::{Arc, Mutex},
+    time::{Instant, SystemTime},
 };
 
 use gleaner_bucket::{Bucket, BucketConfig};
 use serde::{Deserialize, Serialize};
 
 use super::{Blobs, across, fault, sync_folder};
-use gleaner_core::{
-    error::{Error, Result},
-    id::BlobId,
-};
+use gleaner_core::error::{Error, Result};
 
 /// Name of the file that names the bucket.
 const FILE: &str = "blob-store.json";
 /// Name of the file with the owner's name: it exists before the bucket has it, so that an interrupted move can be repeated.
 const OWNER: &str = "blob-store-owner";
-/// The time for which a listing of the copies is used. Other processes fetch copies too.
-const LISTING_LASTS: Duration = Duration::from_secs(60);
 
 /// The bucket of a data folder, and the limit on the copies in the folder.
 #[derive(Debug)]
 pub(super) struct Remote {
     pub(super) bucket: Bucket,
     /// 0: no limit.
-    most_bytes: u64,
+    pub(super) most_bytes: u64,
     /// The bytes of the copies, and the time at which they were listed.
-    copies: Mutex<Option<(u64, Instant)>>,
+    pub(super) copies: Mutex<Option<(u64, Instant)>>,
 }
 
 impl Remote {
@@ -146,102 +141,5 @@ pub(super) fn kept_owner(data_dir: &Path) -> Result<String> {
             Ok(owner)
         }
         Err(error) => Err(fault("reading", &path)(error)),
-    }
-}
-
-impl Blobs {
-    /// The path of a blob's file, which is fetched from the bucket if it is missing. The file of a bucket may be removed
-    /// later: open it at once, or ask again.
-    ///
-    /// # Errors
-    /// Internal when the object is missing or damaged; Unavailable when the store fails; Exhausted when the disk is full.
-    pub fn fetched(&self, id: &BlobId) -> Result<PathBuf> {
-        let path = self.path(id);
-        let Some(remote) = &self.remote else { return Ok(path) };
-        if let Ok(file) = File::open(&path) {
-            // Without it, the copy looks older than it is.
-            let _ = file.set_times(FileTimes::new().set_accessed(SystemTime::now()));
-            return Ok(path);
-        }
-        self.fetch(remote, id, &path)?;
-        Ok(path)
-    }
-
-    /// As [`Blobs::fetched`], from the bucket alone.
-    pub(super) fn fetch(&self, remote: &Remote, id: &BlobId, path: &Path) -> Result<()> {
-        let name = self.name(id);
-        if let Some(size) = remote.bucket.size(&name)? {
-            self.limit_copies(remote, size)?;
-            self.make_room(size)?;
-        }
-        let folder = path.parent().unwrap_or(&self.root);
-        fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
-        let draft = across::draft(folder).map_err(fault("making a file in", folder))?;
-        remote.bucket.fetch(&name, id, draft.as_file())?;
-        // After a power cut a name must not lead to a part of the content.
-        draft.as_file().sync_all().map_err(fault("syncing", path))?;
-        draft.persist(path).map_err(|error| fault("renaming to", path)(error.error))?;
-        Ok(())
-    }
-
-    /// Removes the least recently used copies until `bytes` more fit below the limit. A copy whose object is missing
-    /// stays.
-    pub(super) fn limit_copies(&self, remote: &Remote, bytes: u64) -> Result<()> {
-        if remote.most_bytes == 0 {
-            return Ok(());
-        }
-        let mut copies = remote.copies.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = copies
-            .filter(|(there, at)| at.elapsed() < LISTING_LASTS && there.saturating_add(bytes) <= remote.most_bytes);
-        let mut there = match known {
-            Some((there, _)) => there,
-            None => self.evict(remote, bytes)?,
-        };
-        there = there.saturating_add(bytes);
-        *copies = Some((there, known.map_or_else(Instant::now, |(_, at)| at)));
-        Ok(())
-    }
-
-    /// Removes copies until `bytes` more fit and a tenth of the limit is free, so that the next calls need no listing.
-    fn evict(&self, remote: &Remote, bytes: u64) -> Result<u64> {
-        let here = Self { remote: None, ..self.clone() };
-        let mut files: Vec<_> = here
-            .list()?
-            .into_iter()
-            .filter_map(|found| {
-                let used = fs::metadata(&found.path).and_then(|file| file.accessed()).ok()?;
-                found.id.map(|id| (used, found.size_bytes, id, found.path))
-            })
-            .collect();
-        files.sort();
-        let mut there: u64 = files.iter().map(|(_, size, ..)| size).sum();
-        if there.saturating_add(bytes) <= remote.most_bytes {
-            return Ok(there);
-        }
-        let most = remote.most_bytes - remote.most_bytes / 10;
-        for (_, size, id, path) in files {
-            if there.saturating_add(bytes) <= most {
-                break;
-            }
-            let Some(object) = remote.bucket.size(&self.name(&id))? else {
-                tracing::error!(blob.id = %id, store = remote.bucket.shown(), "the bucket lacks a blob: its copy stays");
-                continue;
-            };
-            if object != size {
-                tracing::warn!(blob.id = %id, "a copy has another size than its object: it is removed");
-            }
-            match fs::remove_file(&path) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(fault("removing", &path)(error));
-                }
-                Ok(()) | Err(_) => there -= size,
-            }
-        }
-        Ok(there)
-    }
-
-    /// The name of a blob in its bucket.
-    pub(super) fn name(&self, id: &BlobId) -> String {
-        name(&self.folder, &self.path(id))
     }
 }

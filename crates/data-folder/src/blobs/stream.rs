@@ -21,15 +21,14 @@ impl Blobs {
     /// # Errors
     /// Internal when the blob is missing or cannot be read; Unavailable when the store fails.
     pub async fn stream(&self, id: &BlobId) -> Result<impl Stream<Item = Result<Bytes>> + Send + 'static> {
-        let path = match &self.remote {
-            None => self.path(id),
-            Some(_) => {
-                let (blobs, id) = (self.clone(), id.clone());
-                let fetching = tokio::task::spawn_blocking(move || blobs.fetched(&id));
-                fetching.await.map_err(|error| Error::internal("fetching a blob", error))??
-            }
-        };
-        stream_file(path).await
+        if self.remote.is_none() {
+            return stream_file(self.path(id)).await;
+        }
+        let (blobs, id) = (self.clone(), id.clone());
+        let fetching = tokio::task::spawn_blocking(move || blobs.fetched(&id));
+        let fetched = fetching.await.map_err(|error| Error::internal("fetching a blob", error))??;
+        // The open file needs no name.
+        stream_file(fetched.to_path_buf()).await
     }
 }
 

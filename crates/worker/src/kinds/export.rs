@@ -1,9 +1,6 @@
 //! Export: the files of a dataset in a format of `gleaner-formats`, each a blob.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeMap, path::Path};
 
 use gleaner_core::{
     TaskSpec,
@@ -94,7 +91,7 @@ impl Export for Files<'_> {
         &self.pieces
     }
 
-    fn recording(&self, piece: usize) -> Result<PathBuf, Failure> {
+    fn recording(&self, piece: usize) -> Result<impl AsRef<Path>, Failure> {
         Ok(self.blobs.fetched(&self.pieces[piece].episode().recording)?)
     }
 

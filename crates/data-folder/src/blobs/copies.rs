@@ -1,0 +1,189 @@
+//! The copies in the data folder of blobs that a bucket holds: fetched when they are missing, and removed, the least
+//! recently used first, above their limit.
+
+use std::{
+    fs::{self, File, FileTimes},
+    io,
+    path::{Path, PathBuf},
+    sync::PoisonError,
+    time::{Duration, Instant, SystemTime},
+};
+
+use gleaner_core::{
+    error::{Error, Result},
+    id::BlobId,
+};
+use tempfile::TempPath;
+
+use super::{
+    Blobs, across, fault,
+    hold::Naming,
+    remote::{self, Remote},
+};
+
+/// The time for which a listing of the copies is used. Other processes fetch copies too.
+const LISTING_LASTS: Duration = Duration::from_secs(60);
+
+/// The most times that a copy is fetched for one reader.
+const ATTEMPTS: usize = 5;
+
+/// The path of a blob's file, which exists at least as long as this value: of a copy, it is a second name, so that the
+/// copy can be removed meanwhile.
+#[derive(Debug)]
+pub struct Fetched {
+    path: PathBuf,
+    _link: Option<TempPath>,
+}
+
+impl From<PathBuf> for Fetched {
+    /// A file that nothing else removes.
+    fn from(path: PathBuf) -> Self {
+        Self { path, _link: None }
+    }
+}
+
+impl std::ops::Deref for Fetched {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl AsRef<Path> for Fetched {
+    fn as_ref(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Blobs {
+    /// The file of a blob, which is fetched from the bucket if it is missing.
+    ///
+    /// # Errors
+    /// Internal when the object is missing or damaged, or its copies are removed as fast as they are fetched; Unavailable
+    /// when the store fails; Exhausted when the disk is full.
+    pub fn fetched(&self, id: &BlobId) -> Result<Fetched> {
+        let path = self.path(id);
+        let Some(remote) = &self.remote else { return Ok(path.into()) };
+        for _ in 0..ATTEMPTS {
+            match File::open(&path) {
+                // Without it, the copy looks older than it is.
+                Ok(file) => drop(file.set_times(FileTimes::new().set_accessed(SystemTime::now()))),
+                Err(_) => self.fetch(remote, id, &path)?,
+            }
+            match across::link(&path) {
+                Ok(link) => return Ok(Fetched { path: link.to_path_buf(), _link: Some(link) }),
+                // Nothing removes copies from a folder that is only read.
+                Err(error) if error.kind() == io::ErrorKind::ReadOnlyFilesystem => {
+                    return Ok(path.into());
+                }
+                // The copy was removed for others' sake.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => return Err(fault("linking", &path)(error)),
+            }
+        }
+        let found = "its copy was removed each time before it could be opened; raise --blob-cache-bytes";
+        Err(Error::internal(format!("opening {}", path.display()), found))
+    }
+
+    /// Puts the content of a file into the bucket, if there is one, so that [`Blobs::place_sent`] has little to do
+    /// while it holds a lock.
+    ///
+    /// # Errors
+    /// Unavailable when the store fails; Internal when the file cannot be read.
+    pub fn send(&self, id: &BlobId, from: &Path) -> Result<()> {
+        self.remote.as_ref().map_or(Ok(()), |remote| remote.bucket.put(&self.name(id), from))
+    }
+
+    /// As [`Blobs::place`], of a file that [`Blobs::send`] has sent: it is not sent again unless its object was removed
+    /// meanwhile. The caller names the blob while it holds `_naming`.
+    ///
+    /// # Errors
+    /// As for [`Blobs::place`].
+    pub fn place_sent(&self, id: &BlobId, from: &Path, _naming: &Naming) -> Result<()> {
+        self.place_in(id, from, |remote, size| {
+            if remote.bucket.size(&self.name(id))? != Some(size) {
+                remote.bucket.put(&self.name(id), from)?;
+            }
+            self.limit_copies(remote, size)
+        })
+    }
+
+    /// As [`Blobs::fetched`], from the bucket alone.
+    pub(super) fn fetch(&self, remote: &Remote, id: &BlobId, path: &Path) -> Result<()> {
+        let name = self.name(id);
+        if let Some(size) = remote.bucket.size(&name)? {
+            self.limit_copies(remote, size)?;
+            self.make_room(size)?;
+        }
+        let folder = path.parent().unwrap_or(&self.root);
+        fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
+        let draft = across::draft(folder).map_err(fault("making a file in", folder))?;
+        remote.bucket.fetch(&name, id, draft.as_file())?;
+        // After a power cut a name must not lead to a part of the content.
+        draft.as_file().sync_all().map_err(fault("syncing", path))?;
+        draft.persist(path).map_err(|error| fault("renaming to", path)(error.error))?;
+        Ok(())
+    }
+
+    /// Removes the least recently used copies until `bytes` more fit below the limit. A copy whose object is missing
+    /// stays.
+    pub(super) fn limit_copies(&self, remote: &Remote, bytes: u64) -> Result<()> {
+        if remote.most_bytes == 0 {
+            return Ok(());
+        }
+        let mut copies = remote.copies.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = copies
+            .filter(|(there, at)| at.elapsed() < LISTING_LASTS && there.saturating_add(bytes) <= remote.most_bytes);
+        let mut there = match known {
+            Some((there, _)) => there,
+            None => self.evict(remote, bytes)?,
+        };
+        there = there.saturating_add(bytes);
+        *copies = Some((there, known.map_or_else(Instant::now, |(_, at)| at)));
+        Ok(())
+    }
+
+    /// Removes copies until `bytes` more fit and a tenth of the limit is free, so that the next calls need no listing.
+    fn evict(&self, remote: &Remote, bytes: u64) -> Result<u64> {
+        let here = Self { remote: None, ..self.clone() };
+        let mut files: Vec<_> = here
+            .list()?
+            .into_iter()
+            .filter_map(|found| {
+                let used = fs::metadata(&found.path).and_then(|file| file.accessed()).ok()?;
+                found.id.map(|id| (used, found.size_bytes, id, found.path))
+            })
+            .collect();
+        files.sort();
+        let mut there: u64 = files.iter().map(|(_, size, ..)| size).sum();
+        if there.saturating_add(bytes) <= remote.most_bytes {
+            return Ok(there);
+        }
+        let most = remote.most_bytes - remote.most_bytes / 10;
+        for (_, size, id, path) in files {
+            if there.saturating_add(bytes) <= most {
+                break;
+            }
+            let Some(object) = remote.bucket.size(&self.name(&id))? else {
+                tracing::error!(blob.id = %id, store = remote.bucket.shown(), "the bucket lacks a blob: its copy stays");
+                continue;
+            };
+            if object != size {
+                tracing::warn!(blob.id = %id, "a copy has another size than its object: it is removed");
+            }
+            match fs::remove_file(&path) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                    return Err(fault("removing", &path)(error));
+                }
+                Ok(()) | Err(_) => there -= size,
+            }
+        }
+        Ok(there)
+    }
+
+    /// The name of a blob in its bucket.
+    pub(super) fn name(&self, id: &BlobId) -> String {
+        remote::name(&self.folder, &self.path(id))
+    }
+}
