@@ -33,7 +33,7 @@ use std::{
 
 use tokio::sync::Semaphore;
 
-use self::{claim::Claims, inspector::Inspector};
+use self::{claim::Claims, inspector::Inspector, slots::Slots};
 pub(crate) use self::{
     frames::Frames,
     keep::NewRecording,
@@ -60,7 +60,7 @@ pub struct Ingest {
     /// One for each recording that is inspected and not stored.
     passing: Arc<Semaphore>,
     /// One for each copy of an episode with scores that is read.
-    scored: Arc<Semaphore>,
+    scored: Slots,
     data_dir: Arc<Path>,
     max_upload_bytes: u64,
     /// `None`: no limit.
@@ -83,7 +83,7 @@ impl Ingest {
             claims: Claims::default(),
             inspector: Arc::new(Inspector::new(&config.data_dir, &config.limits)?),
             passing: Arc::new(Semaphore::new(passing::AT_ONCE)),
-            scored: Arc::new(Semaphore::new(scored::AT_ONCE)),
+            scored: Slots::new(scored::AT_ONCE),
             data_dir,
             max_upload_bytes: config.limits.max_upload_bytes,
             max_open_uploads: config.uploads.max_open_per_client(),

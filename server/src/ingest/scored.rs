@@ -1,10 +1,8 @@
 //! Copies of stored recordings with the scores of a run beside their messages. A limited child writes them, like an
 //! inspection, and no file remains once they are read.
 
-use std::sync::Arc;
-
 use bytes::Bytes;
-use futures::{StreamExt as _, stream::BoxStream};
+use futures::{FutureExt as _, StreamExt as _, stream::BoxStream};
 use gleaner_recording::{Kept, TaskSpec};
 
 use super::{Ingest, off_runtime};
@@ -14,7 +12,8 @@ use crate::{
     error::{Error, Result},
 };
 
-/// The most such copies at once: each takes as much disk as its recording until it is read.
+/// The most such copies at once, of which one client has all but one at most: each takes as much disk as its recording
+/// until it is read.
 pub(super) const AT_ONCE: usize = 4;
 
 /// A copy, which takes disk until its bytes are dropped.
@@ -29,7 +28,7 @@ impl Ingest {
     /// Copies the recording of an episode with these scores.
     ///
     /// # Errors
-    /// Exhausted when too many copies are read, or the disk has no room; Internal when the recording can no longer be read.
+    /// Exhausted when too many copies are read, by all clients or by this one, or the disk has no room; Internal when the recording can no longer be read.
     pub(crate) async fn scored_copy(
         &self,
         client: &Client,
@@ -37,9 +36,12 @@ impl Ingest {
         episode: &Episode,
         kept: Kept,
     ) -> Result<ScoredCopy> {
-        let one = Arc::clone(&self.scored)
-            .try_acquire_owned()
-            .map_err(|_| Error::exhausted(format!("{AT_ONCE} scored episodes are being read already; retry later")))?;
+        let one = self.scored.take(client).now_or_never().unwrap_or_else(|| {
+            Err(Error::exhausted(format!(
+                "{AT_ONCE} scored episodes are being read already, or {} by this client; retry later",
+                AT_ONCE - 1
+            )))
+        })?;
         self.blobs.room_for(episode.size_bytes).await?;
         let (blobs, id) = (self.blobs.clone(), episode.recording.clone());
         let recording = off_runtime("fetching a recording", move || blobs.fetched(&id)).await?;
@@ -61,3 +63,6 @@ impl Ingest {
         Ok(ScoredCopy { size_bytes, bytes: bytes.boxed() })
     }
 }
+
+#[cfg(test)]
+mod tests;
