@@ -66,10 +66,15 @@ impl Presence {
     pub fn verify(&self) -> Result<()> {
         if self.loss.get().is_none() {
             let Some(loss) = self.files.iter().find_map(Held::loss) else { return Ok(()) };
-            self.loss.get_or_init(|| loss);
-            self.lost.cancel();
+            self.declare_lost(loss);
         }
         Err(Error::precondition(self.loss.get().cloned().unwrap_or_default()))
+    }
+
+    /// Notes a loss that was found elsewhere: from now on [`Presence::verify`] fails with this sentence.
+    pub fn declare_lost(&self, loss: String) {
+        self.loss.get_or_init(|| loss);
+        self.lost.cancel();
     }
 
     /// A token that is cancelled once a file is found deleted or replaced.

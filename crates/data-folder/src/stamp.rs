@@ -98,6 +98,11 @@ impl StampFile {
         Ok(Self { path, held: Mutex::new((file, stamp)) })
     }
 
+    /// The content of the stamp.
+    pub fn content(&self) -> Stamp {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
+    }
+
     /// Raises the generation on disk; it never falls. Call it after the commit and before the acknowledgement.
     ///
     /// # Errors

@@ -13,6 +13,7 @@ use super::{
     row::{self, Column as _, record},
     schema,
     sql::{self, Pool, Transaction},
+    tie::Tie,
 };
 use crate::{
     blobs::Blobs,
@@ -53,13 +54,6 @@ pub(crate) struct Comparison {
     pub(crate) current: bool,
     /// The database is not a mixture of two copies.
     pub(crate) whole: bool,
-}
-
-/// The link of an open database to its folder.
-#[derive(Debug)]
-pub(super) struct Tie {
-    presence: Presence,
-    stamp: StampFile,
 }
 
 impl Store {

@@ -43,6 +43,7 @@ mod sqlite;
 mod task;
 #[cfg(test)]
 pub(crate) mod testing;
+mod tie;
 mod token;
 mod transfer;
 mod trash;
@@ -65,7 +66,7 @@ pub struct Store {
     writer: Pool,
     readers: Pool,
     /// The link of a server's database to its folder; empty for a database that is only read.
-    tie: Arc<OnceLock<lab::Tie>>,
+    tie: Arc<OnceLock<tie::Tie>>,
 }
 
 impl Store {

@@ -3,14 +3,19 @@
 //! The connection that writes holds a lock of the whole session, so that every write of a server is made while no other
 //! server has the database: a server whose connection was lost writes again only after it has the lock again.
 
-use std::{fmt, fs, str::FromStr as _, time::Duration};
+use std::{
+    fmt, fs,
+    str::FromStr as _,
+    sync::{Arc, OnceLock},
+    time::Duration,
+};
 
 use sqlx::{
     Connection as _, Executor as _, PgConnection,
     postgres::{PgConnectOptions, PgPoolOptions},
 };
 
-use super::{Store, fault::connecting, schema, sql::Pool};
+use super::{Store, fault::connecting, schema, sql::Pool, tie::Tie};
 use crate::{
     config::DatabaseConfig,
     error::{Error, Result},
@@ -186,16 +191,12 @@ impl Store {
     pub(crate) async fn serve_postgres(at: &Postgres) -> Result<Self> {
         at.expect_usable(true).await?;
         let doing = |error| connecting(at, error);
+        let tie = Arc::<OnceLock<Tie>>::default();
         // The connection that writes stays open, because it holds the lock of this server.
-        let writer = patient(1).idle_timeout(None).max_lifetime(None).after_connect(|connection, _| {
-            Box::pin(async move {
-                durable(connection).await?;
-                let held: bool = sqlx::query_scalar("select pg_try_advisory_lock($1)")
-                    .bind(SERVER_LOCK)
-                    .fetch_one(connection)
-                    .await?;
-                if held { Ok(()) } else { Err(sqlx::Error::Configuration("another server has the database".into())) }
-            })
+        let writer = patient(1).idle_timeout(None).max_lifetime(None);
+        let writer = writer.after_connect({
+            let tie = Arc::clone(&tie);
+            move |connection, _| Box::pin(take_over(connection, Arc::clone(&tie)))
         });
         let writer = writer.connect_with(at.options.clone()).await.map_err(doing)?;
         let fsync: String = sqlx::query_scalar("show fsync").fetch_one(&writer).await.map_err(doing)?;
@@ -204,7 +205,7 @@ impl Store {
         }
         schema::update(&Pool::Postgres(writer.clone()), at).await?;
         let readers = patient(READERS).connect_with(at.options.clone()).await.map_err(doing)?;
-        Ok(Self::untied(Pool::Postgres(writer), Pool::Postgres(readers)))
+        Ok(Self { writer: Pool::Postgres(writer), readers: Pool::Postgres(readers), tie })
     }
 
     /// Opens a database to read it, of any schema or none.
@@ -235,6 +236,23 @@ impl Store {
                 schema::newest()
             ))),
         }
+    }
+}
+
+/// Makes a connection the one that writes: with the lock of the one server, to a database that has everything that was
+/// acknowledged. The database may be a replica that took over and had not received all of it.
+async fn take_over(connection: &mut PgConnection, tie: Arc<OnceLock<Tie>>) -> sqlx::Result<()> {
+    durable(connection).await?;
+    let lock = sqlx::query_scalar("select pg_try_advisory_lock($1)").bind(SERVER_LOCK);
+    if !lock.fetch_one(&mut *connection).await? {
+        return Err(sqlx::Error::Configuration("another server has the database".into()));
+    }
+    let Some(tie) = tie.get() else { return Ok(()) };
+    let (folder, generation): (String, i64) =
+        sqlx::query_as("select folder, generation from lab").fetch_one(connection).await?;
+    match tie.is_still(&folder, u64::try_from(generation).unwrap_or(0)) {
+        true => Ok(()),
+        false => Err(sqlx::Error::Configuration("the database is not the one that the server used".into())),
     }
 }
 

@@ -4,7 +4,11 @@
 use gleaner_test_postgres::{GUARDED_ROLE, PASSWORD, Server};
 
 use super::*;
-use crate::{domain::episode::Outcome, error::Kind, store::testing};
+use crate::{
+    domain::episode::Outcome,
+    error::Kind,
+    store::{Database, testing},
+};
 
 /// Whether the tests run on PostgreSQL; else prints that one is skipped.
 fn selected() -> bool {
@@ -85,6 +89,39 @@ async fn lost_connections_are_unavailable_until_postgresql_is_back() {
         assert!(store.insert_upload(&upload, None).await.unwrap());
         store.delete_upload(&upload.id).await.unwrap();
     }
+}
+
+/// What a failover to a replica that lags looks like: another generation behind the same address.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_earlier_copy_that_takes_over_ends_the_writes() {
+    if !selected() {
+        return;
+    }
+    let server = gleaner_test_postgres::shared();
+    let (name, dir) = (server.database(), tempfile::tempdir().unwrap());
+    let at = Postgres::at(&server.url(&name)).unwrap();
+    let database = Database { data_dir: dir.path().to_owned(), postgres: Some(at) };
+    let blobs = crate::blobs::Blobs::open(dir.path()).unwrap();
+    let store = Store::open_with_blobs(&database, &blobs, false).await.unwrap();
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    let lose = |statement: &str| {
+        server.execute(&name, statement);
+        let others = "select pg_terminate_backend(pid) from pg_stat_activity where datname = current_database() and \
+                      pid <> pg_backend_pid()";
+        server.execute(&name, others);
+    };
+    lose("select 1");
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    assert!(!store.lost().is_cancelled(), "the same database");
+
+    lose("update lab set generation = generation - 1");
+    let error = store.insert_upload(&testing::upload(&task, b"late"), None).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Unavailable, "{error}");
+    assert!(store.lost().is_cancelled());
+    let reason = store.verify().unwrap_err();
+    assert!(reason.kind() == Kind::Precondition && reason.message().contains("earlier copy"), "{reason}");
+    assert_eq!(server.execute(&name, "select count(*) from uploads"), "0");
 }
 
 #[tokio::test]
