@@ -87,6 +87,36 @@ async fn a_dataset_is_exported_in_every_format() {
     assert!(!Path::new("unused").exists());
 }
 
+/// Episodes of which nothing is kept included.
+#[tokio::test]
+async fn imperfect_episodes_are_exported_whole_in_every_format() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let dataset = dataset(&mut api, &shared.run, 1.0).await;
+    let url = shared.server.url();
+    let exported = async |format: &str| {
+        let out = fresh(&format!("whole_{format}"));
+        let line = ["export", &dataset, "--format", format, "--whole", "--out", out.to_str().unwrap()];
+        (digests(&command::json(url, &line).await), out)
+    };
+    let (files, out) = exported("mcap").await;
+    for episode in &shared.episodes {
+        let name = format!("{}.mcap", episode.id);
+        assert!(files.contains_key(&name), "{name}: {files:?}");
+        let reading = read_episode(&out.join(name), &lab::spec()).unwrap();
+        assert_eq!(u64::try_from(reading.episode.steps()).unwrap(), episode.steps);
+        let scored = reading.report.topics.iter().any(|topic| topic.topic == "/gleaner/quality");
+        assert_eq!(scored, episode.outcome() == Outcome::Failure, "{}", episode.id);
+    }
+    let (_, out) = exported("lerobot").await;
+    let info: Value = serde_json::from_slice(&std::fs::read(out.join("meta/info.json")).unwrap()).unwrap();
+    assert_eq!(info["total_episodes"].as_u64().unwrap(), shared.episodes.len() as u64);
+    assert_eq!(info["total_frames"].as_u64().unwrap(), shared.episodes.iter().map(|one| one.steps).sum::<u64>());
+    assert!(std::fs::read_to_string(out.join("README.md")).unwrap().contains("imperfect ones, whole"));
+    let (files, _) = exported("robomimic").await;
+    assert!(files.contains_key("dataset.hdf5"));
+}
+
 #[tokio::test]
 async fn an_episode_is_exported_whole_with_its_scores() {
     let shared = shared().await;

@@ -127,6 +127,28 @@ def test_lerobot_video_is_read_by_av(
         assert 10 * np.log10(255**2 / np.mean(error**2)) > 20
 
 
+def test_whole_episodes_have_scores_and_weights_at_every_step(
+    client: gleaner.Client, lab: Lab, exported: dict[str, Path], tmp_path: Path
+) -> None:
+    spec = {"export": {"dataset_id": lab.dataset, "format": "lerobot", "whole": True}}
+    job = client.jobs.submit(TASK, spec, key="export whole episodes")
+    client.jobs.wait(job, timeout=120)
+    client.datasets.download_export(job.result_id, tmp_path / "whole")
+    episodes = pq.read_table(tmp_path / "whole/meta/episodes/chunk-000/file-000.parquet").to_pandas()
+    frames = pq.read_table(tmp_path / "whole/data/chunk-000/file-000.parquet").to_pandas()
+    imperfect = episodes[episodes["gleaner.role"] == "imperfect"]
+    assert (imperfect["gleaner.first_step"] == 0).all()
+    kept = {(line["episode"], step["step"]): step["q"] for line in stretches(exported["mcap"]) for step in line["steps"]}
+    assert kept
+    found = {}
+    for row in imperfect.itertuples():
+        own = frames[frames["episode_index"] == row.episode_index]
+        name = episodes["gleaner.episode"][row.Index]
+        assert own["gleaner.step"].tolist() == list(range(len(own)))
+        found |= {(name, step): w for step, w in zip(own["gleaner.step"], own["gleaner.weight"], strict=True) if w > 0}
+    assert found == {key: pytest.approx(q) for key, q in kept.items()}
+
+
 def test_robomimic_export_is_read_by_h5py(exported: dict[str, Path]) -> None:
     with h5py.File(exported["robomimic"] / "dataset.hdf5") as file:
         assert json.loads(file["data"].attrs["env_args"])["env_name"] == TASK

@@ -59,6 +59,8 @@ pub struct ExportSpec {
     pub depth: bool,
     /// Whether pictures are videos instead of images. LeRobot only.
     pub video: bool,
+    /// Whether imperfect episodes are written whole, rather than their kept stretches alone.
+    pub whole: bool,
 }
 
 /// One file of an export.

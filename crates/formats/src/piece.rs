@@ -24,19 +24,25 @@ enum Source {
     Kept(Arc<KeptInput>),
 }
 
-/// Every piece: the experts, then the stretches of the kept episodes, in their order.
+/// Every piece: the experts, then the stretches of the kept episodes, in their order, or those episodes `whole`.
 ///
 /// # Errors
 /// [`Problem::Input`] if an episode has no scores of its kept steps.
-pub fn pieces(experts: Vec<InputEpisode>, kept: Vec<KeptInput>) -> Result<Vec<Piece>, Problem> {
+pub fn pieces(experts: Vec<InputEpisode>, kept: Vec<KeptInput>, whole: bool) -> Result<Vec<Piece>, Problem> {
     let mut pieces = Vec::with_capacity(experts.len() + kept.len());
+    let all = |episode: &InputEpisode| {
+        let steps = usize::try_from(episode.steps).map_err(|_| Problem::Input("an episode is too long".to_owned()));
+        steps.map(|steps| 0..steps)
+    };
     for expert in experts {
-        let steps = usize::try_from(expert.steps).map_err(|_| Problem::Input("an episode is too long".to_owned()))?;
-        pieces.push(Piece { source: Source::Expert(expert), steps: 0..steps });
+        let steps = all(&expert)?;
+        pieces.push(Piece { source: Source::Expert(expert), steps });
     }
     for kept in kept.into_iter().map(Arc::new) {
-        for run in stretches(&kept.segments) {
-            let steps = file_steps(&kept.segments[run], &kept.qualities);
+        let of_stretches =
+            || stretches(&kept.segments).into_iter().map(|run| file_steps(&kept.segments[run], &kept.qualities));
+        let found = if whole { vec![Some(all(&kept.episode)?)] } else { of_stretches().collect() };
+        for steps in found {
             let steps = steps.filter(|steps| steps.end <= kept.qualities.len().min(kept.similarities.len()));
             let missing = || Problem::Input(format!("the kept steps of {} have no scores", kept.episode.id));
             pieces.push(Piece { source: Source::Kept(Arc::clone(&kept)), steps: steps.ok_or_else(missing)? });
@@ -62,6 +68,14 @@ impl Piece {
         }
     }
 
+    /// Whether a step of it is kept.
+    pub fn is_kept(&self) -> bool {
+        match &self.source {
+            Source::Expert(_) => true,
+            Source::Kept(kept) => !kept.segments.is_empty(),
+        }
+    }
+
     /// Number of steps.
     pub fn len(&self) -> usize {
         self.steps.len()
@@ -77,12 +91,12 @@ impl Piece {
         self.steps.start == 0 && u64::try_from(self.steps.end) == Ok(self.episode().steps)
     }
 
-    /// A name for a file, without an ending: the episode's id and, of a stretch, its first and last step.
+    /// A name for a file, without an ending: the episode's id and, of a part of it, its first and last step.
     pub fn name(&self) -> String {
         let id = &self.episode().id;
-        match self.source {
-            Source::Expert(_) => id.to_string(),
-            Source::Kept(_) => format!("{id}_{}-{}", self.steps.start, self.steps.end.saturating_sub(1)),
+        match self.is_whole() {
+            true => id.to_string(),
+            false => format!("{id}_{}-{}", self.steps.start, self.steps.end.saturating_sub(1)),
         }
     }
 
@@ -174,6 +188,22 @@ mod tests {
         let kept = crate::testing::kept_input(8, &[(5, 0.9)]);
         let id = kept.episode.id.clone();
         let cut = KeptInput { qualities: vec![0.5; 3], ..kept };
-        assert!(pieces(Vec::new(), vec![cut]).unwrap_err().to_string().contains(id.as_str()));
+        for whole in [false, true] {
+            assert!(pieces(Vec::new(), vec![cut.clone()], whole).unwrap_err().to_string().contains(id.as_str()));
+        }
+    }
+
+    #[test]
+    fn a_whole_episode_is_one_piece_that_marks_its_kept_steps() {
+        let kept = crate::testing::kept_input(5, &[(1, 0.9), (3, 0.8)]);
+        let none = KeptInput { segments: Vec::new(), ..crate::testing::kept_input(4, &[]) };
+        let pieces = pieces(Vec::new(), vec![kept.clone(), none], true).unwrap();
+        assert_eq!(pieces.iter().map(|piece| piece.steps.clone()).collect::<Vec<_>>(), [0..5, 0..4]);
+        assert_eq!(pieces[0].name(), kept.episode.id.as_str());
+        let marks = |piece: &Piece| piece.scores().iter().map(|score| score.kept).collect::<Vec<_>>();
+        assert_eq!(marks(&pieces[0]), [false, true, false, true, false]);
+        assert_eq!(marks(&pieces[1]), [false; 4]);
+        let q: Vec<f32> = pieces[0].scores().iter().map(|score| score.q).collect();
+        assert_eq!(q, kept.qualities);
     }
 }

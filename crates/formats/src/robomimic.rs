@@ -97,7 +97,7 @@ impl Out {
         };
         for (key, names) in [
             ("experts", names(&|_, piece| piece.role() == Role::Expert)),
-            ("kept", names(&|_, piece| piece.role() == Role::Imperfect)),
+            ("kept", names(&|_, piece| piece.role() == Role::Imperfect && piece.is_kept())),
             ("train", names(&|at, _| at % VALIDATION != VALIDATION - 1)),
             ("valid", names(&|at, _| at % VALIDATION == VALIDATION - 1)),
         ] {

@@ -117,7 +117,7 @@ impl Lab {
             record(&folder.path().join(format!("{}.mcap", episode.id)), &task, episode.steps, byte);
         }
         let origin = BTreeMap::from([("dataset".to_owned(), "ds_1".to_owned())]);
-        let pieces = pieces(experts, vec![kept]).unwrap();
+        let pieces = pieces(experts, vec![kept], false).unwrap();
         Self { folder, out, files: Vec::new(), stop_after: usize::MAX, task, origin, pieces, scratch }
     }
 

@@ -14,7 +14,7 @@ use crate::{
         work::{InputPart, KeptInput},
     },
     error::Result,
-    store::Store,
+    store::{KeptDetail, Store},
 };
 
 /// The size of the parts in which episodes are sent.
@@ -36,8 +36,8 @@ const WAITING: usize = 2;
 pub(super) enum Source {
     /// The episodes of a role in a snapshot.
     Snapshot(SnapshotId, Role),
-    /// The kept part of a dataset; detailed: with matches and the scores of every step.
-    Kept { dataset: DatasetId, detailed: bool },
+    /// The kept part of a dataset.
+    Kept { dataset: DatasetId, detail: KeptDetail },
 }
 
 impl Source {
@@ -70,9 +70,7 @@ impl Jobs {
                     Source::Snapshot(snapshot, role) => {
                         send_episodes(&store, (&snapshot, role), size.episodes, &out).await
                     }
-                    Source::Kept { dataset, detailed } => {
-                        send_kept(&store, (&dataset, detailed), size.steps, &out).await
-                    }
+                    Source::Kept { dataset, detail } => send_kept(&store, (&dataset, detail), size.steps, &out).await,
                 };
                 if let Err(error) = sent {
                     // Without a receiver the worker has ended.
@@ -102,12 +100,17 @@ async fn send_episodes(store: &Store, (snapshot, role): (&SnapshotId, Role), mos
     }
 }
 
-async fn send_kept(store: &Store, (dataset, detailed): (&DatasetId, bool), most_steps: usize, out: &Out) -> Result<()> {
+async fn send_kept(
+    store: &Store,
+    (dataset, detail): (&DatasetId, KeptDetail),
+    most_steps: usize,
+    out: &Out,
+) -> Result<()> {
     let dataset = store.dataset(dataset).await?;
     let run = store.score_run(&dataset.score_run_id).await?;
     let (send, mut kept) = mpsc::channel(WAITING);
     let reading = async {
-        let read = store.send_kept((&run, dataset.selection), detailed, &send).await;
+        let read = store.send_kept((&run, dataset.selection), detail, &send).await;
         drop(send);
         read
     };

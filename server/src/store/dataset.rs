@@ -33,9 +33,20 @@ impl Record for Selection {
     }
 }
 
+/// What is read of the kept part of a dataset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum KeptDetail {
+    /// The kept segments with their weights.
+    Weights,
+    /// The same with their matches and the scores of every step.
+    Scores,
+    /// The same, also of episodes without a kept segment.
+    Whole,
+}
+
 impl Matched {
-    /// The marked segments; `None` if no segment is marked.
-    fn kept(self, marked: &[bool], experts: &[EpisodeId]) -> Result<Option<KeptEpisode>> {
+    /// The marked segments, possibly none.
+    fn kept(self, marked: &[bool], experts: &[EpisodeId]) -> Result<KeptEpisode> {
         let Self { candidate, match_episode, match_step } = self;
         // Without matches both lists are empty.
         let nearest = |step: usize| match (match_episode.get(step), match_step.get(step)) {
@@ -53,10 +64,7 @@ impl Matched {
                 segments.push(KeptSegment { end_step, weight, nearest: nearest(step)? });
             }
         }
-        if segments.is_empty() {
-            return Ok(None);
-        }
-        Ok(Some(KeptEpisode { episode_id: candidate.episode_id, segments }))
+        Ok(KeptEpisode { episode_id: candidate.episode_id, segments })
     }
 }
 
@@ -225,7 +233,7 @@ impl Store {
     pub(crate) async fn send_kept(
         &self,
         (run, selection): (&ScoreRun, Selection),
-        detailed: bool,
+        detail: KeptDetail,
         out: &mpsc::Sender<KeptInput>,
     ) -> Result<()> {
         let candidates = self.to_resolve(run, selection).await?;
@@ -235,12 +243,16 @@ impl Store {
         while let Some(Recorded { mut matched, episode }) = rows.try_next().await? {
             resolved.mark(&matched.candidate, &mut marked);
             let (mut similarities, mut qualities) = (Vec::new(), Vec::new());
-            if detailed {
-                (similarities, qualities) = (matched.candidate.w.clone(), matched.candidate.q.clone());
-            } else {
-                matched.match_episode.clear();
+            match detail {
+                KeptDetail::Weights => matched.match_episode.clear(),
+                KeptDetail::Scores | KeptDetail::Whole => {
+                    (similarities, qualities) = (matched.candidate.w.clone(), matched.candidate.q.clone());
+                }
             }
-            let Some(KeptEpisode { segments, .. }) = matched.kept(&marked, &run.expert_ids)? else { continue };
+            let KeptEpisode { segments, .. } = matched.kept(&marked, &run.expert_ids)?;
+            if segments.is_empty() && detail != KeptDetail::Whole {
+                continue;
+            }
             if out.send(KeptInput { episode, segments, similarities, qualities }).await.is_err() {
                 break;
             }
@@ -265,8 +277,9 @@ impl Store {
         let (mut kept, mut marked) = (Vec::new(), Vec::new());
         while let Some(found) = rows.try_next().await? {
             resolved.mark(&found.candidate, &mut marked);
-            kept.extend(found.kept(&marked, &run.expert_ids)?);
+            kept.push(found.kept(&marked, &run.expert_ids)?);
         }
+        kept.retain(|episode| !episode.segments.is_empty());
         Ok(kept)
     }
 }

@@ -52,7 +52,8 @@ mod upload;
 use std::sync::{Arc, OnceLock};
 
 pub(crate) use self::{
-    blob::NamedBlob, database::Database, postgres::Postgres, read_only::ReadOnlyDatabase, sidecar::Described,
+    blob::NamedBlob, database::Database, dataset::KeptDetail, postgres::Postgres, read_only::ReadOnlyDatabase,
+    sidecar::Described,
 };
 use self::{
     fault::fault,

@@ -65,6 +65,7 @@ async fn jobs_with_unknown_inputs_are_rejected() {
             format,
             depth: dataset == "deep",
             video: dataset == "film",
+            whole: false,
         })
     };
     let evaluate =

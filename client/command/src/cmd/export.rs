@@ -51,6 +51,10 @@ pub(crate) struct ExportArgs {
     /// (about 1 s for 30 pictures of 128×128).
     #[arg(long, conflicts_with = "episode")]
     video: bool,
+    /// Write every imperfect episode of the score run whole, one file or episode each, instead of its kept runs of
+    /// segments: for looking at, and for trainings that draw steps by their weight, which is 0 where a step is not kept.
+    #[arg(long, conflicts_with = "episode")]
+    whole: bool,
     /// New output folder; with --episode, the new output file.
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
@@ -83,8 +87,13 @@ impl ExportArgs {
             FormatArg::Lerobot => ExportFormat::Lerobot,
             FormatArg::Robomimic => ExportFormat::Robomimic,
         };
-        let spec =
-            ExportSpec { dataset_id: dataset.to_owned(), format: format.into(), depth: self.depth, video: self.video };
+        let spec = ExportSpec {
+            dataset_id: dataset.to_owned(),
+            format: format.into(),
+            depth: self.depth,
+            video: self.video,
+            whole: self.whole,
+        };
         let request = SubmitJobRequest {
             task: task_of_dataset(&client, None, dataset).await?,
             spec: Some(JobSpec { spec: Some(Spec::Export(spec)) }),

@@ -7,6 +7,7 @@ use gleaner_core::snapshot::Role;
 use super::Totals;
 use super::features::Features;
 use crate::export::Export;
+use crate::piece::Piece;
 
 const HEAD: &str = "---
 license: other
@@ -27,7 +28,7 @@ const COLUMNS: &str = "
 |---|---|
 | `gleaner.q` | quality of the segment that ends at the frame, from 0 to 1; 1 for experts |
 | `gleaner.w` | similarity that q was made from; 0 for experts |
-| `gleaner.weight` | weight in training: q of a kept frame, 1 for experts, 0 for a frame that only completes its stretch |
+| `gleaner.weight` | weight in training: q of a kept frame, 1 for experts, 0 for a frame that is not kept |
 | `gleaner.match_episode`, `gleaner.match_step` | nearest expert: its `episode_index` and `frame_index`; -1 without a match |
 | `gleaner.step` | number of the frame in its recording |
 | `next.done`, `next.success` | last frame of the episode; last frame of a whole episode that succeeded |
@@ -48,14 +49,16 @@ sampler = torch.utils.data.WeightedRandomSampler(dataset.hf_dataset[\"gleaner.we
 pub(super) fn card<E: Export>(export: &E, features: &Features, totals: &Totals) -> String {
     let task = export.task();
     let experts = export.pieces().iter().filter(|piece| piece.role() == Role::Expert).count();
+    let mut imperfect = export.pieces().iter().filter(|piece| piece.role() == Role::Imperfect);
+    let whole = experts < totals.episodes && imperfect.all(Piece::is_whole);
     let mut card = HEAD.to_owned();
     // Writing into a string does not fail.
     let _ = writeln!(
         card,
-        "# {}\n\nA LeRobot dataset v3.0 that gleaner wrote: {experts} expert episodes, whole, and {} kept stretches of \
-         imperfect ones, each an episode of its own; {} frames at {} Hz.",
+        "# {}\n\nA LeRobot dataset v3.0 that gleaner wrote: {experts} expert episodes, whole, and {} {}; {} frames at {} Hz.",
         task.name,
         totals.episodes - experts,
+        if whole { "imperfect ones, whole" } else { "kept stretches of imperfect ones, each an episode of its own" },
         totals.frames,
         features.fps(),
     );

@@ -26,7 +26,7 @@ pub(super) fn perform(work: &mut Work, spec: ExportSpec) -> Result<Made, Failure
         tempfile::tempdir_in(work.data_dir.join("tmp")).map_err(|error| Error::internal("making a folder", error))?;
     let episodes = work.episodes();
     let Inputs { experts, kept, .. } = &mut work.inputs;
-    let pieces = pieces(std::mem::take(experts), std::mem::take(kept))?;
+    let pieces = pieces(std::mem::take(experts), std::mem::take(kept), spec.whole)?;
     let mut files = Files {
         folder: folder.path(),
         blobs: &work.blobs,

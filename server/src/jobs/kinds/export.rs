@@ -14,7 +14,7 @@ use crate::{
     },
     error::{Error, Result},
     jobs::{Jobs, input_episodes::Source},
-    store::finish::JobResult,
+    store::{KeptDetail, finish::JobResult},
 };
 
 pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, dataset_id: DatasetId, spec: ExportSpec) -> Result<Resolved> {
@@ -30,10 +30,11 @@ pub(super) async fn inputs(jobs: &Jobs, dataset: &DatasetId, inputs: &mut Inputs
     Ok(())
 }
 
-/// The run's experts, and the kept segments with their matches and scores.
-pub(super) async fn sources(jobs: &Jobs, dataset: &DatasetId) -> Result<Vec<Source>> {
+/// The run's experts, and the kept segments with their matches and scores, or every imperfect episode.
+pub(super) async fn sources(jobs: &Jobs, dataset: &DatasetId, spec: ExportSpec) -> Result<Vec<Source>> {
     let run = run_of(jobs, dataset).await?;
-    let kept = Source::Kept { dataset: dataset.clone(), detailed: true };
+    let detail = if spec.whole { KeptDetail::Whole } else { KeptDetail::Scores };
+    let kept = Source::Kept { dataset: dataset.clone(), detail };
     Ok(vec![Source::Snapshot(run.snapshot_id, Role::Expert), kept])
 }
 

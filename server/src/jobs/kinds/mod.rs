@@ -86,7 +86,7 @@ pub(super) async fn sources(jobs: &Jobs, spec: &JobSpec) -> Result<Vec<Source>> 
     match spec {
         JobSpec::Pretrain { snapshot_id, .. } | JobSpec::Score { snapshot_id, .. } => Ok(Source::all(snapshot_id)),
         JobSpec::Train { snapshot_id, dataset_id, .. } => Ok(train::sources(snapshot_id, dataset_id.as_ref())),
-        JobSpec::Export { dataset_id, .. } => export::sources(jobs, dataset_id).await,
+        JobSpec::Export { dataset_id, spec } => export::sources(jobs, dataset_id, *spec).await,
         JobSpec::Evaluate { .. } => Ok(Vec::new()),
     }
 }

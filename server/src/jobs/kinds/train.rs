@@ -15,7 +15,7 @@ use crate::{
     },
     error::{Error, Result},
     jobs::{Jobs, input_episodes::Source},
-    store::finish::JobResult,
+    store::{KeptDetail, finish::JobResult},
 };
 
 pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, data: TrainData, spec: TrainSpec) -> Result<Resolved> {
@@ -63,7 +63,7 @@ pub(super) async fn inputs(jobs: &Jobs, encoder: Option<&EncoderId>, inputs: &mu
 
 /// The experts, and the kept segments of the dataset. Training does not need the matches of steps.
 pub(super) fn sources(snapshot: &SnapshotId, dataset: Option<&DatasetId>) -> Vec<Source> {
-    let kept = dataset.map(|dataset| Source::Kept { dataset: dataset.clone(), detailed: false });
+    let kept = dataset.map(|dataset| Source::Kept { dataset: dataset.clone(), detail: KeptDetail::Weights });
     std::iter::once(Source::Snapshot(snapshot.clone(), Role::Expert)).chain(kept).collect()
 }
 

@@ -14,7 +14,7 @@ use crate::{
 /// # Errors
 /// Invalid names the field and the remedy.
 pub(super) fn order(field: &str, spec: v1::ExportSpec) -> Result<JobOrder> {
-    let v1::ExportSpec { dataset_id, format, depth, video } = spec;
+    let v1::ExportSpec { dataset_id, format, depth, video, whole } = spec;
     let format = match v1::ExportFormat::try_from(format) {
         Ok(v1::ExportFormat::Unspecified | v1::ExportFormat::Mcap) => ExportFormat::Mcap,
         Ok(v1::ExportFormat::Lerobot) => ExportFormat::Lerobot,
@@ -33,7 +33,7 @@ pub(super) fn order(field: &str, spec: v1::ExportSpec) -> Result<JobOrder> {
         return Err(Error::invalid(&format!("{field}.video"), problem));
     }
     let dataset_id = DatasetId::parse(&format!("{field}.dataset_id"), &dataset_id)?;
-    Ok(JobOrder::Export { dataset_id, spec: ExportSpec { format, depth, video } })
+    Ok(JobOrder::Export { dataset_id, spec: ExportSpec { format, depth, video, whole } })
 }
 
 /// A complete spec.
@@ -43,5 +43,6 @@ pub(super) fn to_proto(spec: ExportSpec, dataset_id: String) -> v1::ExportSpec {
         ExportFormat::Lerobot => v1::ExportFormat::Lerobot,
         ExportFormat::Robomimic => v1::ExportFormat::Robomimic,
     };
-    v1::ExportSpec { dataset_id, format: format.into(), depth: spec.depth, video: spec.video }
+    let ExportSpec { depth, video, whole, .. } = spec;
+    v1::ExportSpec { dataset_id, format: format.into(), depth, video, whole }
 }

@@ -133,7 +133,8 @@ fn a_complete_spec_survives_the_wire() {
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
 
     for format in ExportFormat::ALL {
-        let export = ExportSpec { format, depth: format != ExportFormat::Mcap, video: format == ExportFormat::Lerobot };
+        let (depth, video) = (format != ExportFormat::Mcap, format == ExportFormat::Lerobot);
+        let export = ExportSpec { format, depth, video, whole: video };
         let spec = JobSpec::Export { dataset_id: dataset_id.clone(), spec: export };
         let again = JobOrder::Export { dataset_id: dataset_id.clone(), spec: export };
         assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), again);

@@ -41,7 +41,7 @@ fn lerobot_there_and_back_has_the_same_steps() {
 
 #[test]
 fn video_there_and_back_has_the_picture_of_each_step() {
-    let spec = ExportSpec { format: ExportFormat::Lerobot, depth: true, video: true };
+    let spec = ExportSpec { format: ExportFormat::Lerobot, depth: true, video: true, whole: false };
     let [mut lab, mut again] = [Lab::smooth(), Lab::smooth()];
     crate::write(spec, &mut lab).unwrap();
     crate::write(spec, &mut again).unwrap();
