@@ -3,7 +3,7 @@
 use tch::Tensor;
 use tch::nn::{self, Module};
 
-use super::Size;
+use super::{Perceptron, Size};
 use crate::batch::int;
 use crate::normalize::target_size;
 use crate::shape::TaskShape;
@@ -28,37 +28,15 @@ impl Head {
     }
 }
 
-/// Width of the hidden layers of a [`StepHead`], in multiples of d, as in behaviour cloning.
-const WIDE: i64 = 4;
-
-/// An action read from the image token, the images' embedding and the proprioception of a step. Proprioception enters as
-/// its few values: as wide as a token, it would outweigh what changes in the images, and the policy would replay a path.
-struct StepHead {
-    hidden: [nn::Linear; 2],
-    out: nn::Linear,
-}
-
-impl StepHead {
-    fn new(path: &nn::Path<'_>, width: i64, shape: &TaskShape) -> Self {
-        let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
-        let (inputs, wide) = (2 * width + int(shape.proprioception), WIDE * width);
-        let hidden = [linear("hidden_0", inputs, wide), linear("hidden_1", wide, wide)];
-        Self { hidden, out: linear("out", wide, int(shape.action)) }
-    }
-
-    fn forward(&self, input: &Tensor) -> Tensor {
-        let hidden = self.hidden.iter().fold(input.shallow_clone(), |x, layer| layer.forward(&x).gelu("none"));
-        self.out.forward(&hidden)
-    }
-}
-
 /// The three heads.
 pub(crate) struct Heads {
     image: Head,
     proprioception: Head,
     action: Head,
     /// The head of the action after a history, if that is read from the image token.
-    step: Option<StepHead>,
+    /// It reads the image token, the images' embedding and the proprioception of a step. Proprioception enters as its few
+    /// values: as wide as a token, it would outweigh what changes in the images, and the policy would replay a path.
+    step: Option<Perceptron>,
 }
 
 impl Heads {
@@ -69,7 +47,10 @@ impl Heads {
             image: Head::new(&(path / "image"), size.width, image),
             proprioception: Head::new(&(path / "proprioception"), size.width, int(shape.proprioception)),
             action: Head::new(&(path / "action"), size.width, int(shape.action)),
-            step: (token == ActionToken::Image).then(|| StepHead::new(&(path / "step"), size.width, shape)),
+            step: (token == ActionToken::Image).then(|| {
+                let (inputs, wide) = (2 * size.width + int(shape.proprioception), Perceptron::WIDE * size.width);
+                Perceptron::new(&(path / "step"), inputs, wide, int(shape.action))
+            }),
         }
     }
 

@@ -5,6 +5,7 @@ mod heads;
 mod image_encoder;
 pub(crate) mod image_weights;
 mod layers;
+mod perceptron;
 mod size;
 mod tokens;
 mod transformer;
@@ -12,6 +13,7 @@ mod waves;
 pub(crate) mod weights;
 
 pub(crate) use image_encoder::{IMAGES, ImageEncoder, ImageStages, TokenGrid};
+pub(crate) use perceptron::Perceptron;
 pub(crate) use size::Size;
 pub(crate) use tokens::Modality;
 pub(crate) use transformer::{Attention, Decoder, Transformer};

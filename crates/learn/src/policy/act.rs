@@ -2,7 +2,8 @@
 //! chunks a_t … a_{t+k−1} given o_t and m_t.
 //!
 //! The images are one embedding beside which the queries of the chunk stand, or, as in the paper, a grid of tokens: a
-//! transformer encoder reads z, m_t and the tokens of all cameras, and a decoder's queries attend to its output. Unlike
+//! transformer encoder reads z, m_t and the tokens of all cameras, and a decoder's queries attend to its output; or a
+//! perceptron reads one embedding, m_t and z. Unlike
 //! the paper's, norms come before attention, positions are added once, and there is no dropout.
 //!
 //! Training: a style encoder reads m_t and the chunk and returns q(z | m, a) = N(μ, σ²); a decoder predicts the chunk
@@ -21,11 +22,11 @@ use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::{integer_in, number_in};
-use gleaner_core::{Group as _, Words as _};
+use gleaner_core::{Group as _, ModelSpec, Words as _};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor};
 
-use super::chunk::ChunkSpec;
+use super::chunk::{ChunkNetwork, ChunkSpec};
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
 use super::observer::{self, Encoded, ImageTokens, ImagesSpec, Observer};
 use crate::batch::Chunks;
@@ -33,7 +34,7 @@ use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
 use crate::random::normal;
 use grid::GridDecoder;
-use layers::{ChunkDecoder, Lengths, StyleEncoder};
+use layers::{ChunkDecoder, ChunkPerceptron, Lengths, StyleEncoder};
 
 pub(super) const KIND: PolicyKind = PolicyKind {
     name: "act",
@@ -41,7 +42,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     about: "Action chunking with transformers: a conditional VAE that predicts chunks of actions.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
     settings: || [observer::schema(), ImagesSpec::schema(), ChunkSpec::schema(), ActSpec::schema()].concat(),
-    model: observer::model,
+    model,
     init,
     load,
 };
@@ -72,6 +73,16 @@ gleaner_core::settings! {
     }
 }
 
+fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
+    let (ImagesSpec { image_tokens }, ChunkSpec { chunk_network, .. }) = (from.chosen().read()?, from.chosen().read()?);
+    if image_tokens == ImageTokens::Grid && chunk_network == ChunkNetwork::Perceptron {
+        let message =
+            "is perceptron, which reads one embedding, but image_tokens is grid; use transformer, or embedding";
+        return Err(LearnError::invalid("chunk_network", message));
+    }
+    observer::model(from)
+}
+
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
     let policy = Act::new(Observer::init(from, info)?, info)?;
     policy.observer.draw(from, info)?;
@@ -84,12 +95,14 @@ fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device)
     Ok(Box::new(policy))
 }
 
-/// The network that predicts a chunk, by the form of the images.
+/// The network that predicts a chunk.
 enum Decoder {
     /// Queries beside one embedding of the images.
     Embedding(ChunkDecoder),
     /// An encoder and a decoder over the images' tokens, as in the paper.
     Grid(GridDecoder),
+    /// A perceptron of one embedding of the images.
+    Perceptron(ChunkPerceptron),
 }
 
 impl Decoder {
@@ -98,6 +111,7 @@ impl Decoder {
         match self {
             Self::Embedding(decoder) => decoder.forward(o, m, z),
             Self::Grid(decoder) => decoder.forward(o, m, z),
+            Self::Perceptron(decoder) => decoder.forward(o, m, z),
         }
     }
 }
@@ -122,9 +136,14 @@ impl Act {
         let root = observer.root();
         let style = StyleEncoder::new(&(&root / "style"), lengths, &observer.size);
         let path = &root / "decoder";
-        let decoder = match info.settings::<ImagesSpec>()?.image_tokens {
-            ImageTokens::Embedding => Decoder::Embedding(ChunkDecoder::new(&path, lengths, &observer.size)),
-            ImageTokens::Grid => Decoder::Grid(GridDecoder::new(&path, lengths, &observer.size)),
+        let decoder = match (info.settings::<ImagesSpec>()?.image_tokens, chunk.chunk_network) {
+            (ImageTokens::Grid, _) => Decoder::Grid(GridDecoder::new(&path, lengths, &observer.size)),
+            (ImageTokens::Embedding, ChunkNetwork::Transformer) => {
+                Decoder::Embedding(ChunkDecoder::new(&path, lengths, &observer.size))
+            }
+            (ImageTokens::Embedding, ChunkNetwork::Perceptron) => {
+                Decoder::Perceptron(ChunkPerceptron::new(&path, lengths, &observer.size))
+            }
         };
         drop(root);
         Ok(Self { observer, chunk, spec, style, decoder })

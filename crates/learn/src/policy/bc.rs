@@ -7,13 +7,13 @@ use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
 use rand_chacha::ChaCha8Rng;
-use tch::nn::{self, Module};
 use tch::{Device, Tensor};
 
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
 use super::observer::{self, Encoded, Observer};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
+use crate::model::Perceptron;
 use crate::objective::squared_error;
 
 pub(super) const KIND: PolicyKind = PolicyKind {
@@ -26,9 +26,6 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     init,
     load,
 };
-
-/// Width of the hidden layers, in multiples of the image embedding's width.
-const HIDDEN: i64 = 4;
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
     let policy = Bc::new(Observer::init(from, info)?);
@@ -44,27 +41,20 @@ fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device)
 
 struct Bc {
     observer: Observer,
-    hidden: [nn::Linear; 2],
-    out: nn::Linear,
+    perceptron: Perceptron,
 }
 
 impl Bc {
     fn new(observer: Observer) -> Self {
-        let (inputs, wide) = (observer.size.width + observer.proprioception(), HIDDEN * observer.size.width);
-        let linear = |name: &str, from, to| nn::linear(observer.root() / name, from, to, Default::default());
-        let hidden = [linear("hidden_0", inputs, wide), linear("hidden_1", wide, wide)];
-        let out = linear("out", wide, observer.action());
-        Self { hidden, out, observer }
+        let (inputs, wide) = (observer.size.width + observer.proprioception(), Perceptron::WIDE * observer.size.width);
+        let perceptron = Perceptron::new(&observer.root(), inputs, wide, observer.action());
+        Self { perceptron, observer }
     }
 
     /// The standardised a_t, `[W, 1, A]`.
     fn predict(&self, input: &PolicyInput) -> Tensor {
         let Encoded { images, proprioception } = self.observer.encoded(input);
-        let mut x = Tensor::cat(&[images, proprioception], 1);
-        for hidden in &self.hidden {
-            x = hidden.forward(&x).gelu("none");
-        }
-        self.out.forward(&x).unsqueeze(1)
+        self.perceptron.forward(&Tensor::cat(&[images, proprioception], 1)).unsqueeze(1)
     }
 }
 

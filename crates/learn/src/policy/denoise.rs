@@ -9,7 +9,7 @@ mod network;
 use std::collections::BTreeMap;
 
 use gleaner_core::schema::integer_in;
-use gleaner_core::{Group as _, Setting};
+use gleaner_core::{Group as _, Setting, Words as _};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
@@ -24,6 +24,17 @@ use crate::normalize::Statistics;
 use crate::random::normal;
 use network::Network;
 
+gleaner_core::words! {
+    /// What the network predicts of a noisy chunk.
+    enum Prediction {
+        /// What to remove from it, as in the papers. The network has to reproduce the noise exactly, which takes long
+        /// trainings.
+        Noise = "noise",
+        /// The chunk without noise. Already the first guess, of pure noise, is that of behaviour cloning.
+        Chunk = "chunk",
+    }
+}
+
 gleaner_core::settings! {
     /// Settings of a policy that draws its chunks from noise.
     #[derive(Copy)]
@@ -34,6 +45,8 @@ gleaner_core::settings! {
         /// Pairs of noise and time for each segment of a batch. More pairs give a smoother loss at little cost, because
         /// they share the segment's image.
         noise_pairs: u32 = 4, integer_in(1, 64);
+        /// What the network predicts.
+        prediction: Prediction = Prediction::Noise, Prediction::shape();
     }
 }
 
@@ -64,6 +77,10 @@ pub(super) trait Process: Send {
 
     /// Noise `[W, k, A]` to chunks in this many passes of `predict`, the network at one time.
     fn draw(&self, noise: &Tensor, passes: u32, predict: &dyn Fn(&Tensor, f64) -> Tensor) -> Tensor;
+
+    /// What is to be removed from noisy chunks `[W, k, A]` at one time if these are the chunks without noise: in the unit
+    /// of [`Mixed::target`].
+    fn removal(&self, noisy: &Tensor, chunk: &Tensor, time: f64) -> Tensor;
 
     /// Values that a checkpoint keeps.
     fn constants(&self) -> Vec<(String, Tensor)> {
@@ -103,7 +120,7 @@ impl<P: Process> Denoiser<P> {
     fn new(process: P, observer: Observer, info: &CheckpointInfo) -> Result<Self, LearnError> {
         let (chunk, draw): (ChunkSpec, DrawSpec) = (info.settings()?, info.settings()?);
         let root = observer.root();
-        let network = Network::new(&root, &observer, chunk.chunk_length.into());
+        let network = Network::new(&root, &observer, chunk.chunk_length.into(), chunk.chunk_network);
         drop(root);
         Ok(Self { process, observer, chunk, draw, network })
     }
@@ -159,6 +176,10 @@ impl<P: Process> PolicyModel for Denoiser<P> {
         let noise = like(Tensor::from_slice(&noise)).view_as(&chunk);
         let times = like(Tensor::from_slice(&times)).view([-1, 1, 1]);
         let Mixed { noisy, target } = self.process.mix(&chunk, &noise, &times);
+        let target = match self.draw.prediction {
+            Prediction::Noise => target,
+            Prediction::Chunk => chunk,
+        };
         let found = self.network.forward(&each(&self.memory(input)), &noisy, &times, Some(&counted));
         let errors = (found - target).square().mean_dim([-1i64].as_slice(), false, None);
         let of_pairs = (errors * counted).mean_dim([-1i64].as_slice(), false, None);
@@ -169,8 +190,12 @@ impl<P: Process> PolicyModel for Denoiser<P> {
     fn act(&self, input: &PolicyInput) -> Tensor {
         let memory = self.memory(input);
         let predict = |noisy: &Tensor, time: f64| {
-            let time = Tensor::full([noisy.size()[0], 1, 1], time, (noisy.kind(), noisy.device()));
-            self.network.forward(&memory, noisy, &time, None)
+            let times = Tensor::full([noisy.size()[0], 1, 1], time, (noisy.kind(), noisy.device()));
+            let found = self.network.forward(&memory, noisy, &times, None);
+            match self.draw.prediction {
+                Prediction::Noise => found,
+                Prediction::Chunk => self.process.removal(noisy, &found, time),
+            }
         };
         let noise = input.noise([self.chunk.chunk_length.into(), self.observer.action()]);
         let drawn = self.process.draw(&noise, self.draw.sampling_steps, &predict);

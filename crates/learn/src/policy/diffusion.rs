@@ -114,6 +114,12 @@ impl Process for Diffusion {
         self.schedule.mix(chunk, noise, time)
     }
 
+    /// The noise ε = (x − √ᾱ a) / √(1 − ᾱ).
+    fn removal(&self, noisy: &Tensor, chunk: &Tensor, time: f64) -> Tensor {
+        let left = self.schedule.left_at((time * self.schedule.count()).round());
+        (noisy - chunk * left.sqrt()) / (1.0 - left).sqrt()
+    }
+
     fn draw(&self, noise: &Tensor, passes: u32, predict: &dyn Fn(&Tensor, f64) -> Tensor) -> Tensor {
         self.schedule.sample(noise, passes, true, predict)
     }

@@ -2,7 +2,8 @@
 //!
 //! With noise ε ~ N(0, 1) and time t = 0.001 + 0.999 u^{2/3} (u uniform; t = 1 is noise), x_t = t ε + (1 − t) a, and the
 //! network predicts the velocity ε − a from x_t, t, o_t and m_t: the loss is the mean squared error. Acting integrates
-//! from noise at t = 1 to a chunk at t = 0 by Euler's method.
+//! from noise at t = 1 to a chunk at t = 0 by Euler's method. With `prediction chunk` the network predicts a instead, which
+//! gives the same field.
 
 use std::collections::BTreeMap;
 
@@ -54,6 +55,11 @@ impl Process for Flow {
         Mixed { noisy: noise * time + chunk * (1.0 - time), target: noise - chunk }
     }
 
+    /// The velocity ε − a = (x_t − a) / t.
+    fn removal(&self, noisy: &Tensor, chunk: &Tensor, time: f64) -> Tensor {
+        (noisy - chunk) / time
+    }
+
     fn draw(&self, noise: &Tensor, passes: u32, predict: &dyn Fn(&Tensor, f64) -> Tensor) -> Tensor {
         integrate(noise, passes, predict)
     }
@@ -98,6 +104,8 @@ mod tests {
         let (chunk, noise) = (Tensor::from_slice(&[2f32]), Tensor::from_slice(&[-1f32]));
         let at = |t: f32| {
             let Mixed { noisy, target } = Flow.mix(&chunk, &noise, &Tensor::from_slice(&[t]));
+            let removal = Flow.removal(&noisy, &chunk, t.into());
+            assert!(t == 0.0 || values(&(removal - &target))[0].abs() < 1e-6, "{t}");
             [values(&noisy)[0], values(&target)[0]]
         };
         assert_eq!((at(0.0), at(1.0), at(0.25)), ([2.0, -3.0], [-1.0, -3.0], [1.25, -3.0]));

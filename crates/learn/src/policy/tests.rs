@@ -30,14 +30,23 @@ use gleaner_core::{Chosen, TrainSpec};
 /// ACT with a grid of image tokens.
 const GRID: &str = "act, grid";
 
-/// The forms of all policies: their names, and [`GRID`].
+/// Forms of policies that other values of their settings select: a name, the policy and the settings.
+const OTHERS: [(&str, &str, &[(&str, &str)]); 4] = [
+    (GRID, "act", &[("image_tokens", "grid")]),
+    ("act by a perceptron", "act", &[("chunk_network", "perceptron")]),
+    ("flow by a perceptron", "flow", &[("chunk_network", "perceptron"), ("prediction", "chunk")]),
+    ("diffusion by a perceptron", "diffusion", &[("chunk_network", "perceptron"), ("prediction", "chunk")]),
+];
+
+/// The forms of all policies: their names, and [`OTHERS`].
 pub(super) fn forms() -> impl Iterator<Item = &'static str> {
-    Family::Policy.kinds().iter().map(|kind| kind.name.as_str()).chain([GRID])
+    Family::Policy.kinds().iter().map(|kind| kind.name.as_str()).chain(OTHERS.map(|(form, ..)| form))
 }
 
 /// The policy of a form.
 pub(super) fn kind_of(form: &str) -> &'static Kind {
-    Family::Policy.find(if form == GRID { "act" } else { form }).unwrap()
+    let other = OTHERS.iter().find(|(other, ..)| *other == form);
+    Family::Policy.find(other.map_or(form, |(_, kind, _)| kind)).unwrap()
 }
 
 /// A policy with small settings.
@@ -48,7 +57,8 @@ fn chosen(form: &str) -> Chosen {
     };
     let smaller = [("segment_length", 3), ("chunk_length", 4), ("latent_size", 4)];
     let chosen = Chosen::new(Family::Policy, &kind_of(form).name).unwrap();
-    let chosen = if form == GRID { chosen.with(Family::Policy, "image_tokens", "grid").unwrap() } else { chosen };
+    let words = OTHERS.iter().filter(|(other, ..)| *other == form).flat_map(|(.., words)| words.iter());
+    let chosen = words.fold(chosen, |chosen, (name, word)| chosen.with(Family::Policy, name, *word).unwrap());
     smaller.into_iter().fold(chosen, |chosen, (name, value)| small(chosen, name, value))
 }
 

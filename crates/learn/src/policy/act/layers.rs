@@ -3,7 +3,7 @@
 use tch::nn::{self, Module};
 use tch::{Kind, Tensor};
 
-use crate::model::{Size, Transformer};
+use crate::model::{Perceptron, Size, Transformer};
 
 /// Sizes of ACT's parts.
 #[derive(Clone, Copy)]
@@ -97,5 +97,24 @@ impl ChunkDecoder {
         let mask = Tensor::ones([1, 1, all, all], (Kind::Bool, o.device()));
         let tokens = Tensor::cat(&[memory, query], 1);
         self.out.forward(&self.transformer.last_tokens(&tokens, Some(&mask), chunk))
+    }
+}
+
+/// Predicts a chunk by a perceptron of o, m and z.
+pub(super) struct ChunkPerceptron {
+    perceptron: Perceptron,
+    chunk: i64,
+}
+
+impl ChunkPerceptron {
+    pub(super) fn new(path: &nn::Path<'_>, lengths: Lengths, size: &Size) -> Self {
+        let inputs = size.width + lengths.proprioception + lengths.latent;
+        let perceptron = Perceptron::new(path, inputs, Perceptron::WIDE * size.width, lengths.chunk * lengths.action);
+        Self { perceptron, chunk: lengths.chunk }
+    }
+
+    /// As [`ChunkDecoder::forward`].
+    pub(super) fn forward(&self, o: &Tensor, m: &Tensor, z: &Tensor) -> Tensor {
+        self.perceptron.forward(&Tensor::cat(&[o, m, z], 1)).unflatten(1, [self.chunk, -1])
     }
 }

@@ -8,8 +8,8 @@ use crate::batch::{Segments, values};
 use crate::policy::source::{Source, mean_loss};
 use crate::random::{Purpose, generator};
 
-/// The loss of ACT on the segments 2 … 4 of an episode of ten steps, kept with 6 … 9.
-fn act_loss(policy: &dyn PolicyModel, trajectory: &Trajectory) -> f32 {
+/// The loss of a policy of chunks on the segments 2 … 4 of an episode of ten steps, kept with 6 … 9.
+fn chunk_loss(policy: &dyn PolicyModel, trajectory: &Trajectory) -> f32 {
     let kept = [2, 3, 4, 6, 7, 8, 9].map(|step| (step, 1.0)).to_vec();
     let kept = [WeightedSegments { trajectory: trajectory.clone(), steps: kept }];
     let source = Source { data: vec![&kept[0].trajectory], segments: Segments::kept(&kept) };
@@ -21,14 +21,17 @@ fn act_loss(policy: &dyn PolicyModel, trajectory: &Trajectory) -> f32 {
 #[test]
 fn actions_after_a_step_that_was_not_kept_change_nothing() {
     let trajectory = toy::episode("failure", 40, 10, false);
-    let policy = untrained("act", &[&trajectory]);
-    let plain = act_loss(policy.as_ref(), &trajectory);
-    let with = |step: usize| act_loss(policy.as_ref(), &trajectory.changed(|arrays| arrays.action[2 * step] += 3.0));
-    for step in [0, 1, 5, 6, 7] {
-        assert_eq!(with(step), plain, "step {step} is not part of any chunk that counts");
-    }
-    for step in [2, 3, 4] {
-        assert!((with(step) - plain).abs() > 1e-3, "step {step} counts");
+    for form in ["act", "act by a perceptron", "flow", "flow by a perceptron", "diffusion by a perceptron"] {
+        let policy = untrained(form, &[&trajectory]);
+        let plain = chunk_loss(policy.as_ref(), &trajectory);
+        let with =
+            |step: usize| chunk_loss(policy.as_ref(), &trajectory.changed(|arrays| arrays.action[2 * step] += 3.0));
+        for step in [0, 1, 5, 6, 7] {
+            assert_eq!(with(step), plain, "{form}: step {step} is not part of any chunk that counts");
+        }
+        for step in [2, 3, 4] {
+            assert!((with(step) - plain).abs() > 1e-3, "{form}: step {step} counts");
+        }
     }
 }
 

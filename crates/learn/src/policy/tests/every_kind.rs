@@ -51,9 +51,9 @@ fn a_checkpoint_describes_its_policy_and_its_round_trip_is_exact() {
         assert_eq!((info.policy.as_deref(), info.finished), (Some(kind_of(kind).name.as_str()), true));
         assert_eq!(info.settings, chosen(kind).settings);
         let policy = Policy::load(&bytes).unwrap();
-        let (window, chunk) = match kind {
+        let (window, chunk) = match kind_of(kind).name.as_str() {
             "finetune" | "tf_bc" => (3, 1),
-            "act" | GRID | "flow" | "diffusion" => (0, 4),
+            "act" | "flow" | "diffusion" => (0, 4),
             _ => (0, 1),
         };
         assert_eq!(policy.kind(), kind_of(kind).name);
