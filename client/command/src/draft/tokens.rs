@@ -132,10 +132,11 @@ pub(super) fn is_counter(path: &str) -> bool {
     words(path).last().is_some_and(|word| COUNTERS.contains(&word.as_str()))
 }
 
-/// Whether a path belongs to the time of the message, or to a covariance.
+/// Whether a path belongs to the time of the message, to a covariance, or to the description of an array (the `layout` of
+/// ROS's arrays).
 pub(super) fn is_aside(path: &str) -> bool {
     let first = path.split('.').next().unwrap_or_default();
-    TIMES.contains(&first) || has(path, &["covariance"])
+    TIMES.contains(&first) || path.starts_with("layout.") || has(path, &["covariance"])
 }
 
 /// Whether messages of this schema describe something beside the robot.
@@ -215,6 +216,7 @@ mod tests {
         assert!(is_counter("frame_index") && !is_counter("index_finger"));
         assert!(is_foreign("sensor_msgs/msg/CameraInfo") && is_foreign("foxglove.FrameTransform"));
         assert!(is_aside("header.stamp.sec") && is_aside("pose.covariance") && !is_aside("pose.position.x"));
+        assert!(is_aside("layout.data_offset") && !is_aside("data"));
     }
 
     #[test]
