@@ -117,6 +117,8 @@ pub enum FindingCode {
     FrozenCamera,
     /// Messages of video come before the first key frame.
     LateKeyFrame,
+    /// The first step is more than 2.5 periods after the recording's first message of the clock.
+    LateStart,
 }
 
 impl Report {

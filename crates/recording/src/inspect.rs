@@ -89,7 +89,22 @@ pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
         );
         report.add(Severity::Warning, FindingCode::OffRate, "clock", None, detail);
     }
+    late_start(steps, report);
     gaps(steps, report);
+}
+
+/// What comes before the first step, because a stream has no message yet.
+fn late_start(steps: &Steps<'_>, report: &mut Report) {
+    let (Some(begin), Some(first)) = (steps.clock.stamps.first(), steps.stamps.first()) else { return };
+    let lost = first.saturating_sub(*begin);
+    let last = steps.streams.iter().max_by_key(|stream| stream.timeline.stamps.first());
+    let Some(last) = last.filter(|_| lost as f64 > steps.rule.period as f64 * GAP_PERIODS) else { return };
+    let detail = format!(
+        "its first message is late: {:.2} s at the beginning of the recording are no steps. Start the recording once every \
+         topic has messages",
+        lost as f64 / 1e9
+    );
+    report.add(Severity::Warning, FindingCode::LateStart, &last.topic, Some(0), detail);
 }
 
 fn gaps(steps: &Steps<'_>, report: &mut Report) {

@@ -17,6 +17,7 @@ fn jittered_streams_meet_tick_by_tick_and_early_ticks_are_dropped() {
         .change("/tool", |at, _, _| at >= 2);
     let reading = scene.read(&numbers_only()).unwrap();
     assert_eq!((reading.report.steps, reading.report.dropped_ticks), (8, 2));
+    assert_eq!(reading.report.findings, [], "two ticks are no finding");
     let episode = reading.episode;
     for (at, (row, action)) in episode.proprioception().chunks(3).zip(episode.action().chunks(2)).enumerate() {
         let value = (f32::from(u8::try_from(at + 2).unwrap())) * 0.1;
@@ -79,6 +80,14 @@ fn reversed_stamps_are_put_in_order() {
     check(&reading.report, Severity::Warning, FindingCode::TimeReversed, "/tool");
     let tool: Vec<f32> = reading.episode.proprioception().chunks(3).map(|row| row[2]).collect();
     assert_eq!(tool, [0.0, 0.2, 0.1, 0.3, 0.4, 0.5]);
+}
+
+#[test]
+fn a_topic_that_begins_late_is_named_with_what_it_costs() {
+    let reading = Scene::steps(12).change("/tool", |at, _, _| at >= 8).read(&numbers_only()).unwrap();
+    assert_eq!(reading.report.steps, 4);
+    let finding = check(&reading.report, Severity::Warning, FindingCode::LateStart, "/tool");
+    assert!(finding.detail.contains("0.80 s"), "{}", finding.detail);
 }
 
 #[test]
