@@ -69,19 +69,27 @@ impl TestStore {
         };
         let mut store = Self { moto: Some(process), endpoint: format!("http://{address}"), folder: String::new() };
         let begun = Instant::now();
-        while TcpStream::connect(&address).is_err() {
-            let ended = store.moto.as_mut().map(Child::try_wait).transpose()?.flatten().is_some();
-            if ended || begun.elapsed() > START {
-                return Err(std::io::Error::other("moto does not start"));
-            }
-            std::thread::park_timeout(Duration::from_millis(20));
-        }
         let request =
             format!("PUT /{BUCKET} HTTP/1.1\r\nHost: {address}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
-        let mut stream = TcpStream::connect(&address)?;
-        stream.write_all(request.as_bytes())?;
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer)?;
+        let ask = || -> std::io::Result<String> {
+            let mut stream = TcpStream::connect(&address)?;
+            stream.write_all(request.as_bytes())?;
+            let mut answer = String::new();
+            stream.read_to_string(&mut answer)?;
+            Ok(answer)
+        };
+        // While it starts, connections are refused, and on a busy machine also reset.
+        let answer = loop {
+            let error = match ask() {
+                Ok(answer) => break answer,
+                Err(error) => error,
+            };
+            let ended = store.moto.as_mut().map(Child::try_wait).transpose()?.flatten().is_some();
+            if ended || begun.elapsed() > START {
+                return Err(std::io::Error::other(format!("moto does not start: {error}")));
+            }
+            std::thread::park_timeout(Duration::from_millis(20));
+        };
         match answer.starts_with("HTTP/1.1 200") {
             true => Ok(Some(store)),
             false => Err(std::io::Error::other(answer)),
