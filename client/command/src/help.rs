@@ -30,7 +30,7 @@ const GROUPS: [(&str, &[&str]); 8] = [
             "open",
         ],
     ),
-    ("Policies", &["policies", "deploy", "rollback", "deployments"]),
+    ("Policies", &["policies", "register-policy", "deploy", "rollback", "deployments"]),
     ("Evaluation", &["evaluate", "evaluations", "evaluation", "report-evaluation", "drive"]),
     ("Simulator", &["record", "demo", "experiment"]),
 ];

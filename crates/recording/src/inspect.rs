@@ -8,7 +8,7 @@ mod video;
 use crate::plan::Steps;
 use crate::tracks::{Failure, Tracks};
 use gleaner_core::{FieldSpec, TaskSpec};
-use gleaner_core::{FindingCode, Report, Severity};
+use gleaner_core::{Finding, FindingCode, Report, Severity};
 
 pub(crate) use cameras::frozen_cameras;
 pub(crate) use video::key_frames;
@@ -99,6 +99,10 @@ fn late_start(steps: &Steps<'_>, report: &mut Report) {
     let lost = first.saturating_sub(*begin);
     let last = steps.streams.iter().max_by_key(|stream| stream.timeline.stamps.first());
     let Some(last) = last.filter(|_| lost as f64 > steps.rule.period as f64 * GAP_PERIODS) else { return };
+    let explains = |finding: &Finding| finding.code == FindingCode::LateKeyFrame && finding.subject == last.topic;
+    if report.findings.iter().any(explains) {
+        return;
+    }
     let detail = format!(
         "its first message is late: {:.2} s at the beginning of the recording are no steps. Start the recording once every \
          topic has messages",

@@ -67,7 +67,7 @@ fn specs_of_earlier_versions_are_read() {
     let expected = json!({
         "preset": "base", "image_encoder": "keypoints", "keypoint_gain": 1.0, "image_weights": "",
         "initial_weights": "random", "history_steps": 0, "history_dropout": 0.5, "image_tokens": "embedding",
-        "chunk_length": 5, "chunk_execution": "ensembled", "execute_length": 5, "kl_weight": 1.0, "latent_size": 8,
+        "chunk_length": 5, "chunk_network": "transformer", "chunk_execution": "ensembled", "execute_length": 5, "kl_weight": 1.0, "latent_size": 8,
     });
     assert_eq!(Value::Object(train.policy.settings), expected);
     let score: ScoreSpec = serde_json::from_value(json!({

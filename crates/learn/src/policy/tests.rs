@@ -30,8 +30,11 @@ use gleaner_core::{Chosen, TrainSpec};
 /// ACT with a grid of image tokens.
 const GRID: &str = "act, grid";
 
-/// Forms of policies that other values of their settings select: a name, the policy and the settings.
-const OTHERS: [(&str, &str, &[(&str, &str)]); 4] = [
+/// A form of a policy that other values of its settings select: a name, the policy and the settings.
+type Form = (&'static str, &'static str, &'static [(&'static str, &'static str)]);
+
+/// The forms beside the policies with their defaults.
+const OTHERS: [Form; 4] = [
     (GRID, "act", &[("image_tokens", "grid")]),
     ("act by a perceptron", "act", &[("chunk_network", "perceptron")]),
     ("flow by a perceptron", "flow", &[("chunk_network", "perceptron"), ("prediction", "chunk")]),
