@@ -1,3 +1,5 @@
+//! Copies with scores: how clients share them.
+
 use std::collections::BTreeMap;
 
 use futures::TryStreamExt as _;
