@@ -138,9 +138,11 @@ def test_whole_episodes_have_scores_and_weights_at_every_step(
     frames = pq.read_table(tmp_path / "whole/data/chunk-000/file-000.parquet").to_pandas()
     imperfect = episodes[episodes["gleaner.role"] == "imperfect"]
     assert (imperfect["gleaner.first_step"] == 0).all()
-    kept = {(line["episode"], step["step"]): step["q"] for line in stretches(exported["mcap"]) for step in line["steps"]}
+    kept = {
+        (line["episode"], step["step"]): step["q"] for line in stretches(exported["mcap"]) for step in line["steps"]
+    }
     assert kept
-    found = {}
+    found: dict[tuple[str, int], float] = {}
     for row in imperfect.itertuples():
         own = frames[frames["episode_index"] == row.episode_index]
         name = episodes["gleaner.episode"][row.Index]

@@ -67,7 +67,10 @@ pub fn blob(data: &Path, blake3: &str) -> PathBuf {
 
 /// The files of all blobs, without sidecars, stamp and trash.
 pub fn blobs(data: &Path) -> Vec<PathBuf> {
-    blob_folders(data).iter().flat_map(|folder| files(folder)).filter(|file| file.extension().is_none()).collect()
+    let all = blob_folders(data).into_iter().flat_map(|folder| files(&folder));
+    // A kill leaves drafts, which the sweep removes.
+    let is_draft = |file: &Path| file.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b".draft-"));
+    all.filter(|file| file.extension().is_none() && !is_draft(file)).collect()
 }
 
 /// The folders of blobs, which are named by the first two characters of the digests.
