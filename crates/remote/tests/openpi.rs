@@ -117,7 +117,7 @@ async fn a_session_is_a_connection_and_every_observation_is_answered() {
             // The answer to a ping is no observation.
             let Message::Binary(request) = message else { continue };
             let state = state(&rmpv::decode::read_value(&mut &request[..]).unwrap());
-            // Strictly one answer; a ping in between is none.
+            // Strictly one answer; a ping in between does not count.
             socket.send(Message::Ping(vec![1].into())).await.unwrap();
             socket.send(actions(array("<f4", &[1, 2], state))).await.unwrap();
         }
