@@ -30,9 +30,9 @@ worker: .libtorch
 	strip -o target/worker/gleaner-worker/bin/gleaner-worker $(WORKER_BUILT)
 	tar -C target/worker -czf target/worker/gleaner-worker-$$(uname -m).tar.gz gleaner-worker
 
-# Every test, from a bare clone.
+# Every test, from a bare clone. One failure stops no other program of tests.
 test: .libtorch
-	$(CARGO) test --workspace --locked
+	$(CARGO) test --workspace --locked --no-fail-fast
 
 # The unit tests of one module of the server or of learn: `make test-room ROOM=store`. The three packages together select
 # the features of the whole workspace (gleaner-learn for those of its benches), so that nothing is built twice.

@@ -13,7 +13,45 @@ use gleaner_core::error::{Error, Result};
 /// A locked data folder, released on drop.
 #[derive(Debug)]
 pub struct DataLock {
-    _held: File,
+    _held: LockedFile,
+}
+
+/// A file with the system's lock, which is released on drop.
+///
+/// Closing the file alone may release the lock too late: a child process that was just forked holds a copy of the open
+/// file until it executes its program.
+#[derive(Debug)]
+pub(crate) struct LockedFile(File);
+
+impl LockedFile {
+    /// Locks the file for this holder only. `None` while another one holds it.
+    ///
+    /// # Errors
+    /// When the system cannot lock it.
+    pub(crate) fn exclusive(file: File) -> std::io::Result<Option<Self>> {
+        match file.try_lock() {
+            Ok(()) => Ok(Some(Self(file))),
+            Err(TryLockError::WouldBlock) => Ok(None),
+            Err(TryLockError::Error(error)) => Err(error),
+        }
+    }
+
+    /// Locks the file together with other shared holders, after waiting for an exclusive one.
+    ///
+    /// # Errors
+    /// When the system cannot lock it.
+    pub(crate) fn shared(file: File) -> std::io::Result<Self> {
+        file.lock_shared()?;
+        Ok(Self(file))
+    }
+}
+
+impl Drop for LockedFile {
+    fn drop(&mut self) {
+        if let Err(error) = self.0.unlock() {
+            tracing::warn!(%error, "a lock was not released; it ends with this process");
+        }
+    }
 }
 
 impl DataLock {
@@ -30,13 +68,12 @@ impl DataLock {
         }
         let path = data_dir.join(LOCK);
         let file = OpenOptions::new().create(true).write(true).truncate(false).open(&path).map_err(unusable)?;
-        match file.try_lock() {
-            Ok(()) => Ok(Self { _held: file }),
-            Err(TryLockError::WouldBlock) => Err(Error::precondition(format!(
+        let held = LockedFile::exclusive(file).map_err(unusable)?.ok_or_else(|| {
+            Error::precondition(format!(
                 "another gleaner-server uses the data folder {shown}; stop that one, or give this one another --data-dir"
-            ))),
-            Err(TryLockError::Error(error)) => Err(unusable(error)),
-        }
+            ))
+        })?;
+        Ok(Self { _held: held })
     }
 }
 
@@ -66,12 +103,23 @@ mod tests {
         assert!(message.contains(&folder.display().to_string()) && message.contains("--data-dir"), "{message}");
         DataLock::take(&dir.path().join("other")).unwrap();
         drop(first);
-        // A child that another test has just forked also holds the lock until it executes its program.
-        let begun = std::time::Instant::now();
-        while let Err(error) = DataLock::take(&folder) {
-            assert!(begun.elapsed() < std::time::Duration::from_secs(10), "{error}");
-            std::thread::yield_now();
-        }
+        DataLock::take(&folder).unwrap();
+    }
+
+    /// A child process that was just forked holds copies of all open files until it executes its program.
+    #[test]
+    fn a_copy_of_the_open_file_keeps_no_lock() {
+        let file = tempfile::tempfile().unwrap();
+        let path = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&file));
+        let other = || File::open(&path).unwrap();
+        let _copy = file.try_clone().unwrap();
+        let locked = LockedFile::exclusive(file.try_clone().unwrap()).unwrap().unwrap();
+        assert!(LockedFile::exclusive(other()).unwrap().is_none());
+        drop(locked);
+        let shared = LockedFile::shared(file.try_clone().unwrap()).unwrap();
+        assert!(LockedFile::exclusive(other()).unwrap().is_none());
+        drop(shared);
+        assert!(LockedFile::exclusive(other()).unwrap().is_some());
     }
 
     #[test]

@@ -10,13 +10,14 @@
 //!   removes no blob; a later sweep removes the blobs that were kept.
 
 use std::{
-    fs::{File, OpenOptions, TryLockError},
+    fs::{File, OpenOptions},
     path::Path,
 };
 
 use tokio::sync::{OwnedRwLockReadGuard, OwnedRwLockWriteGuard};
 
 use super::{Blobs, fault};
+use crate::lock::LockedFile;
 use gleaner_core::error::Result;
 
 /// Locked during a copy, and briefly during a removal.
@@ -32,13 +33,13 @@ pub struct Naming {
 #[derive(Debug)]
 pub struct Removing {
     _held: OwnedRwLockWriteGuard<()>,
-    _no_copy: File,
+    _no_copy: LockedFile,
 }
 
 /// A server on this data folder removes no blob while this is held.
 #[derive(Debug)]
 pub struct Copying {
-    _held: Option<File>,
+    _held: Option<LockedFile>,
 }
 
 impl Blobs {
@@ -55,11 +56,8 @@ impl Blobs {
         let held = std::sync::Arc::clone(&self.naming).write_owned().await;
         let path = self.folder.join(FILE);
         let file = open(&path).map_err(fault("opening", &path))?;
-        match file.try_lock() {
-            Ok(()) => Ok(Some(Removing { _held: held, _no_copy: file })),
-            Err(TryLockError::WouldBlock) => Ok(None),
-            Err(TryLockError::Error(error)) => Err(fault("locking", &path)(error)),
-        }
+        let no_copy = LockedFile::exclusive(file).map_err(fault("locking", &path))?;
+        Ok(no_copy.map(|no_copy| Removing { _held: held, _no_copy: no_copy }))
     }
 }
 
@@ -73,8 +71,8 @@ impl Copying {
         match open(&path) {
             Ok(file) => {
                 // The server holds it exclusively for a moment at most.
-                file.lock_shared().map_err(fault("locking", &path))?;
-                Ok(Self { _held: Some(file) })
+                let held = LockedFile::shared(file).map_err(fault("locking", &path))?;
+                Ok(Self { _held: Some(held) })
             }
             Err(error) => {
                 tracing::debug!(%error, file.path = %path.display(), "the data folder is read-only and not locked");
