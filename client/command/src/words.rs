@@ -30,6 +30,16 @@ pub(crate) fn timestamp(time: Option<&prost_types::Timestamp>) -> Option<Timesta
     time.and_then(|time| Timestamp::new(time.seconds, time.nanos).ok())
 }
 
+/// Names for a message: the first ones, and how many more there are.
+pub(crate) fn some(names: &[String]) -> String {
+    const SHOWN: usize = 5;
+    let shown = names.iter().take(SHOWN).cloned().collect::<Vec<_>>().join(", ");
+    match names.len().saturating_sub(SHOWN) {
+        0 => shown,
+        more => format!("{shown} and {more} more"),
+    }
+}
+
 /// Local time to the minute; `-` when unset.
 pub(crate) fn moment(time: Option<&prost_types::Timestamp>) -> String {
     let local = timestamp(time).map(|time| time.to_zoned(TimeZone::system()));

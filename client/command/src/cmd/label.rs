@@ -1,10 +1,12 @@
 //! `label`, `labels`: outcomes and cohorts, and their history.
 
+use std::path::PathBuf;
+
 use clap::Args;
 use gleaner_client::outcome_from_word;
-use gleaner_proto::v1::{Label, LabelEpisodesRequest, ListLabelsRequest, Outcome};
+use gleaner_proto::v1::{Label, LabelEpisodesRequest, LabelEpisodesResponse, ListLabelsRequest, Outcome};
 
-use super::episodes;
+use super::{episodes, label_file};
 use crate::context::Context;
 use crate::failure::Result;
 use crate::table::Column::Left;
@@ -14,14 +16,21 @@ use crate::{json, words};
 #[derive(Args, Debug)]
 pub(crate) struct LabelArgs {
     /// Ids of the episodes; either all are labelled or none.
-    #[arg(required = true)]
+    #[arg(required_unless_present = "from")]
     ids: Vec<String>,
     /// Outcome of the attempts.
-    #[arg(long, value_parser = outcome_from_word, value_name = "success|failure|unknown")]
-    outcome: Outcome,
+    #[arg(long, value_parser = outcome_from_word, value_name = "success|failure|unknown", required_unless_present = "from")]
+    outcome: Option<Outcome>,
     /// New cohort. Default: unchanged.
     #[arg(long)]
     cohort: Option<String>,
+    /// CSV file with the columns file,outcome,cohort, such as the labels.csv of a push, that labels stored episodes. The
+    /// column file has the file name or the id of an episode; an empty cohort is unchanged.
+    #[arg(long, value_name = "CSV", conflicts_with_all = ["ids", "outcome", "cohort"])]
+    from: Option<PathBuf>,
+    /// Name or id of the task of the episodes of --from. Default: the only task of the server.
+    #[arg(long, requires = "from")]
+    task: Option<String>,
     /// Reason, kept in the history.
     #[arg(long, default_value = "", hide_default_value = true)]
     reason: String,
@@ -29,9 +38,18 @@ pub(crate) struct LabelArgs {
 
 impl LabelArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        if let Some(file) = &self.from {
+            let client = context.client().await?;
+            let labelled = (file.as_path(), self.task.as_deref(), self.reason.as_str());
+            let episodes = label_file::label(context, &client, labelled).await?;
+            let reply = LabelEpisodesResponse { episodes };
+            context.output.result(|| json::value(&reply), || episodes::listing(&reply.episodes))?;
+            context.output.next("gleaner pretrain --wait");
+            return Ok(());
+        }
         let request = LabelEpisodesRequest {
             episode_ids: self.ids,
-            outcome: self.outcome.into(),
+            outcome: self.outcome.unwrap_or_default().into(),
             cohort: self.cohort,
             author: context.connection.author(),
             reason: self.reason,

@@ -14,6 +14,7 @@ pub(crate) mod inspect;
 pub(crate) mod jobs;
 pub(crate) mod kinds;
 pub(crate) mod label;
+mod label_file;
 pub(crate) mod metrics;
 pub(crate) mod open;
 pub(crate) mod pipeline;

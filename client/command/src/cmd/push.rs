@@ -192,6 +192,13 @@ fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
     if warnings > 0 {
         lines.push(format!("{warnings} warnings; gleaner episode ID shows them"));
     }
+    let unknown = pushed.uploaded().filter(|uploaded| uploaded.episode.outcome() == Outcome::Unknown).count();
+    if unknown > 0 {
+        lines.push(format!(
+            "{unknown} episodes have an unknown outcome, and no pretraining uses them: `gleaner label --from labels.csv` \
+             labels stored episodes from a file (columns file, outcome)"
+        ));
+    }
     // A name or a reason with a line break must not look like a line of ours.
     let mut rejected = Alike::default();
     for (item, error) in pushed.failures() {
@@ -237,16 +244,22 @@ mod tests {
     use std::time::Duration;
 
     fn pushed() -> Pushed {
-        let uploaded = |id: &str, existed| Uploaded {
-            episode: Episode { id: id.into(), size_bytes: 3_000_000, warnings: 1, ..Episode::default() },
+        let uploaded = |id: &str, existed, outcome: Outcome| Uploaded {
+            episode: Episode {
+                id: id.into(),
+                size_bytes: 3_000_000,
+                warnings: 1,
+                outcome: outcome.into(),
+                ..Episode::default()
+            },
             report: None,
             existed,
         };
         let result = |path: &str, result| PushResult { path: path.into(), result };
         Pushed {
             results: vec![
-                result("a.mcap", Ok(uploaded("ep_1", false))),
-                result("b.mcap", Ok(uploaded("ep_2", true))),
+                result("a.mcap", Ok(uploaded("ep_1", false, Outcome::Success))),
+                result("b.mcap", Ok(uploaded("ep_2", true, Outcome::Unknown))),
                 result("c.mcap", Err(ClientError::Invalid("not an MCAP file".into()))),
             ],
             wall: Duration::from_millis(500),
@@ -258,7 +271,8 @@ mod tests {
         assert_eq!(
             summary(&pushed(), &[]),
             "1 recordings pushed, 1 already stored, 1 rejected; 3.0 MB in 0.5 s (6.0 MB/s)\n2 warnings; gleaner \
-             episode ID shows them\nrejected: c.mcap: not an MCAP file"
+             episode ID shows them\n1 episodes have an unknown outcome, and no pretraining uses them: `gleaner label --from \
+             labels.csv` labels stored episodes from a file (columns file, outcome)\nrejected: c.mcap: not an MCAP file"
         );
     }
 

@@ -9,9 +9,12 @@ use gleaner_proto::v1::{ListTasksRequest, Outcome};
 use super::{PushArgs, join};
 use crate::context::Context;
 use crate::failure::{Failure, Result};
+use crate::words;
 
 /// The labels file that is looked for in folders.
 const LABELS: &str = "labels.csv";
+/// What lists the parts of a rosbag2 folder.
+const METADATA: &str = "metadata.yaml";
 
 /// The recordings to send, and what was skipped.
 pub(super) async fn items(
@@ -119,13 +122,24 @@ fn chosen<'a>(
         rows.into_iter().map(|row| (place(&row.0.path), row)).collect();
     let named: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
     let other = if found { ", or push with --outcome, which ignores the file" } else { "" };
-    let row = |path: PathBuf| {
-        by_place.remove(&place(&path)).ok_or_else(|| {
-            let problem = format!("{} is not listed in {}", path.display(), named.join(", "));
-            Failure::message(format!("{problem}; add a line for it{other}"))
-        })
-    };
-    recordings.into_iter().map(row).collect()
+    let (mut rows, mut missing) = (Vec::new(), Vec::new());
+    for path in recordings {
+        // A rosbag2 folder may be listed by its own name or by that of its first file, whatever their number.
+        let folder = path.parent().filter(|folder| folder.join(METADATA).is_file()).map(place);
+        let place = place(&path);
+        let part = || by_place.keys().find(|listed| listed.parent() == Some(&place)).cloned();
+        let key = [Some(place.clone()), folder].into_iter().flatten().find(|key| by_place.contains_key(key));
+        match key.or_else(part).and_then(|key| by_place.remove(&key)) {
+            Some((row, file)) => rows.push((LabelledFile { path, ..row }, file)),
+            None => missing.push(path.display().to_string()),
+        }
+    }
+    if missing.is_empty() {
+        return Ok(rows);
+    }
+    let verb = if missing.len() == 1 { "is" } else { "are" };
+    let problem = format!("{} {verb} not listed in {}", words::some(&missing), named.join(", "));
+    Err(Failure::message(format!("{problem}; add a line for each{other}")))
 }
 
 #[cfg(test)]
@@ -146,6 +160,42 @@ mod tests {
         assert!(
             message.contains("x/c.mcap is not listed in x/labels.csv") && message.contains("--outcome"),
             "{message}"
+        );
+    }
+
+    fn listed(path: PathBuf, cohort: &str) -> LabelledFile {
+        LabelledFile { path, line: 2, task: None, outcome: Outcome::Success, cohort: cohort.into() }
+    }
+
+    #[test]
+    fn a_rosbag2_folder_is_listed_by_its_name_or_its_first_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for bag in ["one", "two", "three"] {
+            std::fs::create_dir(at(bag)).unwrap();
+            for file in [METADATA, "bag_0.mcap"] {
+                std::fs::write(at(bag).join(file), "").unwrap();
+            }
+        }
+        let file = at("labels.csv");
+        let rows = [("one", "a"), ("two/bag_0.mcap", "b"), ("three/bag_0.mcap", "c")];
+        let rows = rows.map(|(path, cohort)| (listed(at(path), cohort), file.as_path())).to_vec();
+        // The third has several parts, so it is pushed as a folder.
+        let recordings = vec![at("one/bag_0.mcap"), at("two/bag_0.mcap"), at("three")];
+        let found = chosen(rows, recordings.clone(), std::slice::from_ref(&file), true).unwrap();
+        let paired: Vec<(&PathBuf, &str)> = found.iter().map(|(row, _)| (&row.path, row.cohort.as_str())).collect();
+        assert_eq!(paired, recordings.iter().zip(["a", "b", "c"]).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn every_recording_without_a_line_is_named_at_once() {
+        let file = PathBuf::from("labels.csv");
+        let recordings = vec!["a.mcap".into(), "b.mcap".into(), "c.mcap".into()];
+        let rows = vec![(listed("b.mcap".into(), ""), file.as_path())];
+        let problem = chosen(rows, recordings, std::slice::from_ref(&file), true).unwrap_err().to_string();
+        assert!(
+            problem.starts_with("a.mcap, c.mcap are not listed in labels.csv; add a line for each, or"),
+            "{problem}"
         );
     }
 
