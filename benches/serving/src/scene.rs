@@ -37,6 +37,7 @@ pub fn task() -> TaskSpec {
         |name: &str| CameraSpec { name: name.to_owned(), height: SIDE, width: SIDE, depth: false, recorded: None };
     let mut spec = TaskSpec {
         name: "serving".to_owned(),
+        instruction: String::new(),
         rate_hz: 20.0,
         cameras: CAMERAS.map(camera).to_vec(),
         proprioception: vec![FieldSpec::new("state", PROPRIOCEPTION)],

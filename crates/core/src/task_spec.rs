@@ -14,6 +14,10 @@ use crate::picture_sizes::{PictureSizes, RecordedSize};
 pub struct TaskSpec {
     /// The task's name: lower-case letters, digits, `_`, `-` and `.`.
     pub name: String,
+    /// What the robot does, in words, such as `pick up the red cube`: the text of the task in a LeRobot export. It can change
+    /// at any time.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub instruction: String,
     /// Steps per second.
     pub rate_hz: f64,
     /// Cameras, in the order of the frames in memory.

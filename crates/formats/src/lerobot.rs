@@ -96,7 +96,7 @@ pub(crate) fn write<E: Export>(export: &mut E, spec: ExportSpec) -> Result<(), E
         }
         frames.end_episode()?;
         let videos = films.places();
-        let (index, end, task) = (at, total, task.name.as_str());
+        let (index, end, task) = (at, total, task_text(&task));
         episodes.push(&Episode { piece: &piece, index, end, task, file, videos: &videos, stats: &stats })?;
         export.advance()?;
     }
@@ -105,7 +105,7 @@ pub(crate) fn write<E: Export>(export: &mut E, spec: ExportSpec) -> Result<(), E
     films.finish(export)?;
     episodes.finish()?;
     export.finished(&FileNumber::default().table("meta/episodes"))?;
-    tasks::write(create(export, "meta/tasks.parquet")?, &task.name)?;
+    tasks::write(create(export, "meta/tasks.parquet")?, task_text(&task))?;
     export.finished("meta/tasks.parquet")?;
     let totals = Totals { episodes: export.pieces().len(), frames: total };
     text(export, "meta/info.json", &pretty(&info(&task, &features, &totals)))?;
@@ -209,6 +209,11 @@ impl<'a> Source<'a> {
         }
         Ok(row)
     }
+}
+
+/// The text of the task: its instruction, or its name.
+fn task_text(task: &TaskSpec) -> &str {
+    if task.instruction.is_empty() { &task.name } else { &task.instruction }
 }
 
 fn info(task: &TaskSpec, features: &Features, totals: &Totals) -> Value {

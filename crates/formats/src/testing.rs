@@ -18,7 +18,7 @@ use crate::problem::Problem;
 /// A task with two cameras, one with depth.
 pub(crate) fn task() -> TaskSpec {
     let mut task: TaskSpec = serde_json::from_value(serde_json::json!({
-        "name": "reach", "rate_hz": 10.0, "mappings": [],
+        "name": "reach", "instruction": "reach the cube", "rate_hz": 10.0, "mappings": [],
         "cameras": [
             { "name": "front", "height": 12, "width": 16, "depth": true },
             { "name": "hand", "height": 12, "width": 16, "depth": false },

@@ -113,6 +113,7 @@ mod tests {
     fn an_observation_is_what_gleaners_own_server_reads() {
         let task: TaskSpec = TaskSpec {
             name: "t".into(),
+            instruction: String::new(),
             rate_hz: 1.0,
             cameras: vec![gleaner_core::CameraSpec {
                 name: "top".into(),

@@ -14,6 +14,8 @@ use gleaner_core::{CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 const MAX_CAMERAS: usize = 16;
 const MAX_FIELDS: usize = 256;
 const MAX_MAPPINGS: usize = 32;
+/// Longest instruction in characters.
+const MAX_INSTRUCTION: usize = 1000;
 /// Longest topic in bytes.
 const MAX_TOPIC_BYTES: usize = 1024;
 /// Largest image side that a task may ask for.
@@ -30,6 +32,9 @@ const MAX_STEP_BYTES: usize = 1 << 30;
 pub fn validate(spec: &TaskSpec) -> Result<(), RecordingError> {
     if !is_plain(&spec.name) {
         return wrong("name", "use one or more of the characters a-z A-Z 0-9 _ - .");
+    }
+    if spec.instruction.chars().count() > MAX_INSTRUCTION || spec.instruction.chars().any(char::is_control) {
+        return wrong("instruction", format!("give a text of at most {MAX_INSTRUCTION} characters in one line"));
     }
     if !(spec.rate_hz.is_finite() && (0.01..=10_000.0).contains(&spec.rate_hz)) {
         return wrong("rate_hz", "give the steps per second, from 0.01 to 10000");

@@ -166,6 +166,7 @@ pub(crate) mod tests {
         let camera = |name: &str, depth| CameraSpec { name: name.into(), height: 1, width: 2, depth, recorded: None };
         TaskSpec {
             name: "t".into(),
+            instruction: String::new(),
             rate_hz: 10.0,
             cameras: vec![camera("top", true), camera("wrist", false)],
             proprioception: vec![FieldSpec::new("joints", 2), FieldSpec::new("gripper", 1)],

@@ -80,6 +80,7 @@ fn task_spec() -> v1::TaskSpec {
         v1::Mapping { name: "ros".into(), fields: vec![source("joint"), source("target")], ..Default::default() };
     v1::TaskSpec {
         name: "reach".into(),
+        instruction: String::new(),
         rate_hz: 10.0,
         proprioception: fields("joint"),
         action: fields("target"),
@@ -235,7 +236,7 @@ async fn every_rpc_that_changes_something_is_in_the_audit_log_with_its_subjects(
         ScoreServiceImportScores(v1::ImportScoresRequest { message: Some(import) }) -> ImportScoresResponse,
             "NotFound", [format!("open.snapshot_id=snap_{ID}"), format!("open.encoder_id=enc_{ID}")];
         DatasetServiceCreateDataset(v1::CreateDatasetRequest { score_run_id: format!("run_{ID}"), selection: None })
-            -> CreateDatasetResponse, "InvalidArgument", [format!("score_run_id=run_{ID}")];
+            -> CreateDatasetResponse, "NotFound", [format!("score_run_id=run_{ID}")];
         PolicyServiceRegisterPolicy(v1::RegisterPolicyRequest { task: "arm".into(), remote: Some(v1::RemotePolicy { protocol: 1, ..Default::default() }) })
             -> RegisterPolicyResponse, "NotFound", ["task=arm"];
         PolicyServiceDeploy(v1::DeployRequest { name: "arm".into(), policy_id: format!("pol_{ID}"), score_run_id: String::new(), ..Default::default() })

@@ -64,6 +64,7 @@ pub(crate) fn spec() -> TaskSpec {
     let field = |name: &str, size| FieldSpec::new(name, size);
     TaskSpec {
         name: "reach".into(),
+        instruction: String::new(),
         rate_hz: 10.0,
         cameras: Vec::new(),
         proprioception: vec![field("joint_position", 2)],

@@ -17,6 +17,8 @@ const CASES: &[Case] = &[
     ("spec.name: ", |s| s.name.clear()),
     ("spec.name: ", |s| s.name = "../etc/passwd".into()),
     ("spec.name: ", |s| s.name = "x".repeat(129)),
+    ("spec.instruction: ", |s| s.instruction = "x".repeat(1001)),
+    ("spec.instruction: ", |s| s.instruction = "pick\nplace".into()),
     ("spec.rate_hz: ", |s| s.rate_hz = f64::NAN),
     ("spec.rate_hz: ", |s| s.rate_hz = 10_001.0),
     ("spec.cameras: has 17", |s| s.cameras = vec![s.cameras[0].clone(); 17]),

@@ -196,11 +196,27 @@ fn field(name: String, first: &Candidate, alike: &[Like], action: bool, ways: &[
     let all = ranges.iter().copied().reduce(ValueRange::with).unwrap_or(ValueRange::of(0.0));
     if action {
         bound(&mut spec, all, &values, &mut reasons);
+        reasons.extend(unchanged(order, &ranges));
     } else if let [value] = values.as_slice() {
         reasons.push(format!("It is always {value} in these recordings; remove it if it never changes."));
     }
     let stamped = std::iter::once(first.stamped).chain(alike.iter().map(|like| like.candidate.stamped));
     Field { spec, action, stamped: stamped.collect(), sources, reasons }
+}
+
+/// Which numbers of an action never change.
+fn unchanged(order: &Order, ranges: &[ValueRange]) -> Option<String> {
+    let constant = |(path, range): (&String, &ValueRange)| {
+        (range.minimum >= range.maximum).then(|| format!("{path} is always {}", short(range.minimum)))
+    };
+    let found: Vec<String> = order.paths.iter().zip(ranges).filter_map(constant).collect();
+    let all = ranges.len() < 2 || order.paths.len() != ranges.len();
+    (!all && !found.is_empty()).then(|| {
+        format!(
+            "{} in these recordings: remove these paths, and lower `size`, if the robot never uses them.",
+            found.join(", ")
+        )
+    })
 }
 
 /// Guesses the range of an action.

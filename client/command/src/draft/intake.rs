@@ -40,7 +40,7 @@ pub(crate) fn of_description(description: &Description, name: String) -> Draft {
         let mut reasons = vec![reason(origin)];
         let action = at >= states;
         if let Some(range) = origin.range.filter(|_| action) {
-            fields::bound(field, range, &[], &mut reasons);
+            fields::bound(field, range, &origin.values, &mut reasons);
         }
         drafted.push(Field {
             spec: field.clone(),
@@ -96,8 +96,12 @@ mod tests {
         .unwrap();
         spec.cameras = vec![CameraSpec { name: "top".into(), height: 480, width: 640, depth: false, recorded: None }];
         spec.mappings = vec![written_mapping(&spec)];
-        let field =
-            |feature: &str, range| FieldOrigin { feature: feature.into(), names: vec!["pan.pos".into()], range };
+        let field = |feature: &str, range| FieldOrigin {
+            feature: feature.into(),
+            names: vec!["pan.pos".into()],
+            range,
+            values: Vec::new(),
+        };
         let range = ValueRange { minimum: -0.98, maximum: 0.4 };
         let description = Description {
             format: "LeRobot v3.0".into(),

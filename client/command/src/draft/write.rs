@@ -16,6 +16,10 @@ impl Display for Draft {
         comment(out, &format!("Drafted by `gleaner task draft` from {}.", self.origin))?;
         comment(out, "Each guess has its reason; `gleaner help task` explains every key.")?;
         writeln!(out, "name = {}\n", text(&self.spec.name))?;
+        if !self.spec.instruction.is_empty() {
+            comment(out, "The text of the dataset's task.")?;
+            writeln!(out, "instruction = {}\n", text(&self.spec.instruction))?;
+        }
         comment(out, &self.rate)?;
         writeln!(out, "rate_hz = {:?}", self.spec.rate_hz)?;
         for camera in &self.cameras {

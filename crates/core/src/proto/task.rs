@@ -17,9 +17,11 @@ const TOLERANCE: f64 = 0.25;
 /// # Errors
 /// Invalid under `spec.alignment` for an alignment that this build does not have.
 pub fn spec_from_proto(spec: v1::TaskSpec) -> Result<TaskSpec> {
-    let v1::TaskSpec { name, rate_hz, cameras, proprioception, action, alignment, tolerance, mappings } = spec;
+    let v1::TaskSpec { name, rate_hz, cameras, proprioception, action, alignment, tolerance, mappings, instruction } =
+        spec;
     Ok(TaskSpec {
         name,
+        instruction,
         rate_hz,
         cameras: cameras.into_iter().map(camera_from).collect(),
         proprioception: proprioception.into_iter().map(field_from).collect(),
@@ -93,7 +95,7 @@ pub fn task(task: Task, counts: OutcomeCounts) -> v1::Task {
 /// A specification as its message.
 #[must_use]
 pub fn spec_to_proto(spec: TaskSpec) -> v1::TaskSpec {
-    let TaskSpec { name, rate_hz, cameras, proprioception, action, alignment, tolerance, mappings } = spec;
+    let TaskSpec { name, instruction, rate_hz, cameras, proprioception, action, alignment, tolerance, mappings } = spec;
     let alignment = match alignment {
         Alignment::LatestBefore => v1::Alignment::LatestBefore,
         Alignment::Nearest => v1::Alignment::Nearest,
@@ -107,6 +109,7 @@ pub fn spec_to_proto(spec: TaskSpec) -> v1::TaskSpec {
         alignment: alignment.into(),
         tolerance: Some(tolerance),
         mappings: mappings.into_iter().map(mapping_to).collect(),
+        instruction,
     }
 }
 
@@ -158,6 +161,7 @@ pub(crate) mod tests {
         };
         TaskSpec {
             name: "reach".into(),
+            instruction: "reach the cube".into(),
             rate_hz: 10.0,
             cameras: vec![CameraSpec {
                 name: "front".into(),

@@ -28,6 +28,7 @@ pub struct Description {
 pub(super) fn empty_task(rate_hz: f64) -> TaskSpec {
     TaskSpec {
         name: "dataset".to_owned(),
+        instruction: String::new(),
         rate_hz,
         cameras: Vec::new(),
         proprioception: Vec::new(),
@@ -47,6 +48,9 @@ pub struct FieldOrigin {
     pub names: Vec<String>,
     /// The range of its values in the whole dataset, if that is stated.
     pub range: Option<ValueRange>,
+    /// Its values if there are at most two, in rising order; empty if there are more or it is not stated.
+    #[serde(default)]
+    pub values: Vec<f64>,
 }
 
 /// A part of a dataset that is in no recording.

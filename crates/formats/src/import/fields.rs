@@ -9,6 +9,8 @@ use gleaner_core::{FieldSpec, ValueRange};
 
 use super::description::FieldOrigin;
 
+/// The error of a variance in a dataset's statistics, as a part of the squared span.
+const ROUNDING: f64 = 1e-4;
 /// With more fields than this, or without names of their own, the values of a feature are one field.
 const MOST_FIELDS: usize = 64;
 
@@ -21,8 +23,43 @@ pub(super) struct Vector {
     pub(super) size: u32,
     /// A name for each value, or none.
     pub(super) names: Vec<String>,
-    /// The range of each value, or none.
-    pub(super) ranges: Vec<ValueRange>,
+    /// What is stated of each value, or none.
+    pub(super) stated: Vec<Stated>,
+}
+
+/// What a dataset states of one number over all of its steps.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Stated {
+    pub(super) range: ValueRange,
+    /// Its values in rising order, if there are at most two.
+    pub(super) values: Option<Vec<f64>>,
+}
+
+impl Stated {
+    /// What is stated by a range alone.
+    pub(super) fn range(range: ValueRange) -> Self {
+        Self { range, values: None }
+    }
+
+    /// What is stated by a range, mean and standard deviation. The variance is (maximum − mean) · (mean − minimum) if every
+    /// value is one of the two bounds, and smaller otherwise.
+    pub(super) fn moments(range: ValueRange, mean: f64, deviation: f64) -> Self {
+        let ValueRange { minimum, maximum } = range;
+        let between = (maximum - mean) * (mean - minimum) - deviation * deviation;
+        let bounds = if minimum < maximum { vec![minimum, maximum] } else { vec![minimum] };
+        let only = between.abs() <= ROUNDING * (maximum - minimum).powi(2);
+        Self { range, values: only.then_some(bounds) }
+    }
+
+    /// What is stated of both.
+    pub(super) fn with(self, other: Self) -> Self {
+        let mut values = self.values.zip(other.values).map(|(own, more)| [own, more].concat());
+        if let Some(all) = &mut values {
+            all.sort_by(f64::total_cmp);
+            all.dedup();
+        }
+        Self { range: self.range.with(other.range), values: values.filter(|all| all.len() <= 2) }
+    }
 }
 
 /// The fields of proprioception and action, with their origins: the features in their order, each whole.
@@ -91,11 +128,12 @@ fn split(vector: &Vector) -> Vec<Group> {
 }
 
 fn group(vector: &Vector, name: String, part: std::ops::Range<usize>) -> Group {
-    let range = vector.ranges.get(part.clone()).and_then(|ranges| ranges.iter().copied().reduce(ValueRange::with));
+    let stated = vector.stated.get(part.clone()).and_then(|stated| stated.iter().cloned().reduce(Stated::with));
     let origin = FieldOrigin {
         feature: vector.feature.clone(),
         names: vector.names.get(part.clone()).unwrap_or_default().to_vec(),
-        range,
+        range: stated.as_ref().map(|stated| stated.range),
+        values: stated.and_then(|stated| stated.values).unwrap_or_default(),
     };
     Group { name, size: u32::try_from(part.len()).unwrap_or(u32::MAX), origin }
 }
@@ -121,8 +159,27 @@ mod tests {
             name: feature.rsplit('.').next().unwrap().into(),
             size: u32::try_from(names.len()).unwrap(),
             names: names.iter().map(|name| (*name).to_owned()).collect(),
-            ranges: Vec::new(),
+            stated: Vec::new(),
         }
+    }
+
+    #[test]
+    fn two_values_are_seen_from_their_moments() {
+        let moments = |values: &[f64]| {
+            let count = f64::from(u32::try_from(values.len()).unwrap());
+            let mean = values.iter().sum::<f64>() / count;
+            let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+            let range = values.iter().map(|&value| ValueRange::of(value)).reduce(ValueRange::with).unwrap();
+            Stated::moments(range, mean, variance.sqrt())
+        };
+        assert_eq!(moments(&[0.0, 1.0, 1.0, 0.0, 1.0]).values, Some(vec![0.0, 1.0]));
+        assert_eq!(moments(&[0.0, 1.0, 1.0, 0.5, 1.0]).values, None);
+        assert_eq!(moments(&[0.1, 0.1]).values, Some(vec![0.1]));
+        // An episode whose gripper stays open, beside others.
+        let open = moments(&[0.0, 0.0]);
+        assert_eq!(open.clone().with(moments(&[0.0, 1.0])).values, Some(vec![0.0, 1.0]));
+        assert_eq!(open.clone().with(moments(&[0.5, 1.0])).values, None);
+        assert_eq!(open.with(Stated::range(ValueRange::of(0.0))).values, None);
     }
 
     fn named(fields: &[FieldSpec]) -> Vec<(&str, u32)> {

@@ -60,7 +60,13 @@ pub(super) fn open(folder: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>,
     };
     let places = places::read(folder, &info, &features)?;
     let tasks = tasks::read(folder, &info)?;
+    let mut spec = features.description.spec.clone();
+    // Episodes of several tasks have no instruction in common.
+    if let Some(text) = tasks::only(&tasks) {
+        spec.instruction = text.to_owned();
+    }
     let description = Description {
+        spec,
         format: format!("LeRobot {}", info.codebase_version),
         episodes: count(places.len()),
         steps: places.iter().map(|place| place.steps).fold(0, u64::saturating_add),

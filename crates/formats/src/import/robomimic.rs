@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use self::demo::Demo;
 use self::entries::{Entry, Kind};
 use super::description::{Description, empty_task};
-use super::fields::{Vector, fields, identifier};
+use super::fields::{Stated, Vector, fields, identifier};
 use super::recorder::{Recorder, with_mapping};
 use super::{Assumed, Dataset, no_success_column};
 use crate::problem::Problem;
@@ -130,7 +130,7 @@ impl Robomimic {
                     name: entry.key.clone(),
                     size: u32::try_from(*size).unwrap_or(u32::MAX),
                     names: Vec::new(),
-                    ranges: Vec::new(),
+                    stated: Vec::new(),
                 }),
                 Kind::Depth(..) => {}
                 Kind::Other(reason) => description.leave_out(format!("obs/{}", entry.key), reason),
@@ -147,7 +147,7 @@ impl Robomimic {
             name: "action".to_owned(),
             size: u32::try_from(action_size).unwrap_or(u32::MAX),
             names: Vec::new(),
-            ranges: ranges.collect(),
+            stated: ranges.map(Stated::range).collect(),
         };
         let (state, action, origins) = fields(&state, &[action]);
         (description.spec.proprioception, description.spec.action) = (state, action);

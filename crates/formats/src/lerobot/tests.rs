@@ -177,7 +177,7 @@ fn the_text_of_the_task_is_the_index_of_its_table() {
         let pandas: Value = serde_json::from_str(&pandas).unwrap();
         assert_eq!(pandas["index_columns"], serde_json::json!(["task"]));
     }
-    assert_eq!(texts(&table(&lab, "meta/tasks.parquet"), "task"), ["reach"]);
+    assert_eq!(texts(&table(&lab, "meta/tasks.parquet"), "task"), ["reach the cube"]);
 }
 
 #[test]

@@ -17,6 +17,7 @@ fn task(cameras: &[&str], fields: &[(&str, u32)]) -> TaskSpec {
     };
     TaskSpec {
         name: "stack".into(),
+        instruction: String::new(),
         rate_hz: 10.0,
         cameras: cameras.iter().map(camera).collect(),
         proprioception: fields.iter().map(field).collect(),

@@ -113,6 +113,7 @@ pub fn task_spec(task: Task, config: &SimConfig) -> TaskSpec {
     let goal = if task.rules().goal_given { GOAL } else { &[] };
     let mut spec = TaskSpec {
         name: task.name().to_owned(),
+        instruction: String::new(),
         rate_hz: f64::from(RATE_HZ),
         cameras: vec![camera("table"), camera("hand")],
         proprioception: fields(HAND).chain(fields(goal)).collect(),

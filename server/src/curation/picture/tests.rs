@@ -12,6 +12,7 @@ fn spec() -> TaskSpec {
         |name: &str, height, width, depth| CameraSpec { name: name.into(), height, width, depth, recorded: None };
     TaskSpec {
         name: "stack".into(),
+        instruction: String::new(),
         rate_hz: 10.0,
         cameras: vec![camera("front", 8, 16, true), camera("wrist", 6, 10, false)],
         proprioception: Vec::new(),

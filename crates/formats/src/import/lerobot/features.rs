@@ -2,12 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use gleaner_core::{CameraSpec, ValueRange};
+use gleaner_core::CameraSpec;
 use serde_json::Value;
 
 use super::info::{Feature, Info};
 use crate::import::description::{Description, empty_task};
-use crate::import::fields::{Vector, fields};
+use crate::import::fields::{Stated, Vector, fields};
 use crate::import::recorder::with_mapping;
 use crate::problem::Problem;
 
@@ -56,7 +56,7 @@ pub(super) struct Features {
 }
 
 impl Features {
-    pub(super) fn new(info: &Info, stats: &BTreeMap<String, Vec<ValueRange>>) -> Result<Self, Problem> {
+    pub(super) fn new(info: &Info, stats: &BTreeMap<String, Vec<Stated>>) -> Result<Self, Problem> {
         let mut features = Self {
             pictures: Vec::new(),
             state: Vec::new(),
@@ -186,19 +186,19 @@ impl Features {
         Ok(())
     }
 
-    fn fields(&mut self, info: &Info, stats: &BTreeMap<String, Vec<ValueRange>>) -> Result<(), Problem> {
+    fn fields(&mut self, info: &Info, stats: &BTreeMap<String, Vec<Stated>>) -> Result<(), Problem> {
         if self.action.is_empty() {
             return Err(wrong("there is no feature `action`; gleaner needs the commands of the robot"));
         }
         let vector = |(name, size): &(String, usize)| {
             let names = info.features.get(name).map(|feature| names(&feature.names)).unwrap_or_default();
-            let ranges = stats.get(name).filter(|ranges| ranges.len() == *size).cloned().unwrap_or_default();
+            let stated = stats.get(name).filter(|stated| stated.len() == *size).cloned().unwrap_or_default();
             Vector {
                 feature: name.clone(),
                 name: name.strip_prefix(OBSERVATION).unwrap_or(name).to_owned(),
                 size: u32::try_from(*size).unwrap_or(u32::MAX),
                 names,
-                ranges,
+                stated,
             }
         };
         let vectors = |of: &[(String, usize)]| of.iter().map(vector).collect::<Vec<_>>();

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::{unfit, unopened};
+use crate::import::fields::Stated;
 use crate::problem::Problem;
 
 /// Most bytes of a file of JSON that is read whole.
@@ -104,8 +105,9 @@ pub(super) fn bytes(path: &Path) -> Result<Vec<u8>, Problem> {
     Ok(bytes)
 }
 
-/// The range of each value of each feature: of `meta/stats.json`, or of each episode's statistics. Without sound ones, none.
-pub(super) fn stats(folder: &Path) -> BTreeMap<String, Vec<ValueRange>> {
+/// What is stated of each value of each feature: by `meta/stats.json`, or by each episode's statistics. Without sound ones,
+/// nothing.
+pub(super) fn stats(folder: &Path) -> BTreeMap<String, Vec<Stated>> {
     let mut all = BTreeMap::new();
     let read = |name: &str| bytes(&folder.join(name)).unwrap_or_default();
     if let Ok(stats) = serde_json::from_slice(&read("meta/stats.json")) {
@@ -119,13 +121,23 @@ pub(super) fn stats(folder: &Path) -> BTreeMap<String, Vec<ValueRange>> {
     all
 }
 
-fn add_stats(all: &mut BTreeMap<String, Vec<ValueRange>>, stats: &Value) {
+fn add_stats(all: &mut BTreeMap<String, Vec<Stated>>, stats: &Value) {
     let numbers = |value: &Value| -> Option<Vec<f64>> { value.as_array()?.iter().map(Value::as_f64).collect() };
     for (feature, stat) in stats.as_object().into_iter().flatten() {
         let (Some(low), Some(high)) = (numbers(&stat["min"]), numbers(&stat["max"])) else { continue };
-        let ranges = low.iter().zip(&high).map(|(&minimum, &maximum)| ValueRange { minimum, maximum });
-        let known = all.entry(feature.clone()).or_insert_with(|| ranges.clone().collect());
-        known.iter_mut().zip(ranges).for_each(|(known, range)| *known = known.with(range));
+        let moments = numbers(&stat["mean"]).zip(numbers(&stat["std"]));
+        let stated = low.iter().zip(&high).enumerate().map(|(at, (&minimum, &maximum))| {
+            let range = ValueRange { minimum, maximum };
+            let moments =
+                moments.as_ref().and_then(|(means, deviations)| Some((*means.get(at)?, *deviations.get(at)?)));
+            moments.map_or(Stated::range(range), |(mean, deviation)| Stated::moments(range, mean, deviation))
+        });
+        match all.get_mut(feature) {
+            Some(known) => {
+                known.iter_mut().zip(stated).for_each(|(known, stated)| *known = known.clone().with(stated));
+            }
+            None => _ = all.insert(feature.clone(), stated.collect()),
+        }
     }
 }
 

@@ -13,6 +13,8 @@ use crate::problem::Problem;
 /// Names of the column with the text: pandas writes an index without a name as the second.
 const TEXTS: [&str; 2] = ["task", "__index_level_0__"];
 const NUMBER: &str = "task_index";
+/// Longest instruction in bytes.
+const LONGEST: usize = 1000;
 
 pub(super) fn read(folder: &Path, info: &Info) -> Result<BTreeMap<i64, String>, Problem> {
     let rows = if info.shares_files() {
@@ -30,4 +32,12 @@ pub(super) fn read(folder: &Path, info: &Info) -> Result<BTreeMap<i64, String>, 
         Some((row.get(NUMBER)?.as_i64()?, text.to_owned()))
     };
     Ok(rows.iter().filter_map(task).collect())
+}
+
+/// The text that all episodes have, if it can be the instruction of a task.
+pub(super) fn only(tasks: &BTreeMap<i64, String>) -> Option<&str> {
+    let mut texts = tasks.values();
+    let first = texts.next().filter(|first| !first.is_empty() && first.len() <= LONGEST)?;
+    let plain = !first.chars().any(char::is_control);
+    (plain && texts.all(|text| text == first)).then_some(first)
 }

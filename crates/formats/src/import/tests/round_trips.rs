@@ -19,6 +19,7 @@ fn lerobot_there_and_back_has_the_same_steps() {
     let task = lab.task();
     assert_eq!(description.spec.proprioception, task.proprioception);
     assert_eq!(description.spec.action, task.action);
+    assert_eq!(description.spec.instruction, task.instruction);
     assert_eq!(description.spec.cameras, task.cameras);
     assert_eq!(description.spec.mappings, task.mappings, "the task that made the recordings reads them again");
     for (at, piece) in lab.pieces().iter().enumerate() {
