@@ -251,6 +251,20 @@ pub struct Job {
     pub ended_at: Option<Millis>,
 }
 
+impl Job {
+    /// Why a queued job, or an attempt that its engine has not started, waits; empty if it does not.
+    #[must_use]
+    pub fn waiting(&self) -> &str {
+        if self.state != JobState::Queued || !self.placement.waiting.is_empty() {
+            &self.placement.waiting
+        } else if self.needs.is_empty() {
+            "for a free worker; the server runs --workers jobs at once"
+        } else {
+            "for the jobs that it needs, then for a free worker"
+        }
+    }
+}
+
 /// One value that a job reported.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Metric {

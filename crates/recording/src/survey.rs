@@ -21,6 +21,8 @@ use cameras::CameraNotes;
 use fields::FieldNotes;
 use gleaner_core::{FindingCode, Report, Severity, Survey, SurveyedTopic, TopicReport};
 
+/// The number of intervals for each gap below which the messages of a topic are events.
+const REGULAR: usize = 20;
 /// Median intervals without a message that make a gap, as in an inspection.
 const GAP_INTERVALS: f64 = 2.5;
 
@@ -196,7 +198,10 @@ impl Intervals {
         let median = intervals.get(intervals.len() / 2).copied().unwrap_or_default();
         #[expect(clippy::cast_precision_loss, reason = "a gap needs no more digits")]
         let is_gap = |interval: &&i64| **interval as f64 > median as f64 * GAP_INTERVALS;
-        let gaps = intervals.iter().rev().take_while(is_gap).count() as u64;
+        let gaps = intervals.iter().rev().take_while(is_gap).count();
+        // Messages of events come when something happens, so they leave no gaps.
+        let regular = gaps <= intervals.len() / REGULAR;
+        let gaps = if regular { gaps as u64 } else { 0 };
         Self { median, longest: intervals.last().copied().unwrap_or_default(), gaps }
     }
 }

@@ -69,7 +69,8 @@ async fn unknown_partition_is_a_reason_for_waiting() {
     let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
     let (_server, mut api, _) = lab::with_episodes(&flags).await;
     let job = api.submit(lab::TASK, lab::pretrain(2)).await.unwrap();
-    let waits = api.watch_until(&job.id, |job| !job.waiting.is_empty()).await;
+    // Before its attempt the job waits for a free worker.
+    let waits = api.watch_until(&job.id, |job| job.waiting.contains("nope")).await;
     for part in ["invalid partition specified: nope", "--slurm-pretrain-options"] {
         assert!(waits.waiting.contains(part), "{}", waits.waiting);
     }

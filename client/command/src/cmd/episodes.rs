@@ -153,19 +153,19 @@ pub(crate) struct DownloadArgs {
     /// Id of the episode.
     id: String,
     /// File to write.
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    #[arg(short, long, alias = "output", value_name = "FILE")]
+    out: PathBuf,
 }
 
 impl DownloadArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
         let bar = context.progress.spinner("download");
-        let episode = client.download_episode(&self.id, &self.output, |bytes| bar.set_position(bytes)).await?;
+        let episode = client.download_episode(&self.id, &self.out, |bytes| bar.set_position(bytes)).await?;
         bar.finish_and_clear();
         context.output.result(
             || json::value(&episode),
-            || format!("{} ({:.2} MB, verified)", self.output.display(), words::megabytes(episode.size_bytes)),
+            || format!("{} ({:.2} MB, verified)", self.out.display(), words::megabytes(episode.size_bytes)),
         )?;
         context.output.next(format_args!("gleaner episode {}", episode.id));
         Ok(())

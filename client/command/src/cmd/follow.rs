@@ -45,12 +45,16 @@ impl View {
         if !job.message.is_empty() {
             parts.push(job.message.clone());
         }
+        if !job.waiting.is_empty() {
+            parts.push(format!("waiting: {}", job.waiting));
+        }
         parts.extend(latest(&self.metrics));
         self.bar.set_message(&parts.join(" · "));
         if let Some(output) = self.log
             && self.state != Some(job.state())
         {
-            output.note(format_args!("{} {}", job.id, words::job_state(job.state())));
+            let waits = if job.waiting.is_empty() { String::new() } else { format!(", waiting: {}", job.waiting) };
+            output.note(format_args!("{} {}{waits}", job.id, words::job_state(job.state())));
         }
         self.state = Some(job.state());
     }

@@ -189,7 +189,7 @@ fn describe(job: &Job) -> String {
         ("message", job.message.clone()),
         ("error", job.error.clone()),
         ("makes", job.result_id.clone()),
-        ("waits for", job.needs.join(" ")),
+        ("needs", job.needs.join(" ")),
         ("attempt", format!("{} of {}", job.attempt, job.max_attempts)),
         ("engine", place(job)),
         ("engine options", job.engine_options.clone()),

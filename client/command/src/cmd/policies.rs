@@ -129,7 +129,8 @@ pub(crate) struct DeploymentsArgs {
 impl DeploymentsArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let request = ListDeploymentsRequest { task: self.task };
-        let reply = context.client().await?.policies().list_deployments(request).await?.into_inner();
+        let client = context.client().await?;
+        let reply = client.policies().list_deployments(request).await?.into_inner();
         let columns = [Left("NAME"), Left("POLICY"), Left("SCORED BY"), Left("SINCE"), Right("CHANGES")];
         let row = |deployment: &Deployment| {
             let since = deployment.history.last().and_then(|change| change.deploy_time.as_ref());
@@ -143,7 +144,7 @@ impl DeploymentsArgs {
         };
         context.output.result(|| json::value(&reply), || table(columns, reply.deployments.iter().map(row)))?;
         match reply.deployments.first() {
-            Some(deployment) => context.output.next(format_args!("gleaner drive {}", deployment.name)),
+            Some(deployment) => context.output.next(evaluation(&client, deployment).await?),
             None => context.output.next("gleaner deploy NAME --policy POLICY"),
         }
         Ok(())

@@ -226,11 +226,7 @@ pub(crate) fn after(job: &Job) -> String {
     match job.kind() {
         JobKind::Pretrain => format!("gleaner score --encoder {result} --wait"),
         JobKind::Score => format!("gleaner histogram {result}"),
-        JobKind::Train => {
-            format!(
-                "gleaner deploy NAME@test --policy {result}; in the simulator, gleaner evaluate --policy {result} --wait"
-            )
-        }
+        JobKind::Train => format!("gleaner deploy NAME@test --policy {result}"),
         JobKind::Evaluate => format!("gleaner evaluation {result}"),
         JobKind::Export | JobKind::Unspecified => format!("gleaner job {}", job.id),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import TracebackType
@@ -24,6 +25,8 @@ from gleaner.types import TaskSpec, Timings
 
 # The most of a rate or a time; longer deadlines than about an hour do not fit the message.
 _MOST = 3600.0
+# The part by which a rate may differ from the task's.
+_OTHER_RATE = 0.1
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Chunk:
 class Policy:
     """A deployment to act with. A context manager; for one thread.
 
-    `rate_hz` is the control rate (None: the task's), `deadline` how many seconds after its arrival at the server an
+    `rate_hz` is the control rate (None: the task's; another one is accepted with a warning), `deadline` how many seconds after its arrival at the server an
     observation may be answered (None: no deadline), `timeout` how long to wait for any answer.
 
     With `record` the server keeps each episode as a recording of the task, under `cohort` (empty: the deployment's
@@ -73,6 +76,13 @@ class Policy:
         self.deployment = deployment
         self.spec = _spec(client, deployment)
         self.rate_hz = rate_hz if rate_hz is not None else self.spec.rate_hz
+        if abs(self.rate_hz / self.spec.rate_hz - 1) > _OTHER_RATE:
+            slower = "slower" if self.rate_hz < self.spec.rate_hz else "faster"
+            warnings.warn(
+                f"rate_hz {self.rate_hz:g}: the steps of the task are at {self.spec.rate_hz:g} Hz, so the robot moves {slower} "
+                "than its demonstrations",
+                stacklevel=2,
+            )
         self._open = pb.SessionOpen(
             deployment=deployment,
             control_rate_hz=rate_hz or 0.0,

@@ -104,6 +104,7 @@ pub fn job(job: Job) -> v1::Job {
         JobKind::Export => v1::JobKind::Export,
         JobKind::Evaluate => v1::JobKind::Evaluate,
     };
+    let waiting = job.waiting().to_owned();
     let Job {
         id,
         task_id,
@@ -127,7 +128,7 @@ pub fn job(job: Job) -> v1::Job {
         ended_at,
         key,
         engine_options,
-        placement: Placement { engine, engine_id, node, waiting },
+        placement: Placement { engine, engine_id, node, waiting: _ },
     } = job;
     v1::Job {
         id: id.into(),

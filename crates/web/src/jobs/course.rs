@@ -64,6 +64,7 @@ fn standing(job: &Job, now: Millis) -> Markup {
                 }
                 div { dt { "Attempts" } dd { (job.attempt) " of " (job.max_attempts) } }
                 (place(&job.placement))
+                @if !job.waiting().is_empty() { div { dt { "Waiting" } dd { (job.waiting()) } } }
                 @if job.peak_memory_bytes > 0 { div { dt { "Peak memory" } dd { (text::bytes(job.peak_memory_bytes)) } } }
                 @if let Some(step) = job.checkpoint_step { div { dt { "Checkpoint" } dd { "after step " (text::count(step)) } } }
             }
@@ -73,12 +74,11 @@ fn standing(job: &Job, now: Millis) -> Markup {
 
 /// Where it runs, if not on the server's machine.
 fn place(placement: &Placement) -> Markup {
-    let Placement { engine, engine_id, node, waiting } = placement;
+    let Placement { engine, engine_id, node, waiting: _ } = placement;
     html! {
         @if !engine.is_empty() && engine != LOCAL {
             div { dt { "Engine" } dd { (engine) @if !engine_id.is_empty() { " job " span.id { (engine_id) } } } }
             @if !node.is_empty() { div { dt { "Node" } dd { (node) } } }
-            @if !waiting.is_empty() { div { dt { "Waiting" } dd { (waiting) } } }
         }
     }
 }
