@@ -26,8 +26,10 @@ async fn thresholds_outside_the_unit_interval_are_rejected() {
         let error = api.datasets.create_dataset(request).await.unwrap_err();
         expect_error(&error, Code::InvalidArgument, &["selection.top_fraction"]);
     }
+    // Without a rule, an unfinished run decides by its normaliser.
     let request = CreateDatasetRequest { score_run_id: run.clone(), selection: None };
-    expect_error(&api.datasets.create_dataset(request).await.unwrap_err(), Code::InvalidArgument, &["selection"]);
+    let dataset = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap();
+    assert_eq!(dataset.selection, Some(lab::above(0.5)));
     for (selections, words) in [
         (vec![], ["selections", "between 1 and 100"]),
         (vec![lab::above(0.5); 101], ["selections", "between 1 and 100"]),

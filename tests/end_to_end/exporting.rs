@@ -144,7 +144,7 @@ async fn an_episode_is_exported_whole_with_its_scores() {
     let numbers = |path: &Path| survey(path, &Limits::default(), None).unwrap().topics;
     assert_eq!(numbers(&out), numbers(&copy.join("scored.mcap")), "with the ranges of q and w");
     let shown = http::get(&page).await;
-    assert!(shown.contains(&format!("/scored.mcap?run={}&amp;beta=0.9", shared.run)), "{shown}");
+    assert!(shown.contains(&format!("/scored.mcap?run={}&amp;beta=0.5", shared.run)), "{shown}");
     let left: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left, ["scored.mcap"]);
 }

@@ -252,7 +252,7 @@ async fn extended_run_equals_a_full_one() {
             extends: extends.into(),
             settings: extends
                 .is_empty()
-                .then(|| json!({"scorer": "ssdf", "similarity": "segment_l2", "local_scale": false}))
+                .then(|| json!({"scorer": "ssdf", "similarity": "segment_l2", "local_scale": false, "normaliser": "minmax"}))
                 .and_then(lab::settings),
         })
     };

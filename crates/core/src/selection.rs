@@ -19,9 +19,6 @@ use std::cmp::Ordering;
 use super::id::EpisodeId;
 use phase::Cuts;
 
-/// The threshold β on q where none is given, of every command and page.
-pub const DEFAULT_BETA: f64 = 0.9;
-
 /// The imperfect segments to keep.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Selection {

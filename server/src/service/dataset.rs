@@ -9,7 +9,14 @@ use super::{
     answer::{Reply, Responses, answer, change, responses},
     segment,
 };
-use crate::{domain::dataset::Dataset, error::Result, wire};
+use crate::{
+    domain::{
+        dataset::Dataset,
+        selection::{Rule, Selection},
+    },
+    error::Result,
+    wire,
+};
 
 /// Serves datasets.
 pub(crate) struct DatasetApi(pub(crate) Services);
@@ -28,7 +35,12 @@ impl DatasetService for DatasetApi {
 
     async fn create_dataset(&self, request: Request<v1::CreateDatasetRequest>) -> Reply<v1::CreateDatasetResponse> {
         change(request, async |request| {
-            let (run, selection) = wire::dataset::create_request(request)?;
+            let (run, rule, shape) = wire::dataset::create_request(request)?;
+            let rule = match rule {
+                Some(rule) => rule,
+                None => Rule::Beta(self.0.store.default_beta(&run).await?),
+            };
+            let selection = Selection { rule, shape };
             let dataset = self.0.store.insert_dataset(&run, selection).await?;
             Ok(v1::CreateDatasetResponse { dataset: self.counted(vec![dataset]).await?.pop() })
         })

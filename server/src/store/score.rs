@@ -8,7 +8,7 @@ use super::{
 use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId, TaskId},
-        job::JobKind,
+        job::{JobKind, JobSpec},
         score::{EpisodeScores, Origin, RunCounts, ScoreRun},
         snapshot::Role,
     },
@@ -137,6 +137,22 @@ impl Store {
         match self.imported(id).await? {
             Some(run) => Ok(run.task_id),
             None => Ok(self.maker(JobKind::Score, RUN, id.as_str()).await?.task_id),
+        }
+    }
+
+    /// The default threshold β on the q of a run, finished or not.
+    ///
+    /// # Errors
+    /// NotFound; Precondition when its job failed.
+    pub(crate) async fn default_beta(&self, id: &ScoreRunId) -> Result<f64> {
+        if let Some(run) = self.imported(id).await? {
+            return Ok(run.origin.default_beta());
+        }
+        match self.maker(JobKind::Score, RUN, id.as_str()).await?.spec {
+            JobSpec::Score { spec, .. } => Ok(spec.normaliser.default_beta()),
+            JobSpec::Pretrain { .. } | JobSpec::Train { .. } | JobSpec::Export { .. } | JobSpec::Evaluate { .. } => {
+                Err(Error::not_found(RUN, id))
+            }
         }
     }
 

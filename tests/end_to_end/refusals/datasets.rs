@@ -23,8 +23,7 @@ async fn invalid_datasets_are_rejected() {
     expect_errors!(api.datasets:
         create_dataset(create("run_7", Some(lab::above(0.5)))) => InvalidArgument ["score_run_id: "];
         create_dataset(create(&absent_id("run"), Some(lab::above(0.5)))) => NotFound [&absent_id("run")];
-        create_dataset(create(run, None)) => InvalidArgument ["selection: "];
-        create_dataset(create(run, Some(Selection::default()))) => InvalidArgument ["selection: "];
+        create_dataset(create(&absent_id("run"), None)) => NotFound [&absent_id("run")];
         create_dataset(create(run, Some(lab::above(1.5)))) => InvalidArgument ["selection.beta: "];
         create_dataset(create(run, Some(lab::above(f64::NAN)))) => InvalidArgument ["selection.beta: "];
         create_dataset(create(run, Some(lab::top(0.0)))) => InvalidArgument ["selection.top_fraction: "];

@@ -1,8 +1,6 @@
 //! `dataset`: create, list, show, stream.
 
 use clap::{Args, Subcommand};
-use gleaner_core::proto::selection::selection_to_proto;
-use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{
     CreateDatasetRequest, Dataset, GetDatasetRequest, ListDatasetsRequest, Segment, StreamSegmentsRequest,
 };
@@ -58,7 +56,7 @@ pub(crate) struct StreamArgs {
 impl DatasetCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         match self {
-            Self::Create { run, task, selection } => create(context, (run, task), selection.selection()).await,
+            Self::Create { run, task, selection } => create(context, (run, task), selection).await,
             Self::List { task } => list(context, task).await,
             Self::Show { id } => show(context, id).await,
             Self::Stream(args) => stream(context, args).await,
@@ -66,13 +64,17 @@ impl DatasetCommand {
     }
 }
 
-async fn create(context: &Context, (run, task): (Option<String>, Option<String>), selection: Selection) -> Result<()> {
+async fn create(
+    context: &Context,
+    (run, task): (Option<String>, Option<String>),
+    selection: SelectionArgs,
+) -> Result<()> {
     let client = context.client().await?;
     let score_run_id = match run {
         Some(run) => run,
         None => ids::newest(context, &client, Kind::Run, task.as_deref()).await?,
     };
-    let request = CreateDatasetRequest { score_run_id, selection: Some(selection_to_proto(selection)) };
+    let request = CreateDatasetRequest { score_run_id, selection: Some(selection.to_proto()) };
     let reply = client.datasets().create_dataset(request).await?.into_inner();
     let dataset = present(reply.dataset.as_ref(), "a dataset")?;
     context.output.result(|| json::value(&reply), || describe(dataset))?;

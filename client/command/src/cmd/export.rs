@@ -5,13 +5,13 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use gleaner_client::expect_new_folder;
-use gleaner_core::selection::DEFAULT_BETA;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{
     ExportFormat, ExportSpec, GetEpisodeResponse, JobSpec, ListExportFilesResponse, SubmitJobRequest,
 };
 
 use super::follow;
+use super::selection::beta_of;
 use super::submit::task_of_dataset;
 use crate::context::Context;
 use crate::failure::{Result, present};
@@ -38,9 +38,9 @@ pub(crate) struct ExportArgs {
     /// Id of the score run of the episode.
     #[arg(long, value_name = "RUN", requires = "episode", conflicts_with = "dataset")]
     scores: Option<String>,
-    /// Threshold above which a step of the episode is marked as kept, 0 to 1.
-    #[arg(long, default_value_t = DEFAULT_BETA, requires = "episode", conflicts_with = "dataset")]
-    beta: f64,
+    /// Threshold above which a step of the episode is marked as kept, 0 to 1. Default: that of the run.
+    #[arg(long, requires = "episode", conflicts_with = "dataset")]
+    beta: Option<f64>,
     /// Format of the files.
     #[arg(long, value_enum, default_value = "mcap")]
     format: FormatArg,
@@ -70,7 +70,8 @@ impl ExportArgs {
 
     async fn write_episode(&self, context: &Context, episode: &str, run: &str) -> Result<()> {
         let client = context.client().await?;
-        let episode = client.export_episode(episode, run, self.beta, &self.out).await?;
+        let beta = beta_of(&client, run, self.beta).await?;
+        let episode = client.export_episode(episode, run, beta, &self.out).await?;
         let text = format!("{} ({} steps) with its scores in {}", episode.id, episode.steps, self.out.display());
         let reply = GetEpisodeResponse { episode: Some(episode), report: None };
         context.output.result(|| json::value(&reply), || text)?;

@@ -7,10 +7,10 @@ use std::process::{ExitStatus, Stdio};
 
 use clap::{Args, ValueEnum};
 use gleaner_client::Client;
-use gleaner_core::selection::DEFAULT_BETA;
 use gleaner_proto::v1::{GetEpisodeRequest, GetEpisodeResponse, ListScoreRunsRequest};
 use tokio::process::Command;
 
+use super::selection::beta_of;
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
 use crate::json;
@@ -36,9 +36,9 @@ pub(crate) struct OpenArgs {
     /// Id of the score run. Default: the newest run of the episode's task; without one, the recording alone is opened.
     #[arg(long, value_name = "RUN")]
     scores: Option<String>,
-    /// Threshold above which a step of the episode is marked as kept, 0 to 1.
-    #[arg(long, default_value_t = DEFAULT_BETA)]
-    beta: f64,
+    /// Threshold above which a step of the episode is marked as kept, 0 to 1. Default: that of the run.
+    #[arg(long)]
+    beta: Option<f64>,
     /// New MCAP file, which remains. Default: one in a new folder for temporary files.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -91,7 +91,8 @@ impl OpenArgs {
                 if self.scores.is_none() {
                     context.output.note(format_args!("score run {run} (the newest of the task)"));
                 }
-                client.export_episode(&self.episode, &run, self.beta, file).await?;
+                let beta = beta_of(client, &run, self.beta).await?;
+                client.export_episode(&self.episode, &run, beta, file).await?;
             }
             None => {
                 context.output.note("the task has no score run yet, so the recording has no scores");

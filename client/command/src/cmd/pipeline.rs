@@ -4,8 +4,8 @@ use clap::{Args, ValueEnum};
 use gleaner_core::arguments::{Given, Pipeline, TRAIN};
 use gleaner_core::kinds::{Family, Kind};
 use gleaner_core::proto::{selection::shape_to_proto, to_struct};
-use gleaner_core::selection::{Rule, Selection};
-use gleaner_core::{Group as _, OptimSpec, Values};
+use gleaner_core::selection::Rule;
+use gleaner_core::{Group as _, NormaliserKind, OptimSpec, Values, Words as _};
 use gleaner_proto::v1::{EvaluateSpec, Job, PipelineSpec, ScoreSpec, SubmitPipelineRequest, TrainSpec};
 use prost_types::Struct;
 
@@ -35,16 +35,30 @@ pub(crate) struct PipelineArgs {
     /// Last stage of the chain.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
+    /// Train for a first look, in minutes: 300 steps of 32 segments for the encoder and 500 of 32 for the policy, where
+    /// --steps, --batch, --train-steps and --train-batch are not given. The policy is rarely good.
+    #[arg(long)]
+    quick: bool,
     #[command(flatten)]
     selection: SelectionArgs,
     #[command(flatten)]
     settings: Given<Pipeline>,
 }
 
+/// The settings of --quick.
+const QUICK: [(&str, u32); 4] = [("steps", 300), ("batch", 32), ("train_steps", 500), ("train_batch", 32)];
+
 impl PipelineArgs {
     pub(crate) fn spec(&self) -> PipelineSpec {
+        if self.quick {
+            let mut filled = Self { quick: false, ..self.clone() };
+            for (name, value) in QUICK {
+                filled.settings.values.entry(name).or_insert_with(|| value.into());
+            }
+            return filled.spec();
+        }
         let (scored, selected) = (self.until >= Until::Score, self.until >= Until::Dataset);
-        let Selection { rule, shape } = self.selection.selection();
+        let rule = self.selection.rule().unwrap_or_else(|| Rule::Beta(self.normaliser().default_beta()));
         let (beta, top_fraction) = match rule {
             Rule::Beta(beta) => (Some(beta).filter(|_| selected), None),
             Rule::TopFraction(fraction) => (None, Some(fraction).filter(|_| selected)),
@@ -54,12 +68,20 @@ impl PipelineArgs {
             scoring: scored.then(|| ScoreSpec { settings: self.stage("score"), ..ScoreSpec::default() }),
             beta,
             top_fraction,
-            shape: shape_to_proto(shape).filter(|_| selected),
+            shape: shape_to_proto(self.selection.shape()).filter(|_| selected),
             train: (self.until >= Until::Train).then(|| TrainSpec { data: None, settings: self.training() }),
             evaluate: (self.until >= Until::Evaluate)
                 .then(|| EvaluateSpec { subject: None, settings: self.stage("evaluate") }),
             pretrain: Some(self.snapshot.pretrain(&self.settings.of_job("pretrain"))),
         }
+    }
+
+    /// The normaliser of the scores.
+    fn normaliser(&self) -> NormaliserKind {
+        let settings = self.settings.of_job("score");
+        let given = settings.get("normaliser").and_then(|word| word.as_str());
+        let found = NormaliserKind::ALL.iter().find(|word| Some(word.value.as_str()) == given);
+        found.map_or(gleaner_core::ScoreSpec::default().normaliser, |word| word.value)
     }
 
     /// The settings of a stage. A shared one that the chosen scorer does not have is not for this stage.
@@ -178,6 +200,20 @@ mod tests {
     }
 
     #[test]
+    fn a_first_look_is_short_where_no_length_is_given() {
+        let steps = |settings: Option<Struct>| {
+            let settings = gleaner_core::proto::from_struct(settings);
+            (settings["steps"].as_u64(), settings["batch"].as_u64())
+        };
+        let of = |options: &str| {
+            let spec = spec(options);
+            (steps(spec.pretrain.unwrap().settings), steps(spec.train.unwrap().settings))
+        };
+        assert_eq!(of("--quick"), ((Some(300), Some(32)), (Some(500), Some(32))));
+        assert_eq!(of("--quick --steps 7 --train-batch 8"), ((Some(7), Some(32)), (Some(500), Some(8))));
+    }
+
+    #[test]
     fn options_that_are_left_out_are_not_sent() {
         assert!(spec("").pretrain.unwrap().settings.unwrap().fields.is_empty());
         assert!(spec("").train.unwrap().settings.unwrap().fields.is_empty());
@@ -186,7 +222,8 @@ mod tests {
     #[test]
     fn a_dataset_is_selected_by_threshold_or_by_fraction() {
         let kept = |options: &str| (spec(options).beta, spec(options).top_fraction);
-        assert_eq!(kept(""), (Some(0.9), None));
+        assert_eq!(kept(""), (Some(0.5), None));
+        assert_eq!(kept("--normaliser minmax"), (Some(0.9), None));
         assert_eq!(kept("--top 0.1"), (None, Some(0.1)));
         assert_eq!(kept("--top 0.1 --until score"), (None, None));
         assert_eq!(spec("--min-run 5").shape.map(|shape| shape.min_run), Some(5));

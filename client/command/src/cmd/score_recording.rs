@@ -6,8 +6,7 @@ use clap::Args;
 use gleaner_proto::v1::{Finding, Role, Severity};
 
 use super::scores::shown;
-use gleaner_core::selection::DEFAULT_BETA;
-
+use super::selection::beta_of;
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::json;
@@ -18,9 +17,9 @@ pub(crate) struct ScoreRecordingArgs {
     run: String,
     /// Path of the recording (MCAP).
     file: PathBuf,
-    /// Threshold that the chart shows as a line, 0 to 1.
-    #[arg(long, default_value_t = DEFAULT_BETA)]
-    beta: f64,
+    /// Threshold that the chart shows as a line, 0 to 1. Default: that of the run.
+    #[arg(long)]
+    beta: Option<f64>,
     /// Also list the nearest expert step of each step with its distances.
     #[arg(long)]
     matches: bool,
@@ -46,7 +45,8 @@ impl ScoreRecordingArgs {
                 .note(format!("the recording has the steps of expert {expert}; compared with the other experts"));
         }
         let what = format!("{} (not stored)", self.file.display());
-        let text = || shown(&what, scores, self.beta, self.matches);
+        let beta = beta_of(&client, &self.run, self.beta).await?;
+        let text = || shown(&what, scores, beta, self.matches);
         context.output.result(|| json::value(&reply), text)?;
         context.output.next(format_args!("gleaner push {} (keeps it as an episode)", self.file.display()));
         Ok(())

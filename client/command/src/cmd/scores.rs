@@ -6,8 +6,7 @@ use gleaner_proto::v1::{
     ScoreRun,
 };
 
-use gleaner_core::selection::DEFAULT_BETA;
-
+use super::selection::beta_of;
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::output::terminal_width;
@@ -68,9 +67,9 @@ pub(crate) struct ScoresArgs {
     run: String,
     /// Id of the episode.
     episode: String,
-    /// Threshold that the chart shows as a line, 0 to 1.
-    #[arg(long, default_value_t = DEFAULT_BETA)]
-    beta: f64,
+    /// Threshold that the chart shows as a line, 0 to 1. Default: that of the run.
+    #[arg(long)]
+    beta: Option<f64>,
     /// Also list the nearest expert step of each step with its distances.
     #[arg(long)]
     matches: bool,
@@ -79,13 +78,15 @@ pub(crate) struct ScoresArgs {
 impl ScoresArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let request = GetEpisodeScoresRequest { score_run_id: self.run.clone(), episode_id: self.episode };
-        let reply = context.client().await?.scores().get_episode_scores(request).await?.into_inner();
+        let client = context.client().await?;
+        let reply = client.scores().get_episode_scores(request).await?.into_inner();
         let scores = present(reply.scores.as_ref(), "scores")?;
+        let beta = beta_of(&client, &self.run, self.beta).await?;
         let what = format!("{} ({})", scores.episode_id, words::role(scores.role()));
-        let text = || shown(&what, scores, self.beta, self.matches);
+        let text = || shown(&what, scores, beta, self.matches);
         context.output.result(|| json::value(&reply), text)?;
         context.output.next(if self.matches {
-            format!("gleaner dataset create --run {} --beta {}", self.run, self.beta)
+            format!("gleaner dataset create --run {} --beta {beta}", self.run)
         } else {
             format!("gleaner scores {} {} --matches", self.run, scores.episode_id)
         });
@@ -159,7 +160,7 @@ pub(crate) struct HistogramArgs {
     /// Id of the score run.
     run: String,
     /// Thresholds, 0 to 1, for which kept segments are counted.
-    #[arg(long, value_delimiter = ',', default_value = "0.5,0.7,0.8,0.9,0.95")]
+    #[arg(long, value_delimiter = ',', default_value = "0.1,0.3,0.5,0.7,0.9")]
     beta: Vec<f64>,
     /// Number of bins of the histogram, at most 1000. More bins show finer detail.
     #[arg(long, default_value_t = 20)]
@@ -171,7 +172,7 @@ impl HistogramArgs {
         let request = GetHistogramRequest { score_run_id: self.run.clone(), bins: self.bins, betas: self.beta };
         let reply = context.client().await?.scores().get_histogram(request).await?.into_inner();
         context.output.result(|| json::value(&reply), || histogram(&reply, terminal_width()))?;
-        context.output.next(format_args!("gleaner dataset create --run {} --beta {DEFAULT_BETA}", self.run));
+        context.output.next(format_args!("gleaner dataset create --run {}", self.run));
         Ok(())
     }
 }

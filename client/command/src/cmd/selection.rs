@@ -1,16 +1,20 @@
 //! Selections: from arguments, and as text. Must not depend on a server.
 
 use clap::Args;
-use gleaner_core::proto::selection::shape_from_proto;
-use gleaner_core::selection::{DEFAULT_BETA, Rule, Selection, SelectionShape};
-use gleaner_proto::v1;
+use gleaner_client::Client;
+use gleaner_core::proto::selection::{shape_from_proto, shape_to_proto};
+use gleaner_core::selection::{Rule, Selection, SelectionShape};
+use gleaner_proto::v1::{self, GetScoreRunRequest};
+
+use crate::failure::{Result, present};
 
 /// The selection of one dataset.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct SelectionArgs {
-    /// Keep segments with a quality above this threshold, 0 to 1.
-    #[arg(long, default_value_t = DEFAULT_BETA, allow_negative_numbers = true)]
-    beta: f64,
+    /// Keep segments with a quality above this threshold, 0 to 1. Default: that of the run's normaliser: 0.5 of
+    /// calibrated, 0.8 of quantile, 0.9 of minmax.
+    #[arg(long, allow_negative_numbers = true)]
+    beta: Option<f64>,
     /// Instead of --beta, keep this fraction of the segments, the best ones.
     #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
     top: Option<f64>,
@@ -19,9 +23,33 @@ pub(crate) struct SelectionArgs {
 }
 
 impl SelectionArgs {
-    pub(crate) fn selection(&self) -> Selection {
-        Selection { rule: self.top.map_or(Rule::Beta(self.beta), Rule::TopFraction), shape: self.shape }
+    /// The rule, if one was given.
+    pub(crate) fn rule(&self) -> Option<Rule> {
+        self.top.map(Rule::TopFraction).or(self.beta.map(Rule::Beta))
     }
+
+    pub(crate) fn shape(&self) -> SelectionShape {
+        self.shape
+    }
+
+    /// The selection as it is sent, without a rule where the run's default holds.
+    pub(crate) fn to_proto(self) -> v1::Selection {
+        let rule = self.rule().map(|rule| match rule {
+            Rule::Beta(beta) => v1::selection::Rule::Beta(beta),
+            Rule::TopFraction(fraction) => v1::selection::Rule::TopFraction(fraction),
+        });
+        v1::Selection { rule, shape: shape_to_proto(self.shape) }
+    }
+}
+
+/// The threshold of a command about one score run: the given one, or the run's default.
+pub(crate) async fn beta_of(client: &Client, run: &str, given: Option<f64>) -> Result<f64> {
+    if let Some(beta) = given {
+        return Ok(beta);
+    }
+    let request = GetScoreRunRequest { score_run_id: run.to_owned() };
+    let reply = client.scores().get_score_run(request).await?.into_inner();
+    Ok(present(reply.score_run, "a score run")?.default_beta)
 }
 
 /// A selection as options of a command.
@@ -62,16 +90,18 @@ mod tests {
         args: SelectionArgs,
     }
 
-    fn parse(options: &str) -> Result<Selection, String> {
+    fn parse(options: &str) -> std::result::Result<SelectionArgs, String> {
         let words = std::iter::once("x").chain(options.split_whitespace());
-        Line::try_parse_from(words).map(|line| line.args.selection()).map_err(|error| error.to_string())
+        Line::try_parse_from(words).map(|line| line.args).map_err(|error| error.to_string())
     }
 
     #[test]
     fn options_are_a_selection_and_back() {
-        assert_eq!(parse("").unwrap(), Selection::beta(0.9));
+        assert_eq!(parse("").unwrap().to_proto(), v1::Selection::default(), "the server takes the run's default");
         let given = "--top 0.1 --close-gaps 2 --max-per-phase 200 --max-share-of-episode 0.5 --phases 4";
-        let selection = parse(given).unwrap();
+        let args = parse(given).unwrap();
+        let selection = Selection { rule: args.rule().unwrap(), shape: args.shape() };
+        assert_eq!(args.to_proto(), selection_to_proto(selection));
         assert_eq!(options(selection), given);
         let text = "top 10 %, close_gaps 2, max_share_of_episode 0.5, phases 4, max_per_phase 200";
         assert_eq!(selected(Some(&selection_to_proto(selection))), text);

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use gleaner_core::proto::selection::selection_to_proto;
-use gleaner_core::selection::{DEFAULT_BETA, Rule, Selection, SelectionShape};
+use gleaner_core::selection::{Rule, Selection, SelectionShape};
 use gleaner_proto::v1::{CountKeptRequest, CountKeptResponse, Kept, KeptBySelection};
 
 use super::selection::{options, selected};
@@ -41,8 +41,9 @@ impl WhatIfArgs {
         };
         let reply = context.client().await?.scores().count_kept(request).await?.into_inner();
         context.output.result(|| json::value(&reply), || text(&reply))?;
-        let first = selections.first().copied().unwrap_or(Selection::beta(DEFAULT_BETA));
-        context.output.next(format_args!("gleaner dataset create --run {} {}", self.run, options(first)));
+        if let Some(&first) = selections.first() {
+            context.output.next(format_args!("gleaner dataset create --run {} {}", self.run, options(first)));
+        }
         Ok(())
     }
 }

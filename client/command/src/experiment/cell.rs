@@ -3,7 +3,7 @@
 //! Settings of jobs are data, as on the wire: what is left out takes its default. Must not depend on a server.
 
 use gleaner_core::schema::Problem;
-use gleaner_core::selection::{DEFAULT_BETA, Rule, Selection, SelectionShape};
+use gleaner_core::selection::{Rule, Selection, SelectionShape};
 use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec, Values, schema_of};
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +26,7 @@ pub(crate) struct CellSettings {
     /// Settings of the training alone.
     pub(crate) train: Values,
     /// Keep segments with q above this.
-    pub(crate) beta: f64,
+    pub(crate) beta: Option<f64>,
     /// Instead of β: keep this part of the segments, the best.
     pub(crate) top: Option<f64>,
     /// The shape of what is kept; settings that are left out have no effect.
@@ -54,7 +54,7 @@ impl Default for CellSettings {
             rule: RuleSettings::default(),
             pretrain: Values::new(),
             train: Values::new(),
-            beta: DEFAULT_BETA,
+            beta: None,
             top: None,
             shape: Values::new(),
             seeds: vec![0, 1, 2],
@@ -95,8 +95,8 @@ impl CellSettings {
             let method = self.method.title();
             return Err(format!("oracle: {method} keeps no segments; leave it out, or choose a method that gleans"));
         }
-        if !(0.0..=1.0).contains(&self.beta) {
-            return Err(format!("beta: {} is outside [0, 1]", self.beta));
+        if let Some(beta) = self.beta.filter(|beta| !(0.0..=1.0).contains(beta)) {
+            return Err(format!("beta: {beta} is outside [0, 1]"));
         }
         if let Some(top) = self.top.filter(|top| !(*top > 0.0 && *top <= 1.0)) {
             return Err(format!("top: {top} is outside (0, 1]"));
@@ -127,9 +127,15 @@ impl CellSettings {
         Ok(())
     }
 
+    /// The threshold on q: the cell's, or that of its normaliser.
+    pub(crate) fn beta(&self) -> f64 {
+        // Settings that cannot be read are refused elsewhere.
+        self.beta.unwrap_or_else(|| self.score_spec(0).unwrap_or_default().normaliser.default_beta())
+    }
+
     /// The segments that are kept.
     pub(super) fn selection(&self) -> Result<Selection, Problem> {
-        let rule = self.top.map_or(Rule::Beta(self.beta), Rule::TopFraction);
+        let rule = self.top.map_or_else(|| Rule::Beta(self.beta()), Rule::TopFraction);
         Ok(Selection { rule, shape: SelectionShape::from_values(&self.shape)? })
     }
 
@@ -232,7 +238,7 @@ mod tests {
         assert!(text(&steps).starts_with("pretrain.steps: is 0"));
         assert!(text(&|cell| cell.episodes = 0).starts_with("episodes: "));
         assert!(text(&|cell| cell.top = Some(0.0)).starts_with("top: "));
-        assert!(text(&|cell| cell.beta = f64::NAN).starts_with("beta: "));
+        assert!(text(&|cell| cell.beta = Some(f64::NAN)).starts_with("beta: "));
         let shaped = |name: &'static str, value: serde_json::Value| {
             move |cell: &mut CellSettings| {
                 cell.shape.insert(name.into(), value.clone());

@@ -239,7 +239,7 @@ fn works(task: &str, place: Place<'_>, cell: &CellSettings, seed: u64) -> Vec<Wo
         return works;
     }
     if cell.method.gleans {
-        works.push(Work::Dataset { selection: cell.selection().unwrap_or(Selection::beta(cell.beta)) });
+        works.push(Work::Dataset { selection: cell.selection().unwrap_or(Selection::beta(cell.beta())) });
     }
     let mut settings = complete(cell.train_spec(seed).map(|spec| spec.values()));
     if !cell.method.gleans {

@@ -237,7 +237,7 @@ mod tests {
         let study = "table = \"cells\"\nset = { lambda = 0.2 }\n[axes]\nbeta = [0.5]\nrule.cohorts = [[\"weak\"], []]";
         let cells = cells(study).unwrap();
         let settings = &cells[0].settings;
-        assert_eq!((cells.len(), &settings.settings["lambda"], settings.beta), (2, &0.2.into(), 0.5));
+        assert_eq!((cells.len(), &settings.settings["lambda"], settings.beta), (2, &0.2.into(), Some(0.5)));
         assert_eq!(
             (settings.rule.experts, &settings.rule.cohorts, &settings.seeds),
             (4, &vec!["weak".into()], &vec![7])

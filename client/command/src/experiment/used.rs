@@ -129,7 +129,7 @@ mod tests {
         });
         CellSettings {
             method: Method::try_from(method.to_owned()).unwrap(),
-            beta: 0.5,
+            beta: Some(0.5),
             settings: settings.as_object().unwrap().clone(),
             ..CellSettings::default()
         }
@@ -143,7 +143,7 @@ mod tests {
     fn a_method_uses_the_settings_of_its_stages() {
         let scoring = ["feature_scale", "history_dropout", "lambda", "local_scale", "objectives", "scale"];
         assert_eq!(names(&cell("ssdf").used()), [&scoring[..], &["scorer", "segment_length", "similarity"]].concat());
-        assert_eq!((names(&cell("bc").used()), cell("bc").used().beta), (Vec::new(), 0.9));
+        assert_eq!((names(&cell("bc").used()), cell("bc").used().beta), (Vec::new(), None));
         assert_eq!(names(&cell("tf_bc").used()), ["history_dropout", "segment_length"]);
         assert_eq!(names(&cell("ssdf_base").used()), ["history_dropout", "objectives", "segment_length"]);
         // Its scores come from an encoder, its policy has no history.

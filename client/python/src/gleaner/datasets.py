@@ -56,8 +56,9 @@ class Datasets:
     ) -> Dataset:
         """Creates a dataset: a run's experts, and the imperfect segments with q > β or the best part of them.
 
-        Give exactly one of `beta` and `top_fraction`. `shape` is like `{"min_run": 5, "max_per_phase": 200}`; its
-        names are those of the message `SelectionShape`. The same arguments return the same dataset.
+        Give at most one of `beta` and `top_fraction`; without either, the run's `default_beta` holds. `shape` is like
+        `{"min_run": 5, "max_per_phase": 200}`; its names are those of the message `SelectionShape`. The same arguments
+        return the same dataset.
         """
         if beta is not None and top_fraction is not None:
             raise ValueError("beta, top_fraction: give one of the two")

@@ -7,7 +7,7 @@ use crate::{
     dataset::{Dataset, DatasetCounts, ExportFile},
     error::Result,
     id::{DatasetId, ExportId, ScoreRunId},
-    selection::Selection,
+    selection::{Rule, SelectionShape},
 };
 
 /// The parts of a dataset to stream.
@@ -36,13 +36,15 @@ pub fn export_id(text: &str) -> Result<ExportId> {
     ExportId::parse("export_id", text)
 }
 
-/// Reads the score run and the selection of a new dataset.
+/// Reads the score run of a new dataset, its rule if there is one, and its shape.
 ///
 /// # Errors
 /// Invalid names the field.
-pub fn create_request(request: v1::CreateDatasetRequest) -> Result<(ScoreRunId, Selection)> {
+pub fn create_request(request: v1::CreateDatasetRequest) -> Result<(ScoreRunId, Option<Rule>, SelectionShape)> {
     let v1::CreateDatasetRequest { score_run_id, selection } = request;
-    Ok((score::score_run_id(&score_run_id)?, selection::selection_from_proto("selection", selection)?))
+    let run = score::score_run_id(&score_run_id)?;
+    let (rule, shape) = selection::parts_from_proto("selection", selection)?;
+    Ok((run, rule, shape))
 }
 
 /// Reads which segments to stream.

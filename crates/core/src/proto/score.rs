@@ -82,6 +82,7 @@ pub fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
         expert_segments,
         create_time: Some(field::timestamp(created_at)),
         extends: extends.map(String::from).unwrap_or_default(),
+        default_beta: origin.default_beta(),
     }
 }
 

@@ -31,15 +31,25 @@ pub fn top_fraction(field: &str, part: f64) -> Result<f64> {
 /// # Errors
 /// Invalid when its rule is missing, or the rule or the shape is out of range.
 pub fn selection_from_proto(at: &str, selection: Option<v1::Selection>) -> Result<Selection> {
+    let (rule, shape) = parts_from_proto(at, selection)?;
+    let rule = rule.ok_or_else(|| Error::invalid(at, "must be set: a beta, or a top_fraction"))?;
+    Ok(Selection { rule, shape })
+}
+
+/// The rule, if there is one, and the shape of a selection at the path `at` of the request.
+///
+/// # Errors
+/// Invalid when the rule or the shape is out of range.
+pub fn parts_from_proto(at: &str, selection: Option<v1::Selection>) -> Result<(Option<Rule>, SelectionShape)> {
     let v1::Selection { rule, shape } = selection.unwrap_or_default();
     let rule = match rule {
-        Some(v1::selection::Rule::Beta(value)) => beta(&format!("{at}.beta"), value).map(Rule::Beta),
+        Some(v1::selection::Rule::Beta(value)) => Some(Rule::Beta(beta(&format!("{at}.beta"), value)?)),
         Some(v1::selection::Rule::TopFraction(part)) => {
-            top_fraction(&format!("{at}.top_fraction"), part).map(Rule::TopFraction)
+            Some(Rule::TopFraction(top_fraction(&format!("{at}.top_fraction"), part)?))
         }
-        None => Err(Error::invalid(at, "must be set: a beta, or a top_fraction")),
-    }?;
-    Ok(Selection { rule, shape: shape_from_proto(&format!("{at}.shape"), shape)? })
+        None => None,
+    };
+    Ok((rule, shape_from_proto(&format!("{at}.shape"), shape)?))
 }
 
 /// A selection.

@@ -1,7 +1,7 @@
 //! What made a score run: a score job of this server, or a scorer elsewhere.
 
 use crate::{
-    Error, Result, ScoreSpec, Values,
+    Error, NormaliserKind, Result, ScoreSpec, Values,
     id::{EncoderId, JobId, ScoreRunId},
 };
 
@@ -52,6 +52,16 @@ impl Origin {
             Self::Job { spec, .. } => &spec.scorer.name,
             Self::Import { .. } => IMPORTED,
         }
+    }
+
+    /// The default threshold β on q. The q of an import is taken to be linear, as the paper's.
+    #[must_use]
+    pub fn default_beta(&self) -> f64 {
+        let normaliser = match self {
+            Self::Job { spec, .. } => spec.normaliser,
+            Self::Import { .. } => NormaliserKind::MinMax,
+        };
+        normaliser.default_beta()
     }
 
     /// Every setting of the scoring with its value; of an import, the scorer and the source.

@@ -20,6 +20,19 @@ crate::words! {
     }
 }
 
+impl NormaliserKind {
+    /// The default threshold β on q: 0.9 as in the paper; 0.8, the best fifth; 0.5, nearer to the experts than the median
+    /// expert segment.
+    #[must_use]
+    pub fn default_beta(self) -> f64 {
+        match self {
+            Self::MinMax => 0.9,
+            Self::Quantile => 0.8,
+            Self::Calibrated => 0.5,
+        }
+    }
+}
+
 /// Settings of a score job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoreSpec {
@@ -36,8 +49,9 @@ pub struct ScoreSpec {
 crate::settings! {
     /// The settings of every scorer.
     struct Common {
-        /// Mapping of similarities to qualities in [0, 1]. It is stored with the run, and runs that extend it keep it.
-        normaliser: NormaliserKind = NormaliserKind::MinMax, NormaliserKind::shape();
+        /// Mapping of similarities to qualities in [0, 1]. It is stored with the run, and runs that extend it keep it. The
+        /// default threshold β is that of the normaliser: 0.9 of minmax, 0.8 of quantile, 0.5 of calibrated.
+        normaliser: NormaliserKind = NormaliserKind::Calibrated, NormaliserKind::shape();
         /// Device of the computation.
         device: Device = Device::Cpu, Device::shape();
     }

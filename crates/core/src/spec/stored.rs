@@ -42,6 +42,8 @@ pub(super) fn score(mut values: Values) -> Values {
     if values.get("normaliser").is_some_and(|word| word == "min_max") {
         values.insert("normaliser".to_owned(), "minmax".into());
     }
+    // The only one of versions that stored none.
+    values.entry("normaliser").or_insert_with(|| "minmax".into());
     used(Family::Scorer, flat(values))
 }
 

@@ -49,6 +49,11 @@ pub(super) fn score_anew(
     score(ScoreInputs { encoder: &encoder(), experts, imperfect, kept: &Forgetful }, spec, monitor)
 }
 
+/// Settings for a single expert, which is not compared with others.
+pub(super) fn minmax() -> ScoreSpec {
+    ScoreSpec { normaliser: NormaliserKind::MinMax, ..ScoreSpec::default() }
+}
+
 fn run(experts: &[Trajectory], imperfect: &[Trajectory], spec: &ScoreSpec) -> Scores {
     score_anew(experts, imperfect, spec, &mut Silent).unwrap()
 }
@@ -146,7 +151,7 @@ fn experts_are_scored_against_the_other_experts() {
         assert!(episode.match_episode.iter().all(|matched| *matched != at));
         assert!(episode.q.iter().all(|q| (0.0..=1.0).contains(q)));
     }
-    let alone = run(&experts[..1], &imperfect, &ScoreSpec::default());
+    let alone = run(&experts[..1], &imperfect, &minmax());
     assert!(alone.experts.is_empty());
     assert_eq!(alone.imperfect[0].w.len(), 9);
 }
@@ -180,7 +185,7 @@ fn the_order_of_the_episodes_does_not_matter() {
 fn bad_input_is_named() {
     let experts = toy::experts(2, 8);
     let message = |experts: &[Trajectory], imperfect: &[Trajectory]| {
-        let result = score_anew(experts, imperfect, &ScoreSpec::default(), &mut Silent);
+        let result = score_anew(experts, imperfect, &minmax(), &mut Silent);
         result.unwrap_err().to_string()
     };
     assert!(message(&[], &experts).starts_with("experts: "));

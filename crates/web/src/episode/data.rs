@@ -55,9 +55,13 @@ pub(crate) async fn recording(request: PageRequest, Path(id): Path<String>) -> A
 pub(crate) async fn scored_recording(request: PageRequest, Path(id): Path<String>) -> Answer {
     let Parameters { run, beta } = request.parameters()?;
     let id = EpisodeId::parse("episode", &id)?;
-    let beta = threshold(&beta)?;
+    let threshold = threshold(&beta)?;
     let backend = request.backend();
     let run = run_of(backend, &id, &run).await?;
+    let beta = match threshold {
+        Some(beta) => beta,
+        None => backend.score_run(&run).await?.origin.default_beta(),
+    };
     let episode = backend.episode(&id).await?.episode;
     let (size, bytes) = backend.scored_recording(&request.caller, &episode, &run, beta).await?;
     Ok(attachment(&format!("{id}_{run}.mcap"), size, bytes))

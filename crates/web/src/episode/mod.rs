@@ -8,13 +8,12 @@ mod uses;
 
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::{
-    Error, Result,
+    Error, Result, ScoreSpec,
     curation::SnapshotUse,
     episode::{InspectedEpisode, Label},
     error::Kind,
     id::{EpisodeId, ScoreRunId},
     score::{EpisodeScores, ScoreRun},
-    selection::DEFAULT_BETA,
     steps::Numbers,
     task::Task,
     time::seconds,
@@ -110,7 +109,7 @@ pub(super) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
 
 async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> Result<View> {
     let backend = request.backend();
-    let beta = threshold(&parameters.beta)?;
+    let threshold = threshold(&parameters.beta)?;
     // Before the episode: a label stored in between then has a newer version than the shown one.
     let version = backend.label_version(id).await?;
     let inspected = backend.episode(id).await?;
@@ -125,6 +124,8 @@ async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> 
         Some(run) => Some(scored(backend, id, run.clone()).await?),
         None => None,
     };
+    let beta = threshold.or_else(|| scored.as_ref().map(|scored| scored.run.origin.default_beta()));
+    let beta = beta.unwrap_or_else(|| ScoreSpec::default().normaliser.default_beta());
     let numbers = backend.numbers(id).await;
     if let Err(error) = &numbers
         && error.kind() == Kind::Internal
@@ -150,13 +151,14 @@ async fn scored(backend: &dyn Backend, id: &EpisodeId, run: ScoreRun) -> Result<
     Ok(Scored { run, scores, segment_length })
 }
 
-/// Parses a threshold; without a text, the default.
-fn threshold(text: &str) -> Result<f64> {
+/// Parses a threshold, if there is a text.
+fn threshold(text: &str) -> Result<Option<f64>> {
     if text.is_empty() {
-        return Ok(DEFAULT_BETA);
+        return Ok(None);
     }
     let read = text.parse::<f64>().ok().filter(|beta| (0.0..=1.0).contains(beta));
-    read.ok_or_else(|| Error::invalid("beta", "must be a number from 0 to 1; segments with a higher q are kept"))
+    read.map(Some)
+        .ok_or_else(|| Error::invalid("beta", "must be a number from 0 to 1; segments with a higher q are kept"))
 }
 
 fn step(text: &str, steps: u64) -> Result<u64> {
@@ -222,7 +224,8 @@ mod tests {
 
     #[test]
     fn a_threshold_is_a_number_between_0_and_1() {
-        assert_eq!(["0", "0.75", "1", ""].map(|text| threshold(text).unwrap()), [0.0, 0.75, 1.0, DEFAULT_BETA]);
+        let read = ["0", "0.75", "1", ""].map(|text| threshold(text).unwrap());
+        assert_eq!(read, [Some(0.0), Some(0.75), Some(1.0), None]);
         for wrong in ["high", "NaN", "1.01", "-0.1", "inf"] {
             assert!(threshold(wrong).unwrap_err().message().starts_with("beta: "), "{wrong}");
         }

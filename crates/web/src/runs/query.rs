@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use gleaner_core::{
     Error, Group as _, Result, Values,
-    selection::{DEFAULT_BETA, Rule, Selection, SelectionShape},
+    score::ScoreRun,
+    selection::{Rule, Selection, SelectionShape},
 };
 use serde::Deserialize;
 use serde_json::Value;
@@ -74,12 +75,13 @@ impl Order {
 }
 
 impl RunParameters {
-    /// The selection; the default threshold if none is named.
+    /// The selection; without a rule, the default threshold of the run.
     ///
     /// # Errors
     /// Invalid, naming the parameter.
-    pub(super) fn selection(&self) -> Result<Selection> {
-        let rule = rule(self.beta.as_deref(), self.top_fraction.as_deref())?.unwrap_or(Rule::Beta(DEFAULT_BETA));
+    pub(super) fn selection(&self, run: &ScoreRun) -> Result<Selection> {
+        let rule = rule(self.beta.as_deref(), self.top_fraction.as_deref())?;
+        let rule = rule.unwrap_or_else(|| Rule::Beta(run.origin.default_beta()));
         Ok(Selection { rule, shape: shape(&self.others)? })
     }
 

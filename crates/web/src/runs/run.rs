@@ -30,8 +30,9 @@ use crate::{
 
 pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
     let parameters: RunParameters = request.parameters()?;
-    let (selection, order) = (parameters.selection()?, parameters.order()?);
+    let order = parameters.order()?;
     let summary = request.backend().summary(&ScoreRunId::parse("id", &id)?).await?;
+    let selection = parameters.selection(summary.run())?;
     let what = summary.what_if(selection).await?;
     let (run, format) = (summary.run(), parameters.format(Format::Html));
     if format != Format::Html {
@@ -58,8 +59,9 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
 /// The counts of a selection: as JSON, or as the parts of the page that follow the slider.
 pub(crate) async fn what_if(request: PageRequest, Path(id): Path<String>) -> Answer {
     let parameters: RunParameters = request.parameters()?;
-    let (selection, order) = (parameters.selection()?, parameters.order()?);
+    let order = parameters.order()?;
     let summary = request.backend().summary(&ScoreRunId::parse("id", &id)?).await?;
+    let selection = parameters.selection(summary.run())?;
     let what = summary.what_if(selection).await?;
     match parameters.format(Format::Json) {
         Format::Html => Ok(following(&*summary, &what, order).into_response()),

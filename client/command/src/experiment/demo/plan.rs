@@ -115,7 +115,7 @@ mod tests {
         let mut training = TrainSpec::from_values(&training).unwrap().values();
         let pretraining = given(json!({"steps": 2_000, "batch": 64, "seed": 0}));
         let pretraining = PretrainSpec::from_values(&pretraining).unwrap().values();
-        let scoring = ScoreSpec::from_values(&given(json!({"normaliser": "quantile"}))).unwrap().values();
+        let scoring = ScoreSpec::from_values(&given(json!({"normaliser": "calibrated"}))).unwrap().values();
         let sent = |index: usize| {
             let stage = &graph.stages[index];
             let input = Input { kind: kinds[stage.input.unwrap()], id: "input", before: None };
@@ -134,7 +134,7 @@ mod tests {
         assert_eq!(training.remove("lambda"), Some(TrainSpec::default().weighting.settings["lambda"].clone()));
         assert_eq!(training.remove("weighting"), Some("quality".into()));
         assert_eq!(sent(2), (to_struct(&training), Some(Data::ExpertsOf("input".into()))));
-        assert_eq!(graph.stages[4].work, Work::Dataset { selection: Selection::beta(0.9) });
+        assert_eq!(graph.stages[4].work, Work::Dataset { selection: Selection::beta(0.5) });
         let inputs: Vec<Option<usize>> = graph.stages.iter().map(|stage| stage.input).collect();
         assert_eq!(inputs, [None, Some(0), Some(1), Some(1), Some(3), Some(4)]);
     }
@@ -150,7 +150,7 @@ mod tests {
         assert!(plan.cells().all(|cell| cell.episodes >= 200));
         assert_eq!((plan.drive.seed, plan.drive.sessions), (1_000_000, 4));
         assert!(plan.drive.seed > set.seed + recorded.iter().map(|(_, count)| *count as u64).sum::<u64>());
-        assert!(plan.cells().all(|cell| plan.betas.contains(&cell.beta)));
+        assert!(plan.cells().all(|cell| plan.betas.contains(&cell.beta())));
     }
 
     #[test]

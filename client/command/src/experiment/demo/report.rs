@@ -128,7 +128,7 @@ impl Report {
                 ),
             );
         }
-        let (episodes, beta) = (self.cell.episodes, self.cell.beta);
+        let (episodes, beta) = (self.cell.episodes, self.cell.beta());
         // The plan was checked, so both can be read.
         let training = self.cell.train_spec(0).unwrap_or_default();
         let lambda = training.weighting.settings.get("lambda").unwrap_or(&Value::Null);
@@ -226,7 +226,7 @@ mod tests {
             "| all | 6 | 100 | 0 | 0.750 | - | - |",
             "| 0.9 | 25 | 25.0 % | 50.0 % | 12.5 % |",
             "| experts | 1 of 4, 25.0 % | 2.0 ms | 4.2 ms |",
-            "The same 4 episodes for each, none of them recorded; the dataset's β is 0.9, λ is 0.1, q is the share of segments with a lower w.",
+            "The same 4 episodes for each, none of them recorded; the dataset's β is 0.5, λ is 0.1, q is the share of expert steps that are at least as far from other experts.",
             "| record | 1.5 | 10 episodes |",
             "| all | 1.8 | |",
         ] {

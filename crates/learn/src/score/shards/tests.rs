@@ -7,7 +7,7 @@ use gleaner_core::ScoreSpec;
 
 use super::*;
 use crate::peers::testing::ranks;
-use crate::score::tests::{encoder, score_anew, spec_of};
+use crate::score::tests::{encoder, minmax, score_anew, spec_of};
 use crate::score::{FeatureStore, Forgetful, ScoreBase, ScoreInputs, Scores, score_with};
 use crate::toy::{self, Recorder};
 use crate::trajectory::Trajectory;
@@ -125,7 +125,7 @@ fn ranks_extend_a_run_and_keep_features_as_one_process_does() {
 #[test]
 fn more_ranks_than_episodes_and_a_lone_expert_are_scored() {
     let (experts, imperfect) = (toy::experts(1, 9), failures(1));
-    let spec = ScoreSpec::default();
+    let spec = minmax();
     let alone = score_anew(&experts, &imperfect, &spec, &mut Recorder::default()).unwrap();
     assert!(alone.experts.is_empty());
     assert_same_bits(&shared(3, (&experts, &imperfect), (None, &Forgetful), &spec), &alone, "a lone expert");
@@ -136,7 +136,7 @@ fn an_error_in_the_part_of_one_rank_is_that_of_all() {
     let experts = toy::experts(1, 8);
     // Rank 1 meets the only expert, which is imperfect too.
     let imperfect = [failures(1), experts.clone()].concat();
-    let (spec, encoder) = (ScoreSpec::default(), encoder());
+    let (spec, encoder) = (minmax(), encoder());
     let inputs = || ScoreInputs { encoder: &encoder, experts: &experts, imperfect: &imperfect, kept: &Forgetful };
     let alone = score_anew(&experts, &imperfect, &spec, &mut Recorder::default()).unwrap_err().to_string();
     assert!(alone.starts_with("episode expert 0: is also the only expert"), "{alone}");

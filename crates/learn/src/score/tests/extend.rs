@@ -102,7 +102,7 @@ fn a_lone_expert_and_an_episode_that_changed_its_role_are_scored_as_in_a_full_ru
 #[test]
 fn a_run_with_one_expert_has_no_local_scale_and_is_not_extended() {
     let (experts, imperfect) = (toy::experts(2, 8), failures(2));
-    let spec = ScoreSpec::default();
+    let spec = minmax();
     let base = base(run(&experts[..1], &imperfect, &spec), &experts[..1]);
     let message = try_extend(&experts, &imperfect, &base, &spec).unwrap_err().to_string();
     assert!(message.starts_with("base.experts: ") && message.contains("score without extends"), "{message}");
