@@ -1,4 +1,4 @@
-// The process groups of libtorch behind six C functions. Each returns 0, or 1 with the reason in `message`, because no
+// The process groups of libtorch behind eight C functions. Each returns 0, or 1 with the reason in `message`, because no
 // exception may cross into Rust. src/bindings.rs has the same declarations.
 #include <torch/csrc/distributed/c10d/PrefixStore.hpp>
 #include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
@@ -73,6 +73,20 @@ int gleaner_store_open(const char *host, uint16_t *port, int serves, int ranks, 
     auto store = c10::make_intrusive<c10d::TCPStore>(host, options);
     *port = store->getPort();
     *out = new gleaner_store{store};
+  });
+}
+
+// Writes a value for the other ranks.
+int gleaner_store_set(gleaner_store *store, const char *key, const char *value, char *message, size_t room) {
+  return guarded(message, room, [&] { static_cast<c10d::Store &>(*store->store).set(key, std::string(value)); });
+}
+
+// Waits for a value of this key; `*same` is whether it is `value`.
+int gleaner_store_compare(gleaner_store *store, const char *key, const char *value, int64_t timeout_ms, int *same,
+                          char *message, size_t room) {
+  return guarded(message, room, [&] {
+    store->store->wait({key}, Milliseconds(timeout_ms));
+    *same = store->store->get_to_str(key) == value;
   });
 }
 

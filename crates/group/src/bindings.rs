@@ -32,6 +32,22 @@ unsafe extern "C" {
         message: *mut c_char,
         room: usize,
     ) -> c_int;
+    fn gleaner_store_set(
+        store: *mut RawStore,
+        key: *const c_char,
+        value: *const c_char,
+        message: *mut c_char,
+        room: usize,
+    ) -> c_int;
+    fn gleaner_store_compare(
+        store: *mut RawStore,
+        key: *const c_char,
+        value: *const c_char,
+        timeout_ms: i64,
+        same: *mut c_int,
+        message: *mut c_char,
+        room: usize,
+    ) -> c_int;
     fn gleaner_group_join(
         store: *mut RawStore,
         name: *const c_char,
@@ -90,6 +106,25 @@ impl Store {
             }
         })?;
         NonNull::new(out).map(|store| (Self(store), port)).ok_or_else(nothing)
+    }
+
+    /// Writes a value for the other ranks.
+    pub(crate) fn set(&self, key: &str, value: &str) -> Result<(), String> {
+        let (key, value) = (text(key)?, text(value)?);
+        // SAFETY: the store is alive, the strings are C strings and outlive the call, and `message` has room for `ROOM`
+        // bytes.
+        called(|message| unsafe { gleaner_store_set(self.0.as_ptr(), key.as_ptr(), value.as_ptr(), message, ROOM) })
+    }
+
+    /// Waits until a rank writes this key, and returns whether it wrote `value`.
+    pub(crate) fn compare(&self, key: &str, value: &str, timeout: Duration) -> Result<bool, String> {
+        let (key, value, mut same) = (text(key)?, text(value)?, 0);
+        let (timeout, found) = (milliseconds(timeout), &mut same);
+        // SAFETY: as in `set`; `found` is a place of this frame.
+        called(|message| unsafe {
+            gleaner_store_compare(self.0.as_ptr(), key.as_ptr(), value.as_ptr(), timeout, found, message, ROOM)
+        })?;
+        Ok(same != 0)
     }
 }
 

@@ -34,6 +34,14 @@ use tch::Tensor;
 use bindings::{Joined, Store};
 pub use error::GroupError;
 
+/// Most attempts of the ranks to connect to each other.
+const ATTEMPTS: u32 = 3;
+/// The part of gloo's message when all ranks came and their connections failed.
+const UNCONNECTED: &str = "connectFullMesh failed";
+/// What a rank writes about its connections.
+const YES: &str = "yes";
+const NO: &str = "no";
+
 /// Where the ranks of a group find each other.
 pub struct Meeting {
     store: Store,
@@ -87,6 +95,9 @@ impl Meeting {
 
     /// Joins the group of this name, which all its ranks share, and returns when all have joined.
     ///
+    /// Of many groups that three or more ranks of busy machines join, gloo loses a connection of some: the ranks then
+    /// try again together, under another name.
+    ///
     /// # Errors
     /// [`GroupError::Place`] for a place outside the group, [`GroupError::Join`] when another rank is missing after the
     /// timeout.
@@ -95,11 +106,40 @@ impl Meeting {
         if ranks != self.ranks || rank >= ranks {
             return Err(GroupError::Place { rank, ranks });
         }
-        let gpu = gpu && bindings::has_nccl();
-        let own = bindings::Place { name, rank, ranks, address: &address.to_string(), gpu };
-        let joined = Joined::new(&self.store, &own, self.timeout);
-        let joined = joined.map_err(|message| GroupError::of_join(rank, ranks, self.timeout, &message))?;
-        Ok(Group { joined, _store: self.store, rank, ranks, timeout: self.timeout, broken: None })
+        let (gpu, address) = (gpu && bindings::has_nccl(), address.to_string());
+        let failed = |message: String| GroupError::of_join(rank, ranks, self.timeout, &message);
+        let mut last = String::new();
+        for attempt in 0..ATTEMPTS {
+            let name = format!("{name}/{attempt}");
+            let own = bindings::Place { name: &name, rank, ranks, address: &address, gpu };
+            let joined = match Joined::new(&self.store, &own, self.timeout) {
+                Err(message) if !message.contains(UNCONNECTED) => return Err(failed(message)),
+                joined => joined,
+            };
+            if self.all_connected(&name, rank, joined.is_ok()).map_err(failed)? {
+                let joined = joined.map_err(failed)?;
+                return Ok(Group { joined, _store: self.store, rank, ranks, timeout: self.timeout, broken: None });
+            }
+            last = joined.err().unwrap_or_else(|| "another rank could not connect".to_owned());
+        }
+        Err(failed(last))
+    }
+
+    /// Whether every rank connected to all others, as each writes into the store.
+    fn all_connected(&self, name: &str, rank: u32, own: bool) -> Result<bool, String> {
+        let key = |what: &str, rank: u32| format!("{name}/{what}/{rank}");
+        self.store.set(&key("connected", rank), if own { YES } else { NO })?;
+        let mut all = true;
+        for rank in 0..self.ranks {
+            all &= self.store.compare(&key("connected", rank), YES, self.timeout)?;
+        }
+        self.store.set(&key("read", rank), YES)?;
+        // Rank 0 serves the store, and may close it once all have read it.
+        let readers = if rank == 0 { self.ranks } else { 0 };
+        for rank in 0..readers {
+            self.store.compare(&key("read", rank), YES, self.timeout)?;
+        }
+        Ok(all)
     }
 }
 
@@ -170,5 +210,39 @@ impl Group {
 impl std::fmt::Debug for Group {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Group").field("rank", &self.rank).field("ranks", &self.ranks).finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{net::Ipv4Addr, thread};
+
+    use super::*;
+
+    #[test]
+    fn ranks_try_again_together_when_one_lost_a_connection() {
+        const LOCAL: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
+        let timeout = Duration::from_secs(20);
+        let meeting = Meeting::open(2, timeout).unwrap();
+        let at = SocketAddr::new(LOCAL, meeting.port());
+        // Reports a lost connection at the first attempt.
+        let other = thread::spawn(move || {
+            let meeting = Meeting::find(at, 2, timeout).unwrap();
+            let joined = |attempt: u32, connected: bool| {
+                let name = format!("test/{attempt}");
+                let own = bindings::Place { name: &name, rank: 1, ranks: 2, address: "127.0.0.1", gpu: false };
+                let joined = Joined::new(&meeting.store, &own, timeout).unwrap();
+                assert_eq!(meeting.all_connected(&name, 1, connected).unwrap(), connected);
+                joined
+            };
+            drop(joined(0, false));
+            let mut tensor = Tensor::from_slice(&[2f32]);
+            joined(1, true).sum(&mut tensor).unwrap();
+            tensor.double_value(&[0])
+        });
+        let mut group = meeting.join("test", Place { rank: 0, ranks: 2, address: LOCAL, gpu: false }).unwrap();
+        let mut tensor = Tensor::from_slice(&[1f32]);
+        group.sum(&mut tensor).unwrap();
+        assert_eq!((tensor.double_value(&[0]), other.join().unwrap()), (3.0, 3.0));
     }
 }
