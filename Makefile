@@ -137,7 +137,8 @@ lint-python: $(PYTHON_ENV)
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy $(LONE_SCRIPTS)
 
 # Exports of the end-to-end tests, opened by lerobot itself, which trains ACT on them for some steps. LEROBOT=0.4 needs
-# Python 3.11, 0.6 needs 3.12 or newer (PYTHON=python3.12). Installs PyTorch and lerobot (8 GB) the first time.
+# Python 3.11 and, for video, FFmpeg's libraries (Debian: ffmpeg); 0.6 needs Python 3.12 or newer (PYTHON=python3.12). Installs
+# PyTorch and lerobot (8 GB) the first time.
 LEROBOT ?= 0.6
 LEROBOT_ENV = target/lerobot-$(LEROBOT)
 EXPORTS = target/tmp/exports
