@@ -5,6 +5,10 @@
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "tests alone use this crate")]
 
+mod proxy;
+
+pub use proxy::Proxy;
+
 use std::{
     fs,
     io::{Read as _, Write as _},
@@ -170,6 +174,11 @@ impl Server {
         self.keeper = Some(keeper);
         let log = || fs::read_to_string(self.folder.path().join("log")).unwrap_or_default();
         assert!(answer.contains("started"), "PostgreSQL does not start: {}", log());
+    }
+
+    /// The socket on which it listens.
+    fn socket(&self) -> PathBuf {
+        self.folder.path().join(".s.PGSQL.5432")
     }
 
     fn psql(&self, database: &str, statement: &str) -> Command {

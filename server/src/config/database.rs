@@ -6,7 +6,7 @@ use clap::Args;
 use gleaner_core::Secret;
 
 /// The database.
-#[derive(Debug, Clone, Default, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Database")]
 pub struct DatabaseConfig {
     /// PostgreSQL database to use in place of the SQLite file in the data folder: postgres://USER@HOST:PORT/NAME, or
@@ -19,6 +19,26 @@ pub struct DatabaseConfig {
     /// File whose content is the password of the database in PostgreSQL. It replaces a password in the address.
     #[arg(long, env = "GLEANER_DATABASE_PASSWORD_FILE", value_name = "FILE", global = true)]
     pub database_password_file: Option<PathBuf>,
+    /// Fail a call with UNAVAILABLE when PostgreSQL sends nothing for this many seconds, 2 to 3600, as after a cut cable;
+    /// its connection is then replaced. A statement that takes longer fails too.
+    #[arg(
+        long,
+        env = "GLEANER_DATABASE_TIMEOUT_SECONDS",
+        default_value_t = TIMEOUT,
+        value_name = "SECONDS",
+        value_parser = clap::value_parser!(u64).range(2..=3600),
+        global = true
+    )]
+    pub database_timeout_seconds: u64,
+}
+
+/// The default of `--database-timeout-seconds`.
+const TIMEOUT: u64 = 10;
+
+impl Default for DatabaseConfig {
+    fn default() -> Self {
+        Self { database: None, database_password_file: None, database_timeout_seconds: TIMEOUT }
+    }
 }
 
 impl DatabaseConfig {

@@ -1,5 +1,5 @@
-//! Watches the disk and the files of the data folder; logs when the disk fills up and when the database was deleted or
-//! replaced under the server. Every write also checks this on its own.
+//! Watches the disk, and that the database and the files of the data folder are the ones that were opened; logs when the
+//! disk fills up and when one of them was deleted or replaced. Every write also checks this on its own.
 
 use std::{path::PathBuf, time::Duration};
 
@@ -17,18 +17,22 @@ pub(super) async fn watch_disk(blobs: Blobs) {
     }
 }
 
-/// Watches the files of the data folder until one is lost; then logs that, and saves the content of the open database.
+/// Watches the files of the data folder and the database until one is lost; then logs that, and saves the content of an
+/// open SQLite database.
 pub(super) async fn watch_files(store: Store, data_dir: PathBuf) {
     let lost = store.lost();
     loop {
         if let Err(error) = store.verify() {
-            tracing::error!(%error, "the data folder was changed under the server");
+            tracing::error!(%error, "the database or a file of the data folder is not the one that the server opened");
             break;
         }
         tokio::select! {
             () = lost.cancelled() => {}
             () = tokio::time::sleep(LOOK_AT_FILES_EVERY) => {}
         }
+    }
+    if store.is_in_postgres() {
+        return;
     }
     let saved = data_dir.join(format!("gleaner-saved-{}.db", Millis::now().0));
     match store.copy_to(&saved).await {

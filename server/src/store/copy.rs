@@ -40,7 +40,7 @@ impl Store {
     /// # Errors
     /// Precondition when the database is in PostgreSQL; Exhausted when the disk is full; Internal when the database is damaged or the file exists already.
     pub(crate) async fn copy_to(&self, path: &Path) -> Result<()> {
-        if let Pool::Postgres(_) = self.readers {
+        if self.is_in_postgres() {
             return Err(Error::precondition("the database is in PostgreSQL: copy it with `pg_dump`"));
         }
         sql::query("vacuum into $1")

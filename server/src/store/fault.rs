@@ -64,7 +64,10 @@ fn refusal(code: i32, limited: bool) -> Option<&'static str> {
 }
 
 fn too_slow() -> Error {
-    Error::unavailable("the server's database is busy: its disk is slow or another process holds it; retry")
+    Error::unavailable(
+        "the server's database is busy or does not answer: its disk is slow, another process holds it, or its connection \
+         hangs; retry",
+    )
 }
 
 fn away(doing: &'static str, error: sqlx::Error) -> Error {
@@ -102,7 +105,7 @@ pub(super) fn connecting(shown: impl Display, error: sqlx::Error) -> Error {
     let help = match (&error, code.as_str()) {
         (sqlx::Error::PoolTimedOut, _) => {
             return Error::precondition(format!(
-                "{shown}: PostgreSQL did not answer within 10 seconds; check the host and port of --database, and that its \
+                "{shown}: PostgreSQL did not answer in time (--database-timeout-seconds); check the host and port of --database, and that its \
                  server runs"
             ));
         }

@@ -96,6 +96,11 @@ impl Store {
         self.verify()
     }
 
+    /// Whether the database is in PostgreSQL, whose copies are not this server's.
+    pub(crate) fn is_in_postgres(&self) -> bool {
+        matches!(self.readers, Pool::Postgres(_))
+    }
+
     /// The pool to read from.
     fn read(&self) -> &Pool {
         &self.readers

@@ -1,21 +1,14 @@
-//! Opening PostgreSQL: for the one server that uses a database, and for commands beside it.
-//!
-//! The connection that writes holds a lock of the whole session, so that every write of a server is made while no other
-//! server has the database: a server whose connection was lost writes again only after it has the lock again.
+//! The address of a database in PostgreSQL, and whether it can be used.
 
-use std::{
-    fmt, fs,
-    str::FromStr as _,
-    sync::{Arc, OnceLock},
-    time::Duration,
-};
+mod connections;
+mod leader;
+mod pool;
 
-use sqlx::{
-    Connection as _, Executor as _, PgConnection,
-    postgres::{PgConnectOptions, PgPoolOptions},
-};
+use std::{fmt, fs, str::FromStr as _, time::Duration};
 
-use super::{Store, fault::connecting, schema, sql::Pool, tie::Tie};
+use sqlx::{Connection as _, PgConnection, postgres::PgConnectOptions};
+
+use super::{fault::connecting, sql::within};
 use crate::{
     config::DatabaseConfig,
     error::{Error, Result},
@@ -23,14 +16,10 @@ use crate::{
 
 /// The oldest version of PostgreSQL that the tests run on.
 const OLDEST: i32 = 150_000;
-/// Connections that read; one more writes.
-const READERS: u32 = 8;
-/// Longest wait for a connection, and for other writers.
-const PATIENCE: Duration = Duration::from_secs(10);
 /// Settings of every session. A server whose machine or network is lost must not keep its lock for hours. A rollback
 /// without a transaction sends no notice.
 const SESSION: [(&str, &str); 5] = [
-    ("lock_timeout", "10s"),
+    ("tcp_user_timeout", "30000"),
     ("tcp_keepalives_idle", "15"),
     ("tcp_keepalives_interval", "5"),
     ("tcp_keepalives_count", "3"),
@@ -42,13 +31,12 @@ const PARAMETERS: [&str; 6] = ["host", "port", "sslmode", "sslrootcert", "sslcer
 /// Statements that a connection keeps prepared: every one of the store.
 const PREPARED: usize = 400;
 
-/// The key of the lock that the one server of a database holds.
-const SERVER_LOCK: i64 = 7_236_279_350_437_208_691;
-
 /// The address of a PostgreSQL database. It is shown without the password.
 #[derive(Clone)]
 pub(crate) struct Postgres {
     options: PgConnectOptions,
+    /// The longest wait for a connection, and the longest silence on one.
+    timeout: Duration,
 }
 
 impl Postgres {
@@ -58,7 +46,7 @@ impl Postgres {
     /// Invalid names the flag.
     pub(crate) fn configured(config: &DatabaseConfig) -> Result<Option<Self>> {
         let Some(url) = &config.database else { return Ok(None) };
-        let Self { options } = Self::at(url.reveal())?;
+        let Self { options, .. } = Self::at(url.reveal())?;
         let options = match &config.database_password_file {
             None => options,
             Some(file) => {
@@ -69,7 +57,7 @@ impl Postgres {
                 options.password(password.trim_end_matches(['\r', '\n']))
             }
         };
-        Ok(Some(Self { options }))
+        Ok(Some(Self { options, timeout: Duration::from_secs(config.database_timeout_seconds) }))
     }
 
     /// The database at an address: postgres://USER@HOST:PORT/NAME.
@@ -91,13 +79,20 @@ impl Postgres {
         let options = PgConnectOptions::from_str(url)
             .map_err(|error| Error::invalid("--database", format!("not an address of PostgreSQL: {error}")))?;
         let options = options.application_name("gleaner-server").options(SESSION);
-        Ok(Self { options: options.statement_cache_capacity(PREPARED) })
+        let timeout = Duration::from_secs(DatabaseConfig::default().database_timeout_seconds);
+        Ok(Self { options: options.statement_cache_capacity(PREPARED), timeout })
+    }
+
+    /// The same with a name for its connections that no other server has.
+    fn of_one_server(&self) -> Self {
+        let name = format!("gleaner-server {:08x}", rand::random::<u32>());
+        Self { options: self.options.clone().application_name(&name), timeout: self.timeout }
     }
 
     /// A connection for a look before the database is opened.
     async fn look(&self) -> Result<PgConnection> {
-        let connected = tokio::time::timeout(PATIENCE, PgConnection::connect_with(&self.options)).await;
-        connected.unwrap_or(Err(sqlx::Error::PoolTimedOut)).map_err(|error| connecting(self, error))
+        let connected = within(self.timeout, PgConnection::connect_with(&self.options)).await;
+        connected.map_err(|error| connecting(self, error))
     }
 
     /// Rejects a server that is too old, a database of other programs, and one that another server uses.
@@ -131,36 +126,9 @@ impl Postgres {
             )));
         }
         if serving {
-            self.expect_no_server(&mut connection).await?;
+            leader::expect_none(self, &mut connection).await?;
         }
         connection.close().await.map_err(doing)
-    }
-
-    /// Rejects a database that a server uses.
-    async fn expect_no_server(&self, connection: &mut PgConnection) -> Result<()> {
-        let free: bool = sqlx::query_scalar("select pg_try_advisory_lock($1)")
-            .bind(SERVER_LOCK)
-            .fetch_one(&mut *connection)
-            .await
-            .map_err(|error| connecting(self, error))?;
-        if free {
-            return Ok(());
-        }
-        // The key of a lock is stored in two halves.
-        let place: Option<String> = sqlx::query_scalar(
-            "select coalesce(host(client_addr), 'the machine of the database') from pg_catalog.pg_locks \
-             join pg_catalog.pg_stat_activity using (pid) \
-             where locktype = 'advisory' and granted and (classid::bigint << 32) | objid::bigint = $1 limit 1",
-        )
-        .bind(SERVER_LOCK)
-        .fetch_optional(connection)
-        .await
-        .map_err(|error| connecting(self, error))?;
-        let place = place.map(|place| format!(", connected from {place}")).unwrap_or_default();
-        Err(Error::precondition(format!(
-            "{self}: another gleaner-server uses this database{place}. A database has one server: stop the other one, or \
-             name another database with --database"
-        )))
     }
 }
 
@@ -180,95 +148,6 @@ impl fmt::Debug for Postgres {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Postgres({self})")
     }
-}
-
-impl Store {
-    /// Opens a database for the one server that uses it, and brings its schema up to date.
-    ///
-    /// # Errors
-    /// Precondition when PostgreSQL cannot be reached or is too old, when it rejects the user, when another server uses
-    /// the database, or when that is newer than this program.
-    pub(crate) async fn serve_postgres(at: &Postgres) -> Result<Self> {
-        at.expect_usable(true).await?;
-        let doing = |error| connecting(at, error);
-        let tie = Arc::<OnceLock<Tie>>::default();
-        // The connection that writes stays open, because it holds the lock of this server.
-        let writer = patient(1).idle_timeout(None).max_lifetime(None);
-        let writer = writer.after_connect({
-            let tie = Arc::clone(&tie);
-            move |connection, _| Box::pin(take_over(connection, Arc::clone(&tie)))
-        });
-        let writer = writer.connect_with(at.options.clone()).await.map_err(doing)?;
-        let fsync: String = sqlx::query_scalar("show fsync").fetch_one(&writer).await.map_err(doing)?;
-        if fsync == "off" {
-            tracing::warn!(database = %at, "fsync is off in PostgreSQL: a power cut can lose acknowledged data");
-        }
-        schema::update(&Pool::Postgres(writer.clone()), at).await?;
-        let readers = patient(READERS).connect_with(at.options.clone()).await.map_err(doing)?;
-        Ok(Self { writer: Pool::Postgres(writer), readers: Pool::Postgres(readers), tie })
-    }
-
-    /// Opens a database to read it, of any schema or none.
-    ///
-    /// # Errors
-    /// Precondition when it cannot be used.
-    pub(crate) async fn look_at(at: &Postgres) -> Result<Self> {
-        at.expect_usable(false).await?;
-        let options = at.options.clone().options([("default_transaction_read_only", "on")]);
-        let pool = patient(1).connect_with(options).await.map_err(|error| connecting(at, error))?;
-        Ok(Self::untied(Pool::Postgres(pool.clone()), Pool::Postgres(pool)))
-    }
-
-    /// Opens a database that a server may use, for a few writes of a command.
-    ///
-    /// # Errors
-    /// Precondition when it cannot be used, is empty, or has another schema than this program.
-    pub(crate) async fn open_beside(at: &Postgres) -> Result<Self> {
-        at.expect_usable(false).await?;
-        let pool = patient(1).after_connect(|connection, _| Box::pin(durable(connection)));
-        let pool = Pool::Postgres(pool.connect_with(at.options.clone()).await.map_err(|error| connecting(at, error))?);
-        match schema::known(&pool, at).await? {
-            found if found == schema::newest() => Ok(Self::untied(pool.clone(), pool)),
-            0 => Err(Error::precondition(format!("{at}: the database is empty; start a server with it first"))),
-            found => Err(Error::precondition(format!(
-                "{at}: the database has schema version {found}, and this program {}; start its server once, or use the \
-                 gleaner-server of that version",
-                schema::newest()
-            ))),
-        }
-    }
-}
-
-/// Makes a connection the one that writes: with the lock of the one server, to a database that has everything that was
-/// acknowledged. The database may be a replica that took over and had not received all of it.
-async fn take_over(connection: &mut PgConnection, tie: Arc<OnceLock<Tie>>) -> sqlx::Result<()> {
-    durable(connection).await?;
-    let lock = sqlx::query_scalar("select pg_try_advisory_lock($1)").bind(SERVER_LOCK);
-    if !lock.fetch_one(&mut *connection).await? {
-        return Err(sqlx::Error::Configuration("another server has the database".into()));
-    }
-    let Some(tie) = tie.get() else { return Ok(()) };
-    let (folder, generation): (String, i64) =
-        sqlx::query_as("select folder, generation from lab").fetch_one(connection).await?;
-    match tie.is_still(&folder, u64::try_from(generation).unwrap_or(0)) {
-        true => Ok(()),
-        false => Err(sqlx::Error::Configuration("the database is not the one that the server used".into())),
-    }
-}
-
-fn patient(connections: u32) -> PgPoolOptions {
-    let options = PgPoolOptions::new().max_connections(connections).acquire_timeout(PATIENCE);
-    // A transaction whose beginning was interrupted, by a caller that is gone or a lock that was not had, is open in
-    // PostgreSQL and unknown to sqlx.
-    options.after_release(|connection, _| Box::pin(async move { connection.execute("rollback").await.map(|_| true) }))
-}
-
-/// Has a commit return once it is on disk, also where the database is set up to return earlier. A stricter setting, of a
-/// database with replicas, stays.
-async fn durable(connection: &mut PgConnection) -> sqlx::Result<()> {
-    let on = "select set_config('synchronous_commit', 'on', false) where current_setting('synchronous_commit') = 'off'";
-    sqlx::query(on).execute(connection).await?;
-    Ok(())
 }
 
 #[cfg(test)]

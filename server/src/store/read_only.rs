@@ -85,7 +85,7 @@ impl ReadOnlyDatabase {
 impl Store {
     /// SQLite's own integrity findings, and dangling rows. PostgreSQL has none: it enforces references itself.
     pub(crate) async fn integrity(&self) -> Result<Vec<(String, String)>> {
-        if let Pool::Postgres(_) = self.readers {
+        if self.is_in_postgres() {
             return Ok(Vec::new());
         }
         let fault = || fault("checking the database");

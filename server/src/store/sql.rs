@@ -6,9 +6,10 @@
 
 mod builder;
 mod connection;
+mod silence;
 mod value;
 
-use futures::{StreamExt as _, stream::BoxStream};
+use futures::{StreamExt as _, TryStreamExt as _, stream::BoxStream};
 use sqlx::{
     Arguments as _, AssertSqlSafe, Encode, Postgres, SqlSafeStr, SqlStr, Sqlite, Type,
     error::BoxDynError,
@@ -20,6 +21,7 @@ use sqlx::{
 pub(super) use self::{
     builder::QueryBuilder,
     connection::{Pool, Target, Transaction},
+    silence::within,
     value::{Argument, Form, Index, Row, Value},
 };
 
@@ -44,8 +46,11 @@ macro_rules! run {
         match $on.into() {
             Target::SqlitePool(pool) => $statement.sqlite()?.$method(pool).await,
             Target::Sqlite(connection) => $statement.sqlite()?.$method(connection).await,
-            Target::PostgresPool(pool) => $statement.postgres()?.$method(pool).await,
-            Target::Postgres(connection) => $statement.postgres()?.$method(connection).await,
+            Target::PostgresPool(pool) => {
+                let mut connection = pool.acquire().await?;
+                within(silence::limit(pool), $statement.postgres()?.$method(&mut *connection)).await
+            }
+            Target::Postgres(connection, limit) => within(limit, $statement.postgres()?.$method(connection)).await,
         }
     };
 }
@@ -74,9 +79,14 @@ impl Statement {
         match on.into() {
             Target::SqlitePool(pool) => Ok(sqlite(text, values)?.execute(pool).await?.rows_affected()),
             Target::Sqlite(connection) => Ok(sqlite(text, values)?.execute(connection).await?.rows_affected()),
-            Target::PostgresPool(pool) => Ok(postgres(text, numbered, values)?.execute(pool).await?.rows_affected()),
-            Target::Postgres(connection) => {
-                Ok(postgres(text, numbered, values)?.execute(connection).await?.rows_affected())
+            Target::PostgresPool(pool) => {
+                let mut connection = pool.acquire().await?;
+                let done = postgres(text, numbered, values)?.execute(&mut *connection);
+                Ok(within(silence::limit(pool), done).await?.rows_affected())
+            }
+            Target::Postgres(connection, limit) => {
+                let done = postgres(text, numbered, values)?.execute(connection);
+                Ok(within(limit, done).await?.rows_affected())
             }
         }
     }
@@ -107,7 +117,18 @@ impl<M> Statement<M> {
         M: FnMut(Row) -> sqlx::Result<T> + Send,
         T: Send + Unpin,
     {
-        run!(self, on, fetch_all)
+        match on.into() {
+            Target::SqlitePool(pool) => self.sqlite()?.fetch_all(pool).await,
+            Target::Sqlite(connection) => self.sqlite()?.fetch_all(connection).await,
+            Target::PostgresPool(pool) => {
+                let mut connection = pool.acquire().await?;
+                let limit = silence::limit(pool);
+                silence::rows_within(limit, limit, self.postgres()?.fetch(&mut *connection)).try_collect().await
+            }
+            Target::Postgres(connection, limit) => {
+                silence::rows_within(limit, limit, self.postgres()?.fetch(connection)).try_collect().await
+            }
+        }
     }
 
     /// Row after row, as they arrive.
@@ -119,8 +140,14 @@ impl<M> Statement<M> {
         let rows = match on.into() {
             Target::SqlitePool(pool) => self.sqlite().map(|query| query.fetch(pool)),
             Target::Sqlite(connection) => self.sqlite().map(|query| query.fetch(connection)),
-            Target::PostgresPool(pool) => self.postgres().map(|query| query.fetch(pool)),
-            Target::Postgres(connection) => self.postgres().map(|query| query.fetch(connection)),
+            Target::PostgresPool(pool) => {
+                let limit = silence::limit(pool);
+                // The wait for a connection, which has the same limit, comes first.
+                self.postgres().map(|query| silence::rows_within(limit * 2, limit, query.fetch(pool)))
+            }
+            Target::Postgres(connection, limit) => {
+                self.postgres().map(|query| silence::rows_within(limit, limit, query.fetch(connection)))
+            }
         };
         rows.unwrap_or_else(|error| futures::stream::iter([Err(error)]).boxed())
     }

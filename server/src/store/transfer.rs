@@ -83,7 +83,7 @@ impl Store {
             let copied = rows(&mut tx, &select, &columns);
             counts.push((table, compare(rows(self.read(), &select, &columns), copied, table).await?));
         }
-        if let Transaction::Postgres(_) = tx {
+        if let Transaction::Postgres(..) = tx {
             for (table, number) in NUMBERED {
                 let last = format!("(select max({number}) from {table})");
                 let sequence = format!("pg_get_serial_sequence('{table}', '{number}')");

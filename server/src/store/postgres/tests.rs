@@ -1,13 +1,13 @@
 //! One server has a database in PostgreSQL, and survives the loss of its connections. Run where `GLEANER_TEST_DATABASE`
 //! selects PostgreSQL.
 
-use gleaner_test_postgres::{GUARDED_ROLE, PASSWORD, Server};
+use gleaner_test_postgres::{GUARDED_ROLE, PASSWORD, Proxy, Server};
 
 use super::*;
 use crate::{
     domain::episode::Outcome,
     error::Kind,
-    store::{Database, testing},
+    store::{Database, Store, fault::fault, schema, testing},
 };
 
 /// Whether the tests run on PostgreSQL; else prints that one is skipped.
@@ -91,6 +91,62 @@ async fn lost_connections_are_unavailable_until_postgresql_is_back() {
     }
 }
 
+/// A cut cable gives no error: no byte arrives any more, and PostgreSQL gets no end of the connection either, so that the
+/// one that hangs still holds the lock of the server.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn connections_that_hang_fail_their_calls_in_time_and_are_replaced() {
+    if !selected() {
+        return;
+    }
+    let server = gleaner_test_postgres::shared();
+    let proxy = Proxy::start(server);
+    let timeout = Duration::from_secs(2);
+    let at = Postgres { timeout, ..Postgres::at(&proxy.url(&server.database())).unwrap() };
+    let store = Store::serve_postgres(&at).await.unwrap();
+    let task = testing::task(&store).await;
+    let slowest = timeout * 4;
+    // Within a transaction, then on the connections of the pools.
+    let mut tx = store.write().await.unwrap();
+    proxy.cut();
+    let statement = super::super::row::query_as("select generation from lab").fetch_one(&mut tx);
+    let read: sqlx::Result<i64> = tokio::time::timeout(slowest, statement).await.unwrap();
+    let error = fault("waiting")(read.unwrap_err());
+    assert!(error.kind() == Kind::Unavailable && error.message().contains("retry"), "{error}");
+    drop(tx);
+    for _ in 0..2 {
+        let upload = testing::upload(&task, b"lost");
+        let both = async { tokio::join!(store.tasks(), store.insert_upload(&upload, None)) };
+        let (read, written) = tokio::time::timeout(slowest, both).await.unwrap();
+        for error in [read.map(drop).unwrap_err(), written.map(drop).unwrap_err()] {
+            assert!(error.kind() == Kind::Unavailable && error.message().contains("retry"), "{error}");
+        }
+    }
+    proxy.restore();
+    let upload = testing::upload(&task, b"late");
+    assert!(store.insert_upload(&upload, None).await.unwrap());
+    assert_eq!(store.tasks().await.unwrap().len(), 1);
+    assert_eq!(store.uploads().await.unwrap().len(), 1);
+}
+
+/// A statement that takes as long as its connection answers is not the same as one without an answer.
+#[tokio::test]
+async fn rows_may_take_longer_than_the_longest_silence_together() {
+    if !selected() {
+        return;
+    }
+    let timeout = Duration::from_secs(2);
+    let at = Postgres { timeout, ..testing::postgres().await };
+    let store = Store::serve_postgres(&at).await.unwrap();
+    // PostgreSQL collects rows until they fill a buffer of 8 KiB.
+    let slow = "select repeat('x', 20000) from generate_series(1, 6) where pg_sleep(0.5) is not null";
+    let rows: Vec<String> = super::super::row::query_as(slow).fetch_all(store.read()).await.unwrap();
+    assert_eq!(rows.len(), 6);
+    let silent = super::super::row::query_as("select 'late' where pg_sleep(60) is not null");
+    let late: sqlx::Result<Vec<String>> = silent.fetch_all(store.read()).await;
+    let error = fault("waiting")(late.unwrap_err());
+    assert_eq!(error.kind(), Kind::Unavailable, "{error}");
+}
+
 /// What a failover to a replica that lags looks like: another generation behind the same address.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_earlier_copy_that_takes_over_ends_the_writes() {
@@ -165,7 +221,8 @@ async fn passwords_come_from_a_file_and_are_never_shown() {
     let file = dir.path().join("password");
     fs::write(&file, format!("{PASSWORD}\n")).unwrap();
     let url = server.url_as(&format!("{GUARDED_ROLE}:hunter2"), &server.database());
-    let config = DatabaseConfig { database: Some(url.into()), database_password_file: Some(file) };
+    let config =
+        DatabaseConfig { database: Some(url.into()), database_password_file: Some(file), ..DatabaseConfig::default() };
     let at = Postgres::configured(&config).unwrap().unwrap();
     Store::serve_postgres(&at).await.unwrap().close().await;
     for shown in [at.to_string(), format!("{at:?}"), format!("{config:?}")] {

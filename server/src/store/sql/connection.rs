@@ -1,6 +1,10 @@
 //! Pools and transactions of either database.
 
+use std::time::Duration;
+
 use sqlx::{PgConnection, PgPool, Postgres, Sqlite, SqliteConnection, SqlitePool};
+
+use super::silence::{self, within};
 
 /// Connections to a database.
 #[derive(Debug, Clone)]
@@ -12,7 +16,8 @@ pub(in crate::store) enum Pool {
 /// A transaction; dropped, it is rolled back.
 pub(in crate::store) enum Transaction {
     Sqlite(sqlx::Transaction<'static, Sqlite>),
-    Postgres(sqlx::Transaction<'static, Postgres>),
+    /// With the longest silence of its connection.
+    Postgres(sqlx::Transaction<'static, Postgres>, Duration),
 }
 
 /// What a statement runs on.
@@ -20,7 +25,8 @@ pub(in crate::store) enum Target<'e> {
     SqlitePool(&'e SqlitePool),
     Sqlite(&'e mut SqliteConnection),
     PostgresPool(&'e PgPool),
-    Postgres(&'e mut PgConnection),
+    /// With the longest silence of the connection.
+    Postgres(&'e mut PgConnection, Duration),
 }
 
 /// The start of a write on PostgreSQL: one at a time in the whole database, as SQLite's `begin immediate` has it, so that
@@ -33,7 +39,7 @@ impl Pool {
         match self {
             // Immediate: a transaction that becomes a write later would fail at once.
             Self::Sqlite(pool) => pool.begin_with("begin immediate").await.map(Transaction::Sqlite),
-            Self::Postgres(pool) => pool.begin_with(POSTGRES_WRITE).await.map(Transaction::Postgres),
+            Self::Postgres(pool) => begin(pool, POSTGRES_WRITE).await,
         }
     }
 
@@ -41,9 +47,7 @@ impl Pool {
     pub(in crate::store) async fn begin_read(&self) -> sqlx::Result<Transaction> {
         match self {
             Self::Sqlite(pool) => pool.begin().await.map(Transaction::Sqlite),
-            Self::Postgres(pool) => {
-                pool.begin_with("begin isolation level repeatable read read only").await.map(Transaction::Postgres)
-            }
+            Self::Postgres(pool) => begin(pool, "begin isolation level repeatable read read only").await,
         }
     }
 
@@ -51,7 +55,10 @@ impl Pool {
     pub(in crate::store) async fn close(&self) {
         match self {
             Self::Sqlite(pool) => pool.close().await,
-            Self::Postgres(pool) => pool.close().await,
+            Self::Postgres(pool) => {
+                // A connection that hangs must not delay the end of the process.
+                let _: Result<(), _> = tokio::time::timeout(silence::limit(pool), pool.close()).await;
+            }
         }
     }
 }
@@ -60,7 +67,7 @@ impl Transaction {
     pub(in crate::store) async fn commit(self) -> sqlx::Result<()> {
         match self {
             Self::Sqlite(transaction) => transaction.commit().await,
-            Self::Postgres(transaction) => transaction.commit().await,
+            Self::Postgres(transaction, limit) => within(limit, transaction.commit()).await,
         }
     }
 }
@@ -74,11 +81,18 @@ impl<'e> From<&'e Pool> for Target<'e> {
     }
 }
 
+async fn begin(pool: &PgPool, statement: &'static str) -> sqlx::Result<Transaction> {
+    let limit = silence::limit(pool);
+    // The wait for a connection, which has the same limit, comes first.
+    let transaction = within(limit * 2, pool.begin_with(statement)).await?;
+    Ok(Transaction::Postgres(transaction, limit))
+}
+
 impl<'e> From<&'e mut Transaction> for Target<'e> {
     fn from(transaction: &'e mut Transaction) -> Self {
         match transaction {
             Transaction::Sqlite(transaction) => Self::Sqlite(transaction),
-            Transaction::Postgres(transaction) => Self::Postgres(transaction),
+            Transaction::Postgres(transaction, limit) => Self::Postgres(transaction, *limit),
         }
     }
 }

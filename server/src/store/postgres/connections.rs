@@ -1,0 +1,118 @@
+//! Opening PostgreSQL: for the one server that uses a database, and for commands beside it.
+//!
+//! The connection that writes holds a lock of the whole session, so that every write of a server is made while no other
+//! server has the database: a server whose connection was lost writes again only after it has the lock again.
+
+use std::{
+    sync::{Arc, OnceLock},
+    time::Duration,
+};
+
+use sqlx::PgConnection;
+
+use super::{
+    super::{Store, fault::connecting, schema, sql::Pool, tie::Tie},
+    Postgres, leader,
+    pool::{Begin, begin, pool},
+};
+use crate::error::{Error, Result};
+
+/// Connections that read; one more writes.
+const READERS: u32 = 8;
+
+impl Store {
+    /// Opens a database for the one server that uses it, and brings its schema up to date.
+    ///
+    /// # Errors
+    /// Precondition when PostgreSQL cannot be reached or is too old, when it rejects the user, when another server uses
+    /// the database, or when that is newer than this program.
+    pub(crate) async fn serve_postgres(at: &Postgres) -> Result<Self> {
+        at.expect_usable(true).await?;
+        let at = &at.of_one_server();
+        let doing = |error| connecting(at, error);
+        let tie = Arc::<OnceLock<Tie>>::default();
+        // The connection that writes stays open, because it holds the lock of this server.
+        let writer = pool(at, 1, leading(&tie, at)).idle_timeout(None).max_lifetime(None);
+        let writer = writer.connect_with(at.options.clone()).await.map_err(doing)?;
+        let fsync: String = sqlx::query_scalar("show fsync").fetch_one(&writer).await.map_err(doing)?;
+        if fsync == "off" {
+            tracing::warn!(database = %at, "fsync is off in PostgreSQL: a power cut can lose acknowledged data");
+        }
+        schema::update(&Pool::Postgres(writer.clone()), at).await?;
+        let readers = pool(at, READERS, reading()).connect_with(at.options.clone()).await.map_err(doing)?;
+        Ok(Self { writer: Pool::Postgres(writer), readers: Pool::Postgres(readers), tie })
+    }
+
+    /// Opens a database to read it, of any schema or none.
+    ///
+    /// # Errors
+    /// Precondition when it cannot be used.
+    pub(crate) async fn look_at(at: &Postgres) -> Result<Self> {
+        at.expect_usable(false).await?;
+        let options = at.options.clone().options([("default_transaction_read_only", "on")]);
+        let pool = pool(at, 1, reading()).connect_with(options).await.map_err(|error| connecting(at, error))?;
+        Ok(Self::untied(Pool::Postgres(pool.clone()), Pool::Postgres(pool)))
+    }
+
+    /// Opens a database that a server may use, for a few writes of a command.
+    ///
+    /// # Errors
+    /// Precondition when it cannot be used, is empty, or has another schema than this program.
+    pub(crate) async fn open_beside(at: &Postgres) -> Result<Self> {
+        at.expect_usable(false).await?;
+        let wait = at.timeout;
+        let begin = begin(move |connection| Box::pin(writing(connection, wait)));
+        let pool = pool(at, 1, begin).connect_with(at.options.clone()).await.map_err(|error| connecting(at, error))?;
+        let pool = Pool::Postgres(pool);
+        match schema::known(&pool, at).await? {
+            found if found == schema::newest() => Ok(Self::untied(pool.clone(), pool)),
+            0 => Err(Error::precondition(format!("{at}: the database is empty; start a server with it first"))),
+            found => Err(Error::precondition(format!(
+                "{at}: the database has schema version {found}, and this program {}; start its server once, or use the \
+                 gleaner-server of that version",
+                schema::newest()
+            ))),
+        }
+    }
+}
+
+/// The beginning of connections that read.
+fn reading() -> Begin {
+    begin(|_| Box::pin(async { Ok(()) }))
+}
+
+/// The beginning of the connection that writes for the one server.
+fn leading(tie: &Arc<OnceLock<Tie>>, at: &Postgres) -> Begin {
+    let (tie, wait) = (Arc::clone(tie), at.timeout);
+    begin(move |connection| {
+        let tie = Arc::clone(&tie);
+        Box::pin(async move { take_over(connection, &tie, wait).await })
+    })
+}
+
+/// Makes a connection the one that writes: with the lock of the one server, to a database that has everything that was
+/// acknowledged. The database may be a replica that took over and had not received all of it.
+async fn take_over(connection: &mut PgConnection, tie: &OnceLock<Tie>, wait: Duration) -> sqlx::Result<()> {
+    writing(connection, wait).await?;
+    if !leader::take(connection).await? {
+        return Err(sqlx::Error::Configuration("another server has the database".into()));
+    }
+    let Some(tie) = tie.get() else { return Ok(()) };
+    let (folder, generation): (String, i64) =
+        sqlx::query_as("select folder, generation from lab").fetch_one(connection).await?;
+    match tie.is_still(&folder, u64::try_from(generation).unwrap_or(0)) {
+        true => Ok(()),
+        false => Err(sqlx::Error::Configuration("the database is not the one that the server used".into())),
+    }
+}
+
+/// Prepares a connection for writes. A commit returns once it is on disk, also where the database is set up to return
+/// earlier; a stricter setting, of a database with replicas, stays. The wait for other writers ends before the longest
+/// silence, so that it has an error of its own.
+async fn writing(connection: &mut PgConnection, wait: Duration) -> sqlx::Result<()> {
+    let on = "select set_config('synchronous_commit', 'on', false) where current_setting('synchronous_commit') = 'off'";
+    sqlx::query(on).execute(&mut *connection).await?;
+    let wait = format!("{}s", wait.as_secs().saturating_sub(1).max(1));
+    sqlx::query("select set_config('lock_timeout', $1, false)").bind(wait).execute(connection).await?;
+    Ok(())
+}
