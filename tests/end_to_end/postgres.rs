@@ -64,15 +64,62 @@ async fn jobs_on_postgresql_survive_its_restart_and_the_servers() {
         server_text(&["token", "create", "--role", "viewer", "--name", "eye", "--database", &url], server.data_dir())
             .await;
     assert!(made && text.starts_with("gleaner_"), "{text}");
-    let backup = other.path().join("backup");
-    let (sound, text) = server_text(&["backup", backup.to_str().unwrap(), "--database", &url], server.data_dir()).await;
-    assert!(!sound && text.contains("pg_dump"), "{text}");
     assert!(server.stop().await);
 
     // A database that is older than the blobs is not used for them.
     database.execute("test_0", "update lab set generation = 1");
     let output = command::run(&mut serve(server.data_dir(), &flags, "127.0.0.1:0")).await;
     assert!(!output.success && output.text().contains("older than the blobs"), "{}", output.text());
+}
+
+/// A backup beside the running server, restored to a new folder and a new database.
+#[tokio::test]
+async fn backup_of_postgresql_is_restored_to_an_empty_database() {
+    let Some((database, url)) = postgres() else { return };
+    let flags = ["--database", url.as_str()];
+    let (mut server, mut api, _) = lab::with_episodes(&flags).await;
+    let job = api.succeed(lab::TASK, lab::pretrain(2)).await;
+    let folders = tempfile::tempdir().unwrap();
+    let (backup, place) = (folders.path().join("backup"), folders.path().join("lab"));
+    let (backup, data) = (backup.to_str().unwrap(), server.data_dir().to_owned());
+    let (sound, text) = server_text(&["backup", backup, "--database", &url], &data).await;
+    assert!(sound && text.contains("backed up to"), "{text}");
+    // What follows a backup is not part of it, and the next one has it.
+    let (all, episodes) = (api.episodes().await, api.episodes().await.len());
+    let (wrong, text) = server_text(&["backup", backup, "--database", &url], folders.path()).await;
+    assert!(!wrong && text.contains("--data-dir"), "{text}");
+    api.label(&all[1].id, Outcome::Unknown).await.unwrap();
+    let (sound, text) = server_text(&["backup", backup, "--database", &url], &data).await;
+    assert!(sound && text.contains(" 0 of them new"), "{text}");
+    let labelled = api.episodes().await;
+    assert_ne!(labelled, all);
+
+    let (restored, text) = server_text(&["restore", backup], &place).await;
+    assert!(!restored && text.contains("--database"), "{text}");
+    let (restored, text) = server_text(&["restore", backup, "--database", &url], &place).await;
+    assert!(!restored && text.contains("is not empty") && text.contains("createdb"), "{text}");
+    let new = database.database_named("restored");
+    let (restored, text) = server_text(&["restore", backup, "--database", &new], &place).await;
+    assert!(restored, "{text}");
+    let (again, text) = server_text(&["restore", backup, "--database", &new], &place).await;
+    assert!(!again && text.contains("not empty"), "{text}");
+    assert!(server.stop().await);
+
+    let mut server = TestServer::start_over(&place, &["--database", &new]).await;
+    let mut api = Api::connect(&server).await;
+    assert_eq!(api.episodes().await, labelled);
+    assert_eq!(labelled.len(), episodes);
+    let request = GetJobRequest { job_id: job.id.clone() };
+    assert_eq!(api.jobs.get_job(request).await.unwrap().into_inner().job.unwrap(), job);
+    assert!(api.download(&labelled[0].id).await == RECORDINGS[0].bytes, "the recording differs");
+    api.label(&labelled[1].id, Outcome::Success).await.unwrap();
+    let (sound, text) = server_text(&["check", "--database", &new], server.data_dir()).await;
+    assert!(sound, "{text}");
+    assert!(server.stop().await);
+
+    // The restored database belongs to the restored folder alone.
+    let output = command::run(&mut serve(&data, &["--database", new.as_str()], "127.0.0.1:0")).await;
+    assert!(!output.success && output.text().contains("another folder"), "{}", output.text());
 }
 
 /// A lab moves from SQLite to PostgreSQL and back, while no server runs.

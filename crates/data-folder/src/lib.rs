@@ -19,6 +19,8 @@ use gleaner_core::{TaskSpec, id::BlobId};
 
 /// Name of the database within a data folder, and within a backup.
 pub const DATABASE: &str = "gleaner.db";
+/// Name of the dump of a database in PostgreSQL within a backup.
+pub const DUMP: &str = "gleaner.dump";
 /// Name of the folder of the blobs.
 pub const BLOBS: &str = "blobs";
 /// Name of the file that one server at a time locks.

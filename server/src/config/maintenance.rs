@@ -117,6 +117,9 @@ pub struct RestoreConfig {
     /// The new data folder, which must be missing or empty.
     #[arg(long, value_name = "DIR")]
     pub data_dir: PathBuf,
+    /// The database, for the backup of one in PostgreSQL: a new and empty one.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
 }
 
 /// Arguments of `check`.

@@ -4,8 +4,8 @@
 //!
 //! 1. the server is prevented from removing blobs, so that blobs named by the copied database stay until they are
 //!    copied;
-//! 2. the database is copied first, in one read transaction, to a draft: a blob stored later is named by no row of the
-//!    copy; in the opposite order a row could name a blob that was stored too late to be copied;
+//! 2. the database is copied first, in one read transaction, to a draft (of PostgreSQL by `pg_dump`): a blob stored later
+//!    is named by no row of the copy; in the opposite order a row could name a blob that was stored too late to be copied;
 //! 3. each blob is copied to a draft, checked by its digest, and renamed to its path; a blob of an earlier backup is
 //!    copied again only if it is to be verified and does not match its name;
 //! 4. the database's draft is renamed over the earlier one, then the manifest is written.
@@ -27,38 +27,44 @@ use super::{
 use crate::{
     blobs::{self, Blobs, Copied, Copying, sync_folder},
     config::BackupConfig,
-    data_folder::DATABASE,
+    data_folder::{DATABASE, DUMP, stamp::Stamp},
     domain::id::BlobId,
     error::{Error, Result},
-    store::{ReadOnlyDatabase, Store},
+    store::{Database, NamedBlob, Postgres, ReadOnlyDatabase, Store},
 };
 
 /// Backs a data folder up and writes a summary to `out`; true when no blob is missing.
 ///
 /// # Errors
-/// Precondition when the database is in PostgreSQL, the target is not usable for a backup, or there is no database to back up; Exhausted when its disk
-/// is full; Internal when a disk fails.
+/// Precondition when the target is not usable for a backup, there is no database to back up, or `pg_dump` is missing or
+/// fails; Exhausted when its disk is full; Internal when a disk fails.
 pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> Result<bool> {
-    target::expect_sqlite(&config.database, "backup")?;
     let (source, target) = (config.data_dir.as_path(), config.target.as_path());
-    let _lock = target::claim(source, target)?;
+    let database = Database::configured(source, &config.database)?;
+    let _lock = target::claim(&database, target)?;
     let blobs = Blobs::open(target)?;
     let copying = Copying::begin(source)?;
-    let (database, made_at) = copy_database(source, target).await?;
-    let needed = grouped(database.store.named_blobs().await?);
-    database.store.close().await;
+    clear_drafts(target)?;
+    let made_at = jiff::Timestamp::now().to_string();
+    let (name, (schema, named)) = match &database.postgres {
+        None => (DATABASE, copy_sqlite(source, target).await?),
+        Some(at) => (DUMP, dump_postgres(at, &database, target).await?),
+    };
+    let draft = draft(target, name);
+    fs::File::open(&draft).and_then(|file| file.sync_all()).map_err(fault("syncing", &draft))?;
+    let needed = grouped(named);
     let copied = copy_blobs(&Blobs::at(source)?, &blobs, &needed, config.verify)?;
     drop(copying);
     let manifest = Manifest {
         gleaner: env!("CARGO_PKG_VERSION").to_owned(),
         made_at,
-        schema: database.schema,
-        database: blobs::digest(&draft(target))?,
+        schema,
+        database: blobs::digest(&draft)?,
         blobs: copied.there + copied.new,
         bytes: copied.bytes,
         lacking: copied.lacking,
     };
-    finish(target, &manifest)?;
+    finish(target, name, &manifest)?;
     let removed = if config.prune { prune(&blobs, &needed)? } else { 0 };
     write_summary(out, target, &manifest, copied.new, removed)
         .map_err(|error| Error::internal("writing the backup's summary", error))?;
@@ -66,22 +72,41 @@ pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> R
 }
 
 /// The database's name until every blob that it names is copied.
-fn draft(target: &Path) -> PathBuf {
-    target.join("tmp").join(DATABASE)
+fn draft(target: &Path, name: &str) -> PathBuf {
+    target.join("tmp").join(name)
 }
 
-/// Copies the database to the draft, without open uploads; also returns the time of the copy.
-async fn copy_database(source: &Path, target: &Path) -> Result<(ReadOnlyDatabase, String)> {
-    let (draft, drafts) = (draft(target), target.join("tmp"));
+/// Removes what an interrupted backup has left.
+fn clear_drafts(target: &Path) -> Result<()> {
+    let drafts = target.join("tmp");
     for left in fs::read_dir(&drafts).map_err(fault("listing", &drafts))? {
-        // Left by an interrupted backup.
         let left = left.map_err(fault("listing", &drafts))?.path();
         fs::remove_file(&left).map_err(fault("removing", &left))?;
     }
-    let made_at = jiff::Timestamp::now().to_string();
+    Ok(())
+}
+
+/// Copies the database to the draft, without open uploads; returns its schema and the blobs that it names.
+async fn copy_sqlite(source: &Path, target: &Path) -> Result<(i64, Vec<NamedBlob>)> {
+    let draft = draft(target, DATABASE);
     Store::copy(&source.join(DATABASE), &draft).await?;
-    fs::File::open(&draft).and_then(|file| file.sync_all()).map_err(fault("syncing", &draft))?;
-    Ok((ReadOnlyDatabase::open(&draft).await?, made_at))
+    let database = ReadOnlyDatabase::open(&draft).await?;
+    let named = database.store.named_blobs().await?;
+    database.store.close().await;
+    Ok((database.schema, named))
+}
+
+/// The same of a database in PostgreSQL, which must belong to the blobs.
+async fn dump_postgres(at: &Postgres, database: &Database, target: &Path) -> Result<(i64, Vec<NamedBlob>)> {
+    // Before the database, whose generation is never behind.
+    let stamp = Stamp::read(&database.data_dir)?;
+    let opened = ReadOnlyDatabase::configured(database).await?;
+    if let Some(misfit) = opened.store.misfit(stamp.as_ref(), &Blobs::at(&database.data_dir)?).await? {
+        return Err(Error::precondition(format!("{at}: {misfit}. Name the data folder of its server with --data-dir")));
+    }
+    let named = at.dump(&opened, &draft(target, DUMP)).await?;
+    opened.store.close().await;
+    Ok((opened.schema, named))
 }
 
 /// Counts of copied blobs.
@@ -113,10 +138,15 @@ fn copy_blobs(source: &Blobs, target: &Blobs, needed: &[Needed], verify: bool) -
 }
 
 /// Replaces the earlier database, then writes the manifest.
-fn finish(target: &Path, manifest: &Manifest) -> Result<()> {
+fn finish(target: &Path, name: &str, manifest: &Manifest) -> Result<()> {
     Manifest::remove(target)?;
-    let place = target.join(DATABASE);
-    fs::rename(draft(target), &place).map_err(fault("renaming to", &place))?;
+    let place = target.join(name);
+    fs::rename(draft(target, name), &place).map_err(fault("renaming to", &place))?;
+    // From before the database was moved to PostgreSQL or back.
+    let earlier = target.join(if name == DUMP { DATABASE } else { DUMP });
+    if earlier.exists() {
+        fs::remove_file(&earlier).map_err(fault("removing", &earlier))?;
+    }
     sync_folder(target)?;
     manifest.write(target)
 }

@@ -3,7 +3,7 @@
 
 use std::io::Write;
 
-use super::{files::Files, manifest::Manifest, report::Report};
+use super::{files::Files, manifest::Manifest, report::Report, target};
 use crate::{
     blobs::{self, Blobs, Copying},
     config::CheckConfig,
@@ -27,6 +27,12 @@ pub(super) async fn check(config: &CheckConfig, out: &mut impl Write) -> Result<
 }
 
 pub(super) async fn check_folder(config: &CheckConfig) -> Result<Report> {
+    if target::is_of_postgres(&config.data_dir) {
+        return Err(Error::precondition(format!(
+            "{} is the backup of a database in PostgreSQL, which `gleaner-server restore` checks",
+            config.data_dir.display()
+        )));
+    }
     let database = ReadOnlyDatabase::configured(&Database::configured(&config.data_dir, &config.database)?).await?;
     // From here on a server on this folder removes no blob between the reading of its row and of its file.
     let _copying = Copying::begin(&config.data_dir)?;
@@ -58,7 +64,7 @@ pub(super) async fn check_folder(config: &CheckConfig) -> Result<Report> {
 /// The reason why the database does not belong to the blobs beside it. A backup's database belongs to no folder yet.
 async fn misfit(config: &CheckConfig, database: &ReadOnlyDatabase) -> Result<Option<String>> {
     match Stamp::read(&config.data_dir) {
-        Ok(None) if super::target::is_backup(&config.data_dir) => Ok(None),
+        Ok(None) if target::is_backup(&config.data_dir) => Ok(None),
         Ok(stamp) => database.store.misfit(stamp.as_ref(), &Blobs::at(&config.data_dir)?).await,
         Err(error) => Ok(Some(error.message().to_owned())),
     }

@@ -7,9 +7,10 @@ use std::{
 
 use crate::{
     config::DatabaseConfig,
-    data_folder::DATABASE,
+    data_folder::{BLOBS, DATABASE, DUMP},
     error::{Error, Result},
     lock::DataLock,
+    store::Database,
 };
 
 /// The mark of a backup's folder, written first.
@@ -21,11 +22,15 @@ const NOTICE: &str =
 ///
 /// # Errors
 /// Precondition when it has other data, is inside the data folder or contains it, or another backup is running.
-pub(super) fn claim(source: &Path, target: &Path) -> Result<DataLock> {
-    let shown = target.display();
-    if !source.join(DATABASE).is_file() {
+pub(super) fn claim(database: &Database, target: &Path) -> Result<DataLock> {
+    let (source, shown) = (database.data_dir.as_path(), target.display());
+    let (there, what) = match &database.postgres {
+        None => (source.join(DATABASE).is_file(), "database"),
+        Some(_) => (source.join(BLOBS).is_dir(), "folder of blobs"),
+    };
+    if !there {
         return Err(Error::precondition(format!(
-            "there is no database in {}; --data-dir names the data folder of a server",
+            "there is no {what} in {}; --data-dir names the data folder of a server",
             source.display()
         )));
     }
@@ -56,19 +61,20 @@ pub(super) fn expect_sqlite(database: &DatabaseConfig, command: &str) -> Result<
     if database.database.is_none() {
         return Ok(());
     }
-    let instead = match command {
-        "rebuild" => {
-            "restore the dump of PostgreSQL with `pg_restore`, or rebuild a SQLite database in the folder without --database \
-             and move it with `gleaner-server migrate`"
-        }
-        _ => "dump the database with `pg_dump` first, then copy `blobs/` and the stamp of the data folder",
-    };
-    Err(Error::precondition(format!("{command} works on SQLite in the data folder, not on PostgreSQL: {instead}")))
+    Err(Error::precondition(format!(
+        "{command} works on SQLite in the data folder, not on PostgreSQL: restore a backup, or rebuild a SQLite database in \
+         the folder without --database and move it with `gleaner-server migrate`"
+    )))
 }
 
 /// Whether the folder is a backup that was finished at least once.
 pub(super) fn is_backup(folder: &Path) -> bool {
-    folder.join(MARK).is_file() && folder.join(DATABASE).is_file()
+    folder.join(MARK).is_file() && (folder.join(DATABASE).is_file() || is_of_postgres(folder))
+}
+
+/// Whether the database of a backup is a dump of PostgreSQL.
+pub(super) fn is_of_postgres(folder: &Path) -> bool {
+    folder.join(MARK).is_file() && folder.join(DUMP).is_file()
 }
 
 /// Whether a folder is missing or empty.

@@ -4,7 +4,7 @@
 use super::{
     Store, fault,
     row::{self, Column as _, record},
-    sql,
+    sql::{self, Target},
 };
 use crate::{domain::id::BlobId, error::Result};
 
@@ -52,9 +52,14 @@ impl Store {
 
     /// Every blob that a row names, once for each such row, sorted by blob; read at one moment.
     pub(crate) async fn named_blobs(&self) -> Result<Vec<NamedBlob>> {
+        Self::named_blobs_on(self.read()).await
+    }
+
+    /// The same in a transaction.
+    pub(super) async fn named_blobs_on(on: impl Into<Target<'_>>) -> Result<Vec<NamedBlob>> {
         sql::query(concat!(named_blobs!(), " order by 1, 2"))
             .try_map(row::read)
-            .fetch_all(self.read())
+            .fetch_all(on)
             .await
             .map_err(fault("listing the blobs that rows name"))
     }

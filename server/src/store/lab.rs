@@ -217,12 +217,16 @@ impl Store {
 /// again.
 pub(super) async fn detach(copy: &Pool) -> Result<()> {
     let there = schema::has_table(copy, "lab").await?;
-    let statements = [
-        "update lab set folder = lower(hex(randomblob(16))), stamped = 0, generation = 0",
-        "insert or ignore into sidecar_queue (id) select id from tasks union all select id from episodes \
-         where purged_at is null union all select id from encoders union all select id from policies",
-    ];
-    for statement in statements.into_iter().filter(|_| there) {
+    let name = match copy {
+        Pool::Sqlite(_) => "update lab set folder = lower(hex(randomblob(16))), stamped = false, generation = 0",
+        Pool::Postgres(_) => {
+            "update lab set folder = replace(gen_random_uuid()::text, '-', ''), stamped = false, generation = 0"
+        }
+    };
+    let describe = "insert into sidecar_queue (id) select id from (select id from tasks union all select id from episodes \
+         where purged_at is null union all select id from encoders union all select id from policies) as described \
+         where true on conflict do nothing";
+    for statement in [name, describe].into_iter().filter(|_| there) {
         sql::query(statement).execute(copy).await.map_err(fault("detaching a copy of the database"))?;
     }
     Ok(())

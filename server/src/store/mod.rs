@@ -15,6 +15,7 @@ mod curation;
 mod database;
 mod dataset;
 mod deployment;
+mod dump;
 mod encoder;
 mod episode;
 mod evaluation;
@@ -53,7 +54,7 @@ use std::sync::{Arc, OnceLock};
 
 pub(crate) use self::{
     blob::NamedBlob, database::Database, dataset::KeptDetail, postgres::Postgres, read_only::ReadOnlyDatabase,
-    sidecar::Described,
+    schema::newest as newest_schema, sidecar::Described,
 };
 use self::{
     fault::fault,

@@ -4,9 +4,11 @@ mod connections;
 mod leader;
 mod pool;
 
-use std::{fmt, fs, str::FromStr as _, time::Duration};
+use std::{fmt, fs, process::Stdio, str::FromStr as _, time::Duration};
 
+use gleaner_core::Secret;
 use sqlx::{Connection as _, PgConnection, postgres::PgConnectOptions};
+use tokio::process::Command;
 
 use super::{fault::connecting, sql::within};
 use crate::{
@@ -37,6 +39,10 @@ pub(crate) struct Postgres {
     options: PgConnectOptions,
     /// The longest wait for a connection, and the longest silence on one.
     timeout: Duration,
+    /// The address as it was given.
+    url: Secret,
+    /// The password, if one was given by the address or by a file.
+    password: Option<Secret>,
 }
 
 impl Postgres {
@@ -46,18 +52,18 @@ impl Postgres {
     /// Invalid names the flag.
     pub(crate) fn configured(config: &DatabaseConfig) -> Result<Option<Self>> {
         let Some(url) = &config.database else { return Ok(None) };
-        let Self { options, .. } = Self::at(url.reveal())?;
-        let options = match &config.database_password_file {
-            None => options,
-            Some(file) => {
-                let password = fs::read_to_string(file).map_err(|error| {
-                    let file = file.display();
-                    Error::invalid("--database-password-file", format!("{file} cannot be read: {error}"))
-                })?;
-                options.password(password.trim_end_matches(['\r', '\n']))
-            }
-        };
-        Ok(Some(Self { options, timeout: Duration::from_secs(config.database_timeout_seconds) }))
+        let mut at = Self::at(url.reveal())?;
+        at.timeout = Duration::from_secs(config.database_timeout_seconds);
+        if let Some(file) = &config.database_password_file {
+            let password = fs::read_to_string(file).map_err(|error| {
+                let file = file.display();
+                Error::invalid("--database-password-file", format!("{file} cannot be read: {error}"))
+            })?;
+            let password = password.trim_end_matches(['\r', '\n']);
+            at.options = at.options.password(password);
+            at.password = Some(Secret::from(password.to_owned()));
+        }
+        Ok(Some(at))
     }
 
     /// The database at an address: postgres://USER@HOST:PORT/NAME.
@@ -80,13 +86,33 @@ impl Postgres {
             .map_err(|error| Error::invalid("--database", format!("not an address of PostgreSQL: {error}")))?;
         let options = options.application_name("gleaner-server").options(SESSION);
         let timeout = Duration::from_secs(DatabaseConfig::default().database_timeout_seconds);
-        Ok(Self { options: options.statement_cache_capacity(PREPARED), timeout })
+        Ok(Self {
+            options: options.statement_cache_capacity(PREPARED),
+            timeout,
+            url: Secret::from(url.to_owned()),
+            password: parts(url).1.map(decoded),
+        })
     }
 
     /// The same with a name for its connections that no other server has.
     fn of_one_server(&self) -> Self {
         let name = format!("gleaner-server {:08x}", rand::random::<u32>());
-        Self { options: self.options.clone().application_name(&name), timeout: self.timeout }
+        Self { options: self.options.clone().application_name(&name), ..self.clone() }
+    }
+
+    /// The address without a password, for the arguments of PostgreSQL's own programs.
+    pub(super) fn shown_url(&self) -> String {
+        parts(self.url.reveal()).0
+    }
+
+    /// A program of PostgreSQL. The password is in its environment, because arguments are visible to every user.
+    pub(super) fn program(&self, name: &str) -> Command {
+        let mut command = Command::new(name);
+        if let Some(password) = &self.password {
+            command.env("PGPASSWORD", password.reveal());
+        }
+        command.stdin(Stdio::null()).kill_on_drop(true);
+        command
     }
 
     /// A connection for a look before the database is opened.
@@ -130,6 +156,39 @@ impl Postgres {
         }
         connection.close().await.map_err(doing)
     }
+}
+
+/// An address without its password, and the password as it is encoded there.
+fn parts(url: &str) -> (String, Option<&str>) {
+    let whole = || (url.to_owned(), None);
+    let Some((scheme, rest)) = url.split_once("://") else { return whole() };
+    let end = rest.find(['/', '?']).unwrap_or(rest.len());
+    let (authority, path) = rest.split_at(end);
+    let Some((user, host)) = authority.rsplit_once('@') else { return whole() };
+    match user.split_once(':') {
+        Some((user, password)) => (format!("{scheme}://{user}@{host}{path}"), Some(password)),
+        None => whole(),
+    }
+}
+
+/// A text whose special characters are written as `%41`.
+fn decoded(encoded: &str) -> Secret {
+    let mut bytes = Vec::new();
+    let mut rest = encoded.as_bytes();
+    while let Some((&first, after)) = rest.split_first() {
+        let byte = after.get(..2).filter(|_| first == b'%').and_then(|digits| std::str::from_utf8(digits).ok());
+        match byte.and_then(|digits| u8::from_str_radix(digits, 16).ok()) {
+            Some(byte) => {
+                bytes.push(byte);
+                rest = after.get(2..).unwrap_or_default();
+            }
+            None => {
+                bytes.push(first);
+                rest = after;
+            }
+        }
+    }
+    Secret::from(String::from_utf8_lossy(&bytes).into_owned())
 }
 
 impl fmt::Display for Postgres {

@@ -39,7 +39,8 @@ async fn back_up(lab: &Lab, target: &Path, prune: bool) -> Result<(bool, String)
 }
 
 async fn restore_to(from: &Path, to: &Path) -> Result<bool> {
-    restore(&RestoreConfig { backup: from.to_owned(), data_dir: to.to_owned() }, &mut Vec::new()).await
+    let database = DatabaseConfig::default();
+    restore(&RestoreConfig { backup: from.to_owned(), data_dir: to.to_owned(), database }, &mut Vec::new()).await
 }
 
 #[tokio::test]

@@ -253,6 +253,23 @@ fn unknown_parameters_of_an_address_are_named_without_their_values() {
     Postgres::at("postgres://gleaner@db/lab?sslmode=verify-full&host=/run/postgresql").unwrap();
 }
 
+#[test]
+fn programs_get_the_address_without_its_password() {
+    for (url, shown, password) in [
+        (
+            "postgres://ada:a%20b%2Fc%@db:5/lab?sslmode=disable",
+            "postgres://ada@db:5/lab?sslmode=disable",
+            Some("a b/c%"),
+        ),
+        ("postgres://ada@db/lab", "postgres://ada@db/lab", None),
+        ("postgres:///lab?host=/run/a:b", "postgres:///lab?host=/run/a:b", None),
+    ] {
+        let at = Postgres::at(url).unwrap();
+        assert_eq!(at.shown_url(), shown);
+        assert_eq!(at.password.as_ref().map(Secret::reveal), password);
+    }
+}
+
 /// The second statement of a beginning waits for a lock longer than it may, and leaves its transaction aborted.
 #[tokio::test]
 async fn a_beginning_that_fails_does_not_stop_later_writes() {
