@@ -94,6 +94,11 @@ pub struct ServeConfig {
     /// read traffic or use the server.
     #[arg(long, env = "GLEANER_INSECURE")]
     pub insecure: bool,
+    /// Serve reads and sessions beside the server that leads the same --database and data folder, reject changes with its
+    /// address, and take the lead once it is gone. The first server that is started leads. The data folder must be on a
+    /// file system that keeps locks for all its machines.
+    #[arg(long, env = "GLEANER_STANDBY")]
+    pub standby: bool,
     /// Give open calls and sessions this many seconds to finish after the signal to stop, at most 3600 (0: close them
     /// at once).
     #[arg(long, env = "GLEANER_DRAIN_SECONDS", default_value_t = 20, value_name = "SECONDS")]
@@ -158,6 +163,12 @@ impl ServeConfig {
     pub fn validate(&self) -> Result<(), String> {
         self.access.validate(self.listen, self.insecure)?;
         self.database.validate()?;
+        if self.standby && self.database.database.is_none() {
+            return Err("--standby: needs --database, because servers share a database in PostgreSQL".to_owned());
+        }
+        if self.standby && self.maintenance.accept_database {
+            return Err("--accept-database: start one server with it and without --standby first".to_owned());
+        }
         self.limits.validate()?;
         if self.drain_seconds > 3600 {
             return Err("--drain-seconds: must be at most 3600".to_owned());
@@ -209,6 +220,14 @@ mod tests {
         assert_eq!(config.validate(), Ok(()));
         assert!(!config.insecure && config.access.tokens_required(false, config.insecure));
         assert_eq!(serve(&[&open[..], &["--tls-cert", "c", "--tls-key", "k"]].concat()).validate(), Ok(()));
+    }
+
+    #[test]
+    fn standby_needs_a_database_that_servers_share() {
+        let url = ["--standby", "--database", "postgres://gleaner@db/lab"];
+        assert!(serve(&["--standby"]).validate().unwrap_err().contains("--database"));
+        assert_eq!(serve(&url).validate(), Ok(()));
+        assert!(serve(&[&url[..], &["--accept-database"]].concat()).validate().unwrap_err().contains("--standby"));
     }
 
     #[test]

@@ -146,30 +146,48 @@ fn bind(address: SocketAddr) -> Result<TcpListener> {
 }
 
 /// Serves on `listeners` until `stop` completes, then drains: open calls get time to end, and jobs are stopped to
-/// resume later. `_lock`, of the data directory, is held until the end.
+/// resume later. `lock`, of the data directory, is held until the end; a standby begins without it, and takes it when the
+/// leader is gone.
 ///
 /// # Errors
 /// When the data directory, the database or a listener cannot be used.
 pub async fn run(
-    config: ServeConfig,
-    _lock: DataLock,
+    mut config: ServeConfig,
+    mut lock: Option<DataLock>,
     mut listeners: Listeners,
     stop: impl Future<Output = ()> + Send,
 ) -> Result<()> {
     let address = listeners.address()?;
+    // The port that was bound, which standbys name to their callers.
+    config.listen = address;
     tracing::info!(server.address = %address, data.dir = %config.data_dir.display(), "starting");
     gleaner_edge::raise_descriptor_limit();
     if listeners.pages.is_some() {
         // Installed before any metric is counted.
         telemetry::metrics::recorder()?;
     }
-    let services = Services::open(config, listeners.for_workers()?).await?;
+    if config.standby && lock.is_some() && service::standby::has_leader(&config).await? {
+        lock = None;
+    }
+    let services = match &lock {
+        Some(_) => Services::open(config, listeners.for_workers()?).await?,
+        None => Services::follow(config, listeners.for_workers()?).await?,
+    };
     let (tokens, _refreshing) = TokenCache::open_refreshed(services.store.clone()).await?;
     let (pages, openpi, tls) = (listeners.pages.take(), listeners.openpi.take(), listeners.tls.clone());
     let _openpi =
         openpi.map(|listener| openpi::open(services.clone(), listener, tls.clone(), tokens.clone())).transpose()?;
     let _pages = pages.map(|listener| pages::open(services.clone(), listener, tls, tokens.clone())).transpose()?;
-    let served = service::serve(&services, listeners, tokens, stop).await;
+    let leading = async {
+        if lock.is_none() {
+            service::standby::take_over(&services, &mut lock).await?;
+        }
+        std::future::pending::<Result<()>>().await
+    };
+    let served = tokio::select! {
+        served = service::serve(&services, listeners, tokens, stop) => served,
+        failed = leading => failed,
+    };
     services.close().await;
     tracing::info!("stopped");
     served

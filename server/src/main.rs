@@ -169,7 +169,10 @@ async fn serve(config: ServeConfig) -> Result<()> {
     // serve.
     let stop_requested = shutdown::requested().map_err(|error| Error::internal("listening to signals", error))?;
     program::all_installed()?;
-    let lock = DataLock::take(&config.data_dir)?;
+    let lock = match config.standby && config.data_dir.is_dir() {
+        true => DataLock::take_if_free(&config.data_dir)?,
+        false => Some(DataLock::take(&config.data_dir)?),
+    };
     let listeners = Listeners::bind(&config).await?;
     if let Some(pages) = listeners.pages_url()? {
         println!("pages on {pages}");

@@ -62,6 +62,7 @@ mod short_ids;
 mod slurm;
 mod split_recordings;
 mod stages;
+mod standby;
 mod task_reference;
 mod telemetry;
 mod tidy;

@@ -1,6 +1,8 @@
-//! The lock on a data folder: one server for each, because two would both own its database, uploads and jobs.
+//! The lock on a data folder: one leader for each, because two would both own its database, uploads and jobs. A standby
+//! takes it when the leader is gone.
 //!
-//! It is the system's lock on an open file, which is released however a server ends.
+//! It is the system's lock on an open file, which is released however a server ends. A file system that several machines
+//! share must keep such locks for all of them, as NFSv4 does unless it is mounted with `nolock` or `local_lock`.
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
@@ -61,20 +63,31 @@ impl DataLock {
     /// Precondition when another server holds it, or it cannot be used.
     pub fn take(data_dir: &Path) -> Result<Self> {
         let shown = data_dir.display();
-        let unusable =
-            |error: std::io::Error| Error::precondition(format!("cannot use the data folder {shown}: {error}"));
         if !data_dir.is_dir() {
-            make(data_dir).map_err(unusable)?;
+            make(data_dir).map_err(|error| unusable(data_dir, error))?;
         }
-        let path = data_dir.join(LOCK);
-        let file = OpenOptions::new().create(true).write(true).truncate(false).open(&path).map_err(unusable)?;
-        let held = LockedFile::exclusive(file).map_err(unusable)?.ok_or_else(|| {
+        Self::take_if_free(data_dir)?.ok_or_else(|| {
             Error::precondition(format!(
-                "another gleaner-server uses the data folder {shown}; stop that one, or give this one another --data-dir"
+                "another gleaner-server uses the data folder {shown}; stop that one, give this one another --data-dir, or, \
+                 with --database, start it as a standby of the other with --standby"
             ))
-        })?;
-        Ok(Self { _held: held })
+        })
     }
+
+    /// Locks an existing data folder; `None` while another server holds it.
+    ///
+    /// # Errors
+    /// Precondition when it cannot be used.
+    pub fn take_if_free(data_dir: &Path) -> Result<Option<Self>> {
+        let path = data_dir.join(LOCK);
+        let file = OpenOptions::new().create(true).write(true).truncate(false).open(&path);
+        let held = file.and_then(LockedFile::exclusive).map_err(|error| unusable(data_dir, error))?;
+        Ok(held.map(|held| Self { _held: held }))
+    }
+}
+
+fn unusable(data_dir: &Path, error: std::io::Error) -> Error {
+    Error::precondition(format!("cannot use the data folder {}: {error}", data_dir.display()))
 }
 
 /// Creates a folder and its missing parents, and syncs their names.
@@ -101,7 +114,9 @@ mod tests {
         let first = DataLock::take(&folder).unwrap();
         let message = DataLock::take(&folder).unwrap_err().message().to_owned();
         assert!(message.contains(&folder.display().to_string()) && message.contains("--data-dir"), "{message}");
+        assert!(DataLock::take_if_free(&folder).unwrap().is_none());
         DataLock::take(&dir.path().join("other")).unwrap();
+        assert!(DataLock::take_if_free(&dir.path().join("absent")).is_err(), "it makes no folder");
         drop(first);
         DataLock::take(&folder).unwrap();
     }

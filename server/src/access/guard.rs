@@ -134,7 +134,11 @@ where
         Some(Rule { need: Need::Job, .. }) => {}
         Some(_) | None => return Ok(no_such_rpc().into_http()),
     }
-    match Worker::authenticate(jobs, request.headers()).await {
+    let worker = match jobs.expect_leader() {
+        Ok(()) => Worker::authenticate(jobs, request.headers()).await,
+        Err(error) => Err(error),
+    };
+    match worker {
         Ok(worker) => {
             request.extensions_mut().insert(worker);
             Ok(inner.call(request).await?.map(Body::new))
@@ -181,6 +185,12 @@ impl Callers {
         let begin = || AuditGuard(AuditDraft::begin(self.store.clone(), caller.clone(), peer(&request), &path));
         if let Err(error) = caller.permit(rule.need) {
             let audit = (rule.audited && self.refusal_limit.records(&caller)).then(begin);
+            return Ok(ResponseBody::wrap(from_error(error).into_http(), &caller, audit).await);
+        }
+        if rule.leads
+            && let Err(error) = self.store.expect_leader()
+        {
+            let audit = rule.audited.then(begin);
             return Ok(ResponseBody::wrap(from_error(error).into_http(), &caller, audit).await);
         }
         let audit = rule.audited.then(begin);

@@ -30,6 +30,8 @@ pub(super) struct Rule {
     pub(super) need: Need,
     /// Whether it is written to the audit log. Changes by workers are in the record of their job instead.
     pub(super) audited: bool,
+    /// Whether it needs the server that leads, because it changes something. A session changes nothing itself.
+    pub(super) leads: bool,
 }
 
 /// The services of every gRPC server, beside our own.
@@ -41,7 +43,7 @@ pub(super) const STANDARD: [(&str, Need); 4] = [
 ];
 
 static RULES: LazyLock<HashMap<&str, Rule>> = LazyLock::new(|| {
-    let standard = STANDARD.map(|(path, need)| (path, Rule { need, audited: false }));
+    let standard = STANDARD.map(|(path, need)| (path, Rule { need, audited: false, leads: false }));
     Rpc::ALL.iter().map(|rpc| (rpc.path(), of(*rpc))).chain(standard).collect()
 });
 
@@ -62,10 +64,11 @@ pub(crate) fn audited() -> impl Iterator<Item = Rpc> {
 }
 
 fn of(rpc: Rpc) -> Rule {
-    let reads = |least| Rule { need: Need::Least(least), audited: false };
-    let changes = |least| Rule { need: Need::Least(least), audited: true };
-    let serves = |least| Rule { need: Need::LeastOrRobot(least), audited: false };
-    let (open, job) = (Rule { need: Need::Nothing, audited: false }, Rule { need: Need::Job, audited: false });
+    let reads = |least| Rule { need: Need::Least(least), audited: false, leads: false };
+    let changes = |least| Rule { need: Need::Least(least), audited: true, leads: true };
+    let serves = |least| Rule { need: Need::LeastOrRobot(least), audited: false, leads: false };
+    let open = Rule { need: Need::Nothing, audited: false, leads: false };
+    let job = Rule { need: Need::Job, audited: false, leads: true };
     match rpc {
         Rpc::GRPCInferenceServiceServerLive | Rpc::GRPCInferenceServiceServerReady => open,
 
@@ -121,7 +124,7 @@ fn of(rpc: Rpc) -> Rule {
 
         Rpc::PolicyServiceAct | Rpc::GRPCInferenceServiceModelInfer => serves(Role::Contributor),
         // A session may be stored as an episode.
-        Rpc::PolicyServiceSession => Rule { need: SESSIONS, audited: true },
+        Rpc::PolicyServiceSession => Rule { need: SESSIONS, audited: true, leads: false },
 
         Rpc::SnapshotServiceCreateSnapshot
         | Rpc::JobServiceSubmitJob

@@ -11,7 +11,7 @@ use gleaner_core::Secret;
 pub struct DatabaseConfig {
     /// PostgreSQL database to use in place of the SQLite file in the data folder: postgres://USER@HOST:PORT/NAME, or
     /// with `?host=/FOLDER` for a socket, and with `sslmode`, `sslrootcert`, `sslcert` and `sslkey` for TLS. PostgreSQL brings others' backups and costs a round trip for each statement.
-    /// The database has one server at a time, and must belong to the blobs in the data folder. A password in the address
+    /// One server at a time leads (see --standby), and the database must belong to the blobs in the data folder. A password in the address
     /// is visible in the list of processes; use the next flag, or the variables PGPASSWORD or PGPASSFILE. Default:
     /// SQLite.
     #[arg(long, env = "GLEANER_DATABASE", value_name = "URL", hide_env_values = true, global = true)]

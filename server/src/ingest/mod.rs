@@ -75,8 +75,16 @@ impl Ingest {
     /// # Errors
     /// Internal when the data directory or the database cannot be used.
     pub async fn open(config: &Arc<ServeConfig>, store: Store, blobs: Blobs) -> Result<Self> {
-        let data_dir: Arc<Path> = config.data_dir.as_path().into();
-        recover::recover(&data_dir, &store, &blobs).await?;
+        let ingest = Self::new(config, store, blobs)?;
+        ingest.recover().await?;
+        Ok(ingest)
+    }
+
+    /// The uploads before they are repaired: a standby leaves that to its leader.
+    ///
+    /// # Errors
+    /// Internal when the program that inspects cannot be found.
+    pub(crate) fn new(config: &Arc<ServeConfig>, store: Store, blobs: Blobs) -> Result<Self> {
         Ok(Self {
             store,
             blobs,
@@ -84,11 +92,27 @@ impl Ingest {
             inspector: Arc::new(Inspector::new(&config.data_dir, &config.limits)?),
             passing: Arc::new(Semaphore::new(passing::AT_ONCE)),
             scored: Slots::new(scored::AT_ONCE),
-            data_dir,
+            data_dir: config.data_dir.as_path().into(),
             max_upload_bytes: config.limits.max_upload_bytes,
             max_open_uploads: config.uploads.max_open_per_client(),
             keep_for: config.uploads.keep_for(),
         })
+    }
+
+    /// Repairs the uploads of an earlier server.
+    ///
+    /// # Errors
+    /// As [`Ingest::open`].
+    pub(crate) async fn recover(&self) -> Result<()> {
+        recover::recover(&self.data_dir, &self.store, &self.blobs).await
+    }
+
+    /// Rejects a change unless this server leads.
+    ///
+    /// # Errors
+    /// As [`Store::expect_leader`].
+    pub(crate) fn expect_leader(&self) -> Result<()> {
+        self.store.expect_leader()
     }
 
     /// The folder of recordings.

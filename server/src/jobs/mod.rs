@@ -88,12 +88,22 @@ impl Jobs {
     /// # Errors
     /// When the database cannot be read, or a file that a flag of the engine names.
     pub async fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, server: SocketAddr) -> Result<Self> {
+        let jobs = Self::new(config, store, blobs, server)?;
+        jobs.begin().await?;
+        Ok(jobs)
+    }
+
+    /// The queue without a supervisor: a standby leaves its jobs to the leader.
+    ///
+    /// # Errors
+    /// When a file that a flag of the engine names cannot be read.
+    pub(crate) fn new(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, server: SocketAddr) -> Result<Self> {
         let stopping = CancellationToken::new();
         let engine: Box<dyn Engine> = match config.jobs.engine.engine {
             EngineKind::Local => Box::new(Local::new(Arc::clone(config), server)),
             EngineKind::Slurm => Box::new(Slurm::new(Arc::clone(config))?),
         };
-        let inner = Arc::new(Inner {
+        Ok(Self(Arc::new(Inner {
             config: Arc::clone(config),
             store,
             blobs,
@@ -105,11 +115,32 @@ impl Jobs {
             leases: Leases::new(stopping.clone()),
             stopping,
             tasks: TaskTracker::new(),
-        });
-        resume::resume(&inner).await?;
-        inner.tasks.spawn(supervisor::supervise(Arc::clone(&inner)));
-        inner.tasks.spawn(scheduler::schedule(Arc::clone(&inner)));
-        Ok(Self(inner))
+        })))
+    }
+
+    /// Resumes or ends the attempts of an earlier server, then starts the supervisor and the scheduler.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub(crate) async fn begin(&self) -> Result<()> {
+        let inner = &self.0;
+        resume::resume(inner).await?;
+        inner.tasks.spawn(supervisor::supervise(Arc::clone(inner)));
+        inner.tasks.spawn(scheduler::schedule(Arc::clone(inner)));
+        Ok(())
+    }
+
+    /// Rejects workers unless this server leads: on a standby no attempt is over.
+    ///
+    /// # Errors
+    /// As [`Store::expect_leader`].
+    pub(crate) fn expect_leader(&self) -> Result<()> {
+        self.0.store.expect_leader()
+    }
+
+    /// Notifies watchers that another server may have changed jobs.
+    pub(crate) fn changed_elsewhere(&self) {
+        self.0.changed.send_replace(());
     }
 
     /// Requests the workers to stop, kills those that do not, and waits. Their jobs return to the queue, and the

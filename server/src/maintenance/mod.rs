@@ -75,16 +75,19 @@ struct Sweeper {
 }
 
 impl Maintenance {
+    /// The maintenance of a folder that another server maintains yet.
+    pub(crate) fn new() -> Self {
+        Self { tasks: TaskTracker::new(), stopping: CancellationToken::new() }
+    }
+
     /// Sweeps periodically until it is stopped.
-    pub(crate) fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, ingest: Ingest) -> Self {
-        let (tasks, stopping) = (TaskTracker::new(), CancellationToken::new());
+    pub(crate) fn begin(&self, config: &Arc<ServeConfig>, store: Store, blobs: Blobs, ingest: Ingest) {
         let (data_dir, maintenance) = (config.data_dir.clone(), config.maintenance.clone());
-        let kept = Self { tasks, stopping };
-        kept.spawn(watch::watch_disk(blobs.clone()));
-        kept.spawn(watch::watch_files(store.clone(), data_dir.clone()));
-        kept.spawn(describe::keep_described(store.clone(), blobs.clone()));
+        self.spawn(watch::watch_disk(blobs.clone()));
+        self.spawn(watch::watch_files(store.clone(), data_dir.clone()));
+        self.spawn(describe::keep_described(store.clone(), blobs.clone()));
         let sweeper = Sweeper { store, blobs, ingest, data_dir, maintenance };
-        kept.spawn(async move {
+        self.spawn(async move {
             let mut noted: Option<Instant> = None;
             loop {
                 // Ages are unknown until the clock is recorded.
@@ -95,7 +98,6 @@ impl Maintenance {
                 tokio::time::sleep(SWEEP_EVERY).await;
             }
         });
-        kept
     }
 
     /// Starts a background task that runs until the server stops. Each task may be interrupted at any point and resumes

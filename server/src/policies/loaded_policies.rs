@@ -6,7 +6,7 @@ use super::{engine::Engine, model::Model};
 use crate::{domain::id::PolicyId, error::Result, model_cache::ModelCache};
 
 /// A policy, and whether its history is hidden: two models for the callers.
-type Key = (PolicyId, bool);
+pub(super) type Key = (PolicyId, bool);
 
 /// Policies in memory. A name pins its policy; a policy without a name lives on while sessions hold it.
 pub(super) struct LoadedPolicies<M: Model> {
@@ -27,6 +27,11 @@ impl<M: Model> LoadedPolicies<M> {
         let engine = self.engines.get(&id).ok().flatten()?;
         self.engines.pin(&id, &engine);
         Some(engine)
+    }
+
+    /// Every name with the policy that it points at.
+    pub(super) fn names(&self) -> Vec<(String, Key)> {
+        self.names.iter().map(|(name, key)| (name.clone(), key.clone())).collect()
     }
 
     /// A policy, if it is loaded.

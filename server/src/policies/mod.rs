@@ -187,6 +187,26 @@ impl Policies {
         self.0.scorers.load(run).await.map(Some)
     }
 
+    /// Points each loaded name at the policy that the database has for it: another server may have moved it. Running
+    /// sessions keep their policy.
+    pub(crate) async fn follow_deployments(&self) {
+        let names = lock(&self.0.loaded).names();
+        for (name, key) in names {
+            let Ok(stored) = self.0.store.deployment(&name).await else { continue };
+            let now = stored.assignment().map(|now| (now.policy_id.clone(), now.hide_history));
+            if now.as_ref() == Some(&key) {
+                continue;
+            }
+            let _moving = self.0.moving.lock().await;
+            match self.as_stored(&name).await {
+                Ok((engine, _)) => {
+                    tracing::info!(deployment.name = name, policy.id = %engine.identity().policy_id, "deployment moved by another server");
+                }
+                Err(error) => tracing::warn!(%error, deployment.name = name, "a moved deployment cannot be loaded"),
+            }
+        }
+    }
+
     /// The policy that a name points at; loads it if needed.
     async fn deployed(&self, name: &str) -> Result<Arc<Engine<Model>>> {
         let find = || lock(&self.0.loaded).named(name);

@@ -78,30 +78,45 @@ impl Rollouts {
     /// # Errors
     /// Internal when the folder cannot be created.
     pub fn open(config: &ServeConfig, ingest: Ingest) -> Result<Self> {
-        let folder = config.data_dir.join("rollouts");
-        std::fs::create_dir_all(&folder).map_err(sidecar::fault("making", &folder))?;
-        // Without the entry in its parent, a folder is lost with everything synced in it.
-        sync_folder(&config.data_dir)?;
-        let rollouts = Self(Arc::new(Inner {
+        let rollouts = Self::new(config, ingest);
+        rollouts.begin_storing()?;
+        Ok(rollouts)
+    }
+
+    /// The recordings of a standby, which has none until it leads.
+    pub(crate) fn new(config: &ServeConfig, ingest: Ingest) -> Self {
+        Self(Arc::new(Inner {
             ingest,
-            folder,
+            folder: config.data_dir.join("rollouts"),
             memory_bytes: config.limits.inspect_memory_bytes,
             upload_bytes: config.limits.max_upload_bytes,
             tasks: TaskTracker::new(),
             stopping: CancellationToken::new(),
-        }));
+        }))
+    }
+
+    /// Creates the folder and starts to store recordings that an earlier server has left there.
+    ///
+    /// # Errors
+    /// As [`Rollouts::open`].
+    pub(crate) fn begin_storing(&self) -> Result<()> {
+        let folder = &self.0.folder;
+        std::fs::create_dir_all(folder).map_err(sidecar::fault("making", folder))?;
+        // Without the entry in its parent, a folder is lost with everything synced in it.
+        sync_folder(folder.parent().unwrap_or(folder))?;
         // In the background: neither a robot nor the start waits for it.
-        let left = rollouts.left()?;
-        let recovering = rollouts.clone();
-        rollouts.0.tasks.spawn(async move { recovering.recover(left).await });
-        Ok(rollouts)
+        let left = self.left()?;
+        let recovering = self.clone();
+        self.0.tasks.spawn(async move { recovering.recover(left).await });
+        Ok(())
     }
 
     /// Records a session that begins now. The file is created with the first step.
     ///
     /// # Errors
-    /// Exhausted when the disk is nearly full.
+    /// Exhausted when the disk is nearly full; Precondition or Unavailable on a standby, which writes no episodes.
     pub(crate) fn begin(&self, session: SessionInfo, task: &Task) -> Result<Recorder> {
+        self.0.ingest.expect_leader()?;
         self.0
             .ingest
             .blobs()

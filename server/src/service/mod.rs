@@ -15,6 +15,7 @@ mod segment;
 mod serve;
 mod shutdown;
 mod snapshot;
+pub(crate) mod standby;
 mod subjects;
 mod task;
 #[cfg(test)]
@@ -73,17 +74,39 @@ impl Services {
             .sparing(config.maintenance.min_free_bytes)
             .limiting_caches(config.maintenance.max_cache_bytes)?;
         let accept = config.maintenance.accept_database;
-        let database = Database::configured(&config.data_dir, &config.database)?;
+        let database = Database::configured(&config.data_dir, &config.database)?.of_server(config.listen);
         tracing::info!(%database, "opening the database");
         let store = Store::open_with_blobs(&database, &blobs, accept).await?;
+        let services = Self::new(config, store, blobs, address)?;
+        services.begin().await?;
+        Ok(services)
+    }
+
+    /// Opens the data folder and the database of another server, which leads.
+    ///
+    /// # Errors
+    /// When they cannot be used, or do not belong together.
+    pub(crate) async fn follow(config: ServeConfig, address: SocketAddr) -> Result<Self> {
+        let config = Arc::new(config);
+        let blobs = Blobs::open(&config.data_dir)?
+            .sparing(config.maintenance.min_free_bytes)
+            .limiting_caches(config.maintenance.max_cache_bytes)?;
+        let (database, at) = standby::database(&config)?;
+        tracing::info!(%database, "following the leader of the database");
+        let store = Store::follow(&at, &database, &blobs).await?;
+        Self::new(config, store, blobs, address)
+    }
+
+    /// Every module, without repairs and without work of its own.
+    fn new(config: Arc<ServeConfig>, store: Store, blobs: Blobs, address: SocketAddr) -> Result<Self> {
         data_folder::access::warn_if_open(&config.data_dir);
-        let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await?;
+        let ingest = Ingest::new(&config, store.clone(), blobs.clone())?;
         let curation = Curation::new(store.clone(), ingest.clone());
-        let jobs = Jobs::start(&config, store.clone(), blobs.clone(), address).await?;
+        let jobs = Jobs::new(&config, store.clone(), blobs.clone(), address)?;
         let scorers = Scorers::new(config.policies.live_scorers, store.clone(), blobs.clone(), ingest.clone());
-        let rollouts = Rollouts::open(&config, ingest.clone())?;
+        let rollouts = Rollouts::new(&config, ingest.clone());
         let policies = Policies::new(&config, store.clone(), blobs.clone(), scorers.clone(), rollouts.clone());
-        let maintenance = Maintenance::start(&config, store.clone(), blobs.clone(), ingest.clone());
+        let maintenance = Maintenance::new();
         Ok(Self {
             config,
             store,
@@ -97,6 +120,19 @@ impl Services {
             scorers,
             stopping: CancellationToken::new(),
         })
+    }
+
+    /// Repairs what an earlier server has left, and starts the work of the server that leads.
+    ///
+    /// # Errors
+    /// When the data directory or the database cannot be used.
+    async fn begin(&self) -> Result<()> {
+        self.ingest.recover().await?;
+        self.jobs.begin().await?;
+        self.rollouts.begin_storing()?;
+        self.maintenance.begin(&self.config, self.store.clone(), self.blobs.clone(), self.ingest.clone());
+        self.store.lead();
+        Ok(())
     }
 
     /// The id of a task; `None` for an empty name, which stands for all tasks.

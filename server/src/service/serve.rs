@@ -68,9 +68,11 @@ pub(crate) async fn serve(
     let _workers = for_workers(services, workers, worker_tls);
     let (routes, health) = routes(services).await?;
     let health = Arc::new(health);
-    let (lost, health_on_loss) = (services.store.lost(), Arc::clone(&health));
+    let (store, health_on_loss) = (services.store.clone(), Arc::clone(&health));
     let _lost = AbortOnDropHandle::new(tokio::spawn(async move {
-        lost.cancelled().await;
+        // A standby has nothing to lose.
+        store.leads().await;
+        store.lost().cancelled().await;
         health_on_loss.stop().await;
     }));
     let config = connections.config();

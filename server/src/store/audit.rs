@@ -18,7 +18,7 @@ record! { AuditEntry: at, token_id, caller = "who", peer, rpc, subjects, outcome
 impl Store {
     /// Adds an entry.
     pub(crate) async fn insert_audit(&self, entry: &AuditEntry) -> Result<()> {
-        let mut tx = self.write().await?;
+        let mut tx = self.write_beside().await?;
         sql::query(
             "insert into audit (at, token_id, who, peer, rpc, subjects, outcome) values ($1, $2, $3, $4, $5, $6, $7)",
         )

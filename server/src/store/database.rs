@@ -2,6 +2,7 @@
 
 use std::{
     fmt,
+    net::SocketAddr,
     path::{Path, PathBuf},
 };
 
@@ -28,6 +29,11 @@ impl Database {
     /// Invalid names the flag.
     pub(crate) fn configured(data_dir: &Path, config: &DatabaseConfig) -> Result<Self> {
         Ok(Self { data_dir: data_dir.to_owned(), postgres: Postgres::configured(config)? })
+    }
+
+    /// The same for the server that listens on this address.
+    pub(crate) fn of_server(self, listen: SocketAddr) -> Self {
+        Self { postgres: self.postgres.map(|at| at.of_server(listen)), ..self }
     }
 }
 

@@ -22,6 +22,7 @@ mod evaluation;
 mod export;
 mod fault;
 pub(crate) mod finish;
+mod follow;
 mod job;
 mod kept;
 mod lab;
@@ -33,6 +34,7 @@ mod policy;
 pub(crate) mod postgres;
 pub(crate) mod queue;
 mod read_only;
+mod role;
 mod row;
 mod schedule;
 mod schema;
@@ -69,23 +71,43 @@ pub struct Store {
     readers: Pool,
     /// The link of a server's database to its folder; empty for a database that is only read.
     tie: Arc<OnceLock<tie::Tie>>,
+    /// The role of a server that was started as a standby; `None`: it leads.
+    role: Option<Arc<role::Role>>,
 }
 
 impl Store {
     /// A store that is tied to no folder.
     fn untied(writer: Pool, readers: Pool) -> Self {
-        Self { writer, readers, tie: Arc::default() }
+        Self { writer, readers, tie: Arc::default(), role: None }
     }
 
     /// Closes every connection; SQLite's last one checkpoints the log.
     pub async fn close(&self) {
         self.readers.close().await;
         self.writer.close().await;
+        if let Some(role) = &self.role {
+            role.beside.close().await;
+        }
     }
 
     /// Begins a write. Other writers wait until it ends.
+    ///
+    /// # Errors
+    /// As [`Store::expect_leader`]; Unavailable when the database is busy or away.
     async fn write(&self) -> Result<Transaction> {
+        if let Some(role) = &self.role {
+            role.expect_writer()?;
+        }
         self.writer.begin_write().await.map_err(fault("beginning a write"))
+    }
+
+    /// Begins a write that a standby makes too: of rows that the leader holds in no memory and that belong to no blob.
+    async fn write_beside(&self) -> Result<Transaction> {
+        let writer = match &self.role {
+            Some(role) if role.expect_writer().is_err() => &role.beside,
+            Some(_) | None => &self.writer,
+        };
+        writer.begin_write().await.map_err(fault("beginning a write"))
     }
 
     /// Commits a write: it is on disk, in the database at the path, when this returns.

@@ -1,15 +1,17 @@
 //! The address of a database in PostgreSQL, and whether it can be used.
 
+mod changes;
 mod connections;
 mod leader;
 mod pool;
 
-use std::{fmt, fs, process::Stdio, str::FromStr as _, time::Duration};
+use std::{fmt, fs, net::SocketAddr, process::Stdio, str::FromStr as _, time::Duration};
 
 use gleaner_core::Secret;
 use sqlx::{Connection as _, PgConnection, postgres::PgConnectOptions};
 use tokio::process::Command;
 
+pub(super) use self::leader::leader;
 use super::{fault::connecting, sql::within};
 use crate::{
     config::DatabaseConfig,
@@ -43,6 +45,8 @@ pub(crate) struct Postgres {
     url: Secret,
     /// The password, if one was given by the address or by a file.
     password: Option<Secret>,
+    /// The address of the server that uses the database, for its standbys.
+    listen: Option<SocketAddr>,
 }
 
 impl Postgres {
@@ -91,12 +95,31 @@ impl Postgres {
             timeout,
             url: Secret::from(url.to_owned()),
             password: parts(url).1.map(decoded),
+            listen: None,
         })
     }
 
-    /// The same with a name for its connections that no other server has.
+    /// The same for the server that listens on this address.
+    pub(crate) fn of_server(&self, listen: SocketAddr) -> Self {
+        Self { listen: Some(listen), ..self.clone() }
+    }
+
+    /// Whether a server leads the database.
+    ///
+    /// # Errors
+    /// Precondition when PostgreSQL cannot be reached.
+    pub(crate) async fn has_leader(&self) -> Result<bool> {
+        let mut connection = self.look().await?;
+        let led = leader::is_led(&mut connection).await.map_err(|error| connecting(self, error))?;
+        connection.close().await.map_err(|error| connecting(self, error))?;
+        Ok(led)
+    }
+
+    /// The same with a name for its connections that no other server has, and that has the address of this one. Names
+    /// have up to 63 bytes in PostgreSQL.
     fn of_one_server(&self) -> Self {
-        let name = format!("gleaner-server {:08x}", rand::random::<u32>());
+        let listen = self.listen.map(|listen| format!(" {listen}")).unwrap_or_default();
+        let name = format!("gleaner {:06x}{listen}", rand::random::<u32>() & 0xff_ffff);
         Self { options: self.options.clone().application_name(&name), ..self.clone() }
     }
 

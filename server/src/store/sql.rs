@@ -20,7 +20,7 @@ use sqlx::{
 
 pub(super) use self::{
     builder::QueryBuilder,
-    connection::{Pool, Target, Transaction},
+    connection::{CHANGES, Pool, Target, Transaction},
     silence::within,
     value::{Argument, Form, Index, Row, Value},
 };

@@ -78,7 +78,7 @@ impl Store {
 
     /// Records a use of a token.
     pub(crate) async fn token_used(&self, id: &TokenId, at: Millis) -> Result<()> {
-        let mut tx = self.write().await?;
+        let mut tx = self.write_beside().await?;
         sql::query(
             "update tokens set last_used_at = case when last_used_at > $1 then last_used_at else $1 end where id = $2",
         )

@@ -8,17 +8,22 @@ use std::{
     time::Duration,
 };
 
-use sqlx::PgConnection;
+use sqlx::{PgConnection, PgPool};
 
 use super::{
-    super::{Store, fault::connecting, schema, sql::Pool, tie::Tie},
+    super::{Store, fault::connecting, role::Role, schema, sql::Pool, tie::Tie},
     Postgres, leader,
     pool::{Begin, begin, pool},
 };
-use crate::error::{Error, Result};
+use crate::{
+    domain::time::Millis,
+    error::{Error, Result},
+};
 
 /// Connections that read; one more writes.
 const READERS: u32 = 8;
+/// The difference of two clocks, in milliseconds, that causes a warning.
+const CLOCKS_DIFFER: i64 = 60_000;
 
 impl Store {
     /// Opens a database for the one server that uses it, and brings its schema up to date.
@@ -40,7 +45,28 @@ impl Store {
         }
         schema::update(&Pool::Postgres(writer.clone()), at).await?;
         let readers = pool(at, READERS, reading()).connect_with(at.options.clone()).await.map_err(doing)?;
-        Ok(Self { writer: Pool::Postgres(writer), readers: Pool::Postgres(readers), tie })
+        warn_of_clocks(at, &readers).await?;
+        Ok(Self { writer: Pool::Postgres(writer), readers: Pool::Postgres(readers), tie, role: None })
+    }
+
+    /// Opens a database that another server leads. The connection that takes the lock is opened when the lock is wanted.
+    ///
+    /// # Errors
+    /// Precondition when it cannot be used.
+    pub(in crate::store) async fn follow_postgres(at: &Postgres) -> Result<Self> {
+        at.expect_usable(false).await?;
+        let at = &at.of_one_server();
+        let tie = Arc::<OnceLock<Tie>>::default();
+        let writer = pool(at, 1, leading(&tie, at)).idle_timeout(None).max_lifetime(None);
+        let writer = writer.connect_lazy_with(at.options.clone());
+        let wait = at.timeout;
+        let beside = pool(at, 1, begin(move |connection| Box::pin(writing(connection, wait))));
+        let beside = beside.connect_lazy_with(at.options.clone());
+        let readers = pool(at, READERS, reading()).connect_with(at.options.clone()).await;
+        let readers = readers.map_err(|error| connecting(at, error))?;
+        warn_of_clocks(at, &readers).await?;
+        let role = Some(Arc::new(Role::standby(Pool::Postgres(beside))));
+        Ok(Self { writer: Pool::Postgres(writer), readers: Pool::Postgres(readers), tie, role })
     }
 
     /// Opens a database to read it, of any schema or none.
@@ -74,6 +100,28 @@ impl Store {
             ))),
         }
     }
+}
+
+/// Warns when the clock of this machine differs from that of PostgreSQL, and so probably from that of other servers.
+async fn warn_of_clocks(at: &Postgres, readers: &PgPool) -> Result<()> {
+    let theirs = sqlx::query_scalar("select cast(extract(epoch from clock_timestamp()) * 1000 as bigint)");
+    let theirs: i64 = theirs.fetch_one(readers).await.map_err(|error| connecting(at, error))?;
+    if let Some(problem) = clocks(Millis::now().0, theirs) {
+        tracing::warn!(database = %at, "{problem}");
+    }
+    Ok(())
+}
+
+/// A sentence about two clocks that differ, in milliseconds.
+fn clocks(ours: i64, theirs: i64) -> Option<String> {
+    let difference = ours.saturating_sub(theirs);
+    (difference.abs() >= CLOCKS_DIFFER).then(|| {
+        let (seconds, side) = (difference.abs() / 1000, if difference > 0 { "ahead of" } else { "behind" });
+        format!(
+            "the clock of this machine is {seconds} seconds {side} that of PostgreSQL: tokens expire, schedules begin and \
+             rows are dated by the clock of each server. Synchronise both machines, for example by chrony"
+        )
+    })
 }
 
 /// The beginning of connections that read.
@@ -115,4 +163,18 @@ async fn writing(connection: &mut PgConnection, wait: Duration) -> sqlx::Result<
     let wait = format!("{}s", wait.as_secs().saturating_sub(1).max(1));
     sqlx::query("select set_config('lock_timeout', $1, false)").bind(wait).execute(connection).await?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::clocks;
+
+    #[test]
+    fn clocks_that_differ_by_a_minute_are_reported() {
+        let hour = 60 * 60 * 1000;
+        assert_eq!(clocks(hour, hour + 59_000), None);
+        let ahead = clocks(2 * hour, hour).unwrap();
+        assert!(ahead.contains("3600 seconds ahead of") && ahead.contains("Synchronise"), "{ahead}");
+        assert!(clocks(hour, 2 * hour).unwrap().contains("3600 seconds behind"));
+    }
 }

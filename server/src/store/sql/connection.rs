@@ -30,8 +30,11 @@ pub(in crate::store) enum Target<'e> {
 }
 
 /// The start of a write on PostgreSQL: one at a time in the whole database, as SQLite's `begin immediate` has it, so that
-/// what a transaction has read still holds when it writes. The key is of this program alone.
-const POSTGRES_WRITE: &str = "begin; select pg_advisory_xact_lock(7236279350437208690)";
+/// what a transaction has read still holds when it writes. The key is of this program alone. The standbys of a leader are
+/// notified of the commit.
+const POSTGRES_WRITE: &str = "begin; select pg_advisory_xact_lock(7236279350437208690); notify gleaner_changes";
+/// The channel of that notification.
+pub(in crate::store) const CHANGES: &str = "gleaner_changes";
 
 impl Pool {
     /// Begins a write. Other writers wait until it ends.
