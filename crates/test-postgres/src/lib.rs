@@ -132,6 +132,29 @@ impl Server {
         format!("postgres://{role}@localhost/{database}?host={socket}")
     }
 
+    /// An address of this machine that no other server of a test has, because the port of every server is the same.
+    pub fn own_address() -> String {
+        let [.., high, low] = std::process::id().to_be_bytes();
+        format!("127.83.{high}.{}", low.max(1))
+    }
+
+    /// Restarts the server so that it also listens on this address, with TLS by this certificate and key.
+    pub fn serve_tls(&mut self, address: &str, certificate: &str, key: &str) {
+        self.stop();
+        let data = self.data();
+        for (name, content) in [("server.crt", certificate), ("server.key", key)] {
+            let path = data.join(name);
+            fs::write(&path, content).unwrap();
+            fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
+            if rustix::process::getuid().is_root() {
+                run(Command::new("chown").arg("postgres").arg(&path));
+            }
+        }
+        append(&data.join("postgresql.conf"), &format!("listen_addresses = '{address}'\nssl = on\n"));
+        append(&data.join("pg_hba.conf"), "hostssl all all 127.0.0.0/8 trust\n");
+        self.serve();
+    }
+
     /// Runs a statement in a database and returns its rows, one a line.
     ///
     /// # Panics
@@ -216,6 +239,11 @@ fn as_postgres(program: &str) -> Command {
     let mut command = Command::new("setpriv");
     command.args(["--reuid=postgres", "--regid=postgres", "--init-groups"]).arg(program).current_dir("/");
     command
+}
+
+fn append(path: &Path, text: &str) {
+    let mut file = fs::OpenOptions::new().append(true).open(path).unwrap();
+    file.write_all(text.as_bytes()).unwrap();
 }
 
 fn run(command: &mut Command) {

@@ -99,6 +99,8 @@ fn cause(code: &str) -> Cause {
     }
 }
 
+const CERTIFICATE: &str = "check the certificate of PostgreSQL, and `sslmode` and `sslrootcert` in --database";
+
 /// The error of a database that cannot be opened, for its operator.
 pub(super) fn connecting(shown: impl Display, error: sqlx::Error) -> Error {
     let code = error.as_database_error().and_then(|error| error.code()).unwrap_or_default().into_owned();
@@ -109,8 +111,10 @@ pub(super) fn connecting(shown: impl Display, error: sqlx::Error) -> Error {
                  server runs"
             ));
         }
+        // A certificate that the TLS of the client rejects.
+        (sqlx::Error::Io(error), _) if error.kind() == std::io::ErrorKind::InvalidData => CERTIFICATE,
         (sqlx::Error::Io(_), _) => "check the host and port of --database, and that its server runs",
-        (sqlx::Error::Tls(_), _) => "check its certificate and `sslmode` in --database",
+        (sqlx::Error::Tls(_), _) => CERTIFICATE,
         (_, "28P01" | "28000") => {
             "PostgreSQL rejects the user or the password; set --database-password-file, or PGPASSWORD or PGPASSFILE"
         }

@@ -1,6 +1,8 @@
 //! One server has a database in PostgreSQL, and survives the loss of its connections. Run where `GLEANER_TEST_DATABASE`
 //! selects PostgreSQL.
 
+mod tls;
+
 use gleaner_test_postgres::{GUARDED_ROLE, PASSWORD, Proxy, Server};
 
 use super::*;
