@@ -46,11 +46,14 @@ async fn every_policy_trains_and_is_served() {
         };
         let mut changed = json!({"policy": kind.name});
         let mut chunk = 1;
-        for (name, value) in [("segment_length", 2), ("chunk_length", 4)] {
+        for (name, value) in [("segment_length", 2), ("chunk_length", 4), ("execute_length", 4)] {
             if kind.settings.iter().any(|setting| setting.name == name) {
                 changed[name] = value.into();
                 chunk = if name == "chunk_length" { 4 } else { chunk };
             }
+        }
+        if kind.name == "act" {
+            changed["chunk_execution"] = "ensembled".into();
         }
         let id = api.succeed(lab::TASK, lab::with(lab::train(data, 2), changed)).await.result_id;
         let listed = api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap();
@@ -67,8 +70,7 @@ async fn every_policy_trains_and_is_served() {
     }
 }
 
-/// Each reply has the rest of the chunk until all of it is executed: the default execute_length is above the length of the
-/// test's chunks.
+/// Each reply has the rest of the chunk until all of it is executed.
 async fn expect_executed_chunks(api: &mut Api, name: &str, chunk: usize) {
     let mut robot = Robot::open(api, name).await.unwrap();
     assert_eq!(robot.opened.execute_length as usize, chunk);

@@ -35,8 +35,8 @@ pub(crate) struct PipelineArgs {
     /// Last stage of the chain.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
-    /// Train for a first look, in minutes: 300 steps of 32 segments for the encoder and 500 of 32 for the policy, where
-    /// --steps, --batch, --train-steps and --train-batch are not given. The policy is rarely good.
+    /// Train for a first look, in minutes: 300 steps of 32 segments for the encoder, and 800 of 32 for behaviour cloning,
+    /// where --steps, --batch, --train-steps, --train-batch and --policy are not given. The policy is rarely good.
     #[arg(long)]
     quick: bool,
     #[command(flatten)]
@@ -46,7 +46,9 @@ pub(crate) struct PipelineArgs {
 }
 
 /// The settings of --quick.
-const QUICK: [(&str, u32); 4] = [("steps", 300), ("batch", 32), ("train_steps", 500), ("train_batch", 32)];
+const QUICK: [(&str, u32); 4] = [("steps", 300), ("batch", 32), ("train_steps", 800), ("train_batch", 32)];
+/// The policy of --quick, which learns most in short trainings.
+const QUICK_POLICY: &str = "bc";
 
 impl PipelineArgs {
     pub(crate) fn spec(&self) -> PipelineSpec {
@@ -55,6 +57,7 @@ impl PipelineArgs {
             for (name, value) in QUICK {
                 filled.settings.values.entry(name).or_insert_with(|| value.into());
             }
+            filled.settings.values.entry("policy").or_insert_with(|| QUICK_POLICY.into());
             return filled.spec();
         }
         let (scored, selected) = (self.until >= Until::Score, self.until >= Until::Dataset);
@@ -209,8 +212,16 @@ mod tests {
             let spec = spec(options);
             (steps(spec.pretrain.unwrap().settings), steps(spec.train.unwrap().settings))
         };
-        assert_eq!(of("--quick"), ((Some(300), Some(32)), (Some(500), Some(32))));
-        assert_eq!(of("--quick --steps 7 --train-batch 8"), ((Some(7), Some(32)), (Some(500), Some(8))));
+        assert_eq!(of("--quick"), ((Some(300), Some(32)), (Some(800), Some(32))));
+        assert_eq!(of("--quick --steps 7 --train-batch 8"), ((Some(7), Some(32)), (Some(800), Some(8))));
+        let policy = |options: &str| {
+            let settings = gleaner_core::proto::from_struct(spec(options).train.unwrap().settings);
+            settings.get("policy").and_then(|name| name.as_str()).map(str::to_owned)
+        };
+        assert_eq!(
+            [policy("--quick"), policy("--quick --policy act"), policy("")],
+            [Some("bc".to_owned()), Some("act".to_owned()), None]
+        );
     }
 
     #[test]

@@ -139,7 +139,7 @@ fn report(context: &Context, pushed: &Pushed, skipped: &[Skipped], task: &str) -
             pushed.results.len()
         )));
     }
-    context.output.next(format_args!("gleaner pretrain --task {task} --wait"));
+    context.output.next(format_args!("gleaner pipeline --task {task} --quick --wait"));
     Ok(())
 }
 

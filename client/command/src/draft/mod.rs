@@ -101,6 +101,33 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
     Ok(Draft { spec, origin, rate, cameras, fields, left_out })
 }
 
+impl Draft {
+    /// What a reader should not overlook, as sentences.
+    pub(crate) fn doubts(&self) -> Vec<String> {
+        let mut doubts = Vec::new();
+        if self.cameras.is_empty() {
+            doubts.push(
+                "the task has no cameras: \"Left out\" at the end of the draft has the topics that might be".into(),
+            );
+        }
+        let sources = |action: bool| {
+            let fields = self.fields.iter().filter(move |field| field.action == action);
+            fields.flat_map(|field| field.sources.iter().map(move |source| (field, source)))
+        };
+        for (field, source) in sources(false) {
+            let Some((command, _)) = sources(true).find(|(_, of_action)| of_action.topic == source.topic) else {
+                continue;
+            };
+            let (topic, own, command) = (&source.topic, &field.spec.name, &command.spec.name);
+            doubts.push(format!(
+                "{own} is an observation although {command} of the same topic {topic} is an action: add --action {topic} if \
+                 both are commands"
+            ));
+        }
+        doubts
+    }
+}
+
 /// The topics with numbers, for an error.
 fn topics(candidates: &[Vec<Candidate>]) -> String {
     let mut topics: Vec<&str> = candidates.iter().flatten().map(|candidate| candidate.topic.as_str()).collect();

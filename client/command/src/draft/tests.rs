@@ -103,6 +103,20 @@ fn a_draft_is_a_valid_task_with_its_reasons() {
 }
 
 #[test]
+fn a_command_beside_an_observation_and_missing_cameras_are_doubts() {
+    let survey = json();
+    assert_eq!(draft([&survey, &survey], &known("lab")).unwrap().doubts(), Vec::<String>::new());
+    let out = vec![numbers("target", &[range(-1.0, 1.0)]), numbers("grip", &[range(0.0, 1.0)])];
+    let survey = recording(vec![topic("/policy_out", "json", out)]);
+    let doubts = draft([&survey, &survey], &known("lab")).unwrap().doubts();
+    assert!(doubts[0].starts_with("the task has no cameras"), "{doubts:?}");
+    assert!(
+        doubts[1].starts_with("grip is an observation although target of the same topic /policy_out"),
+        "{doubts:?}"
+    );
+}
+
+#[test]
 fn a_second_way_is_matched_by_names_and_ranges() {
     let joints = [range(-1.0, 1.0), range(0.0, 3.0), range(0.0, 0.04)];
     let pose = [

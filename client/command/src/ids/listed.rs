@@ -7,7 +7,7 @@ use gleaner_proto::v1::{
     ListTasksRequest,
 };
 
-use super::Kind;
+use super::{Kind, LATEST};
 use crate::failure::Result;
 
 const PAGE: u32 = 1000;
@@ -22,7 +22,7 @@ pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &
     match kind {
         Kind::Job => Ok(jobs(client, task).await?.into_iter().map(|job| job.id).collect()),
         Kind::Encoder => results(client, task, JobKind::Pretrain).await,
-        Kind::Policy => policies(client, task).await,
+        Kind::Policy => policies(client, task, text == LATEST).await,
         Kind::Schedule => {
             let request = ListSchedulesRequest { task: task.unwrap_or_default().to_owned() };
             let reply = client.schedules().list_schedules(request).await?.into_inner();
@@ -30,12 +30,10 @@ pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &
         }
         Kind::Evaluation => {
             let mut found = results(client, task, JobKind::Evaluate).await?;
-            for policy_id in policies(client, task).await? {
+            for policy_id in policies(client, task, true).await? {
                 let request = ListEvaluationsRequest { policy_id };
-                // A policy whose job is queued has none.
-                if let Ok(reply) = client.policies().list_evaluations(request).await {
-                    found.extend(reply.into_inner().evaluations.into_iter().map(|evaluation| evaluation.id));
-                }
+                let reply = client.policies().list_evaluations(request).await?.into_inner();
+                found.extend(reply.evaluations.into_iter().map(|evaluation| evaluation.id));
             }
             Ok(found)
         }
@@ -73,12 +71,16 @@ pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &
     }
 }
 
-/// The policies that jobs make, and those of other servers.
-async fn policies(client: &Client, task: Option<&str>) -> Result<Vec<String>> {
-    let mut found = results(client, task, JobKind::Train).await?;
+/// The policies that are there, and unless `finished` those that jobs are making.
+async fn policies(client: &Client, task: Option<&str>, finished: bool) -> Result<Vec<String>> {
+    let mut found = Vec::new();
     for task in tasks(client, task).await? {
         let reply = client.policies().list_policies(ListPoliciesRequest { task }).await?.into_inner();
-        found.extend(reply.policies.into_iter().filter(|policy| policy.remote.is_some()).map(|policy| policy.id));
+        found.extend(reply.policies.into_iter().map(|policy| policy.id));
+    }
+    if !finished {
+        let made = results(client, task, JobKind::Train).await?;
+        found.extend(made.into_iter().filter(|id| !found.contains(id)).collect::<Vec<_>>());
     }
     Ok(found)
 }

@@ -70,6 +70,6 @@ mod tests {
         let chunk = policies.iter().flat_map(|kind| &kind.settings).find(|setting| setting.name == "chunk_length");
         let chunk = chunk.unwrap();
         assert_eq!((chunk.r#type.as_str(), chunk.least, chunk.most), ("integer", 1.0, 256.0));
-        assert_eq!(chunk.default.clone().unwrap().kind, Some(prost_types::value::Kind::NumberValue(10.0)));
+        assert_eq!(chunk.default.clone().unwrap().kind, Some(prost_types::value::Kind::NumberValue(5.0)));
     }
 }

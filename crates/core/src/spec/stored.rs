@@ -17,7 +17,21 @@ pub(super) fn pretrain(values: Values) -> Values {
 
 /// A training's settings in today's form.
 pub(super) fn train(values: Values) -> Values {
-    used(Family::Weighting, used(Family::Policy, complete(flat(values))))
+    used(Family::Weighting, used(Family::Policy, chunked(complete(flat(values)))))
+}
+
+/// Adds the settings of chunks that earlier versions lacked, with the values they used.
+fn chunked(mut values: Values) -> Values {
+    for (name, value) in [
+        ("chunk_length", json!(10)),
+        ("execute_length", json!(5)),
+        ("chunk_network", json!("transformer")),
+        ("chunk_execution", json!("ensembled")),
+        ("prediction", json!("noise")),
+    ] {
+        values.entry(name).or_insert(value);
+    }
+    values
 }
 
 /// Adds the settings that earlier versions lacked, with the values they used: they read the action from the

@@ -69,7 +69,7 @@ gleaner_core::settings! {
         /// Size of the style z. Larger sizes encode more variation between demonstrations.
         pub(super) latent_size: u32 = 16, integer_in(1, 1024);
         /// Execution of chunks.
-        pub(super) chunk_execution: ChunkExecution = ChunkExecution::Ensembled, ChunkExecution::shape();
+        pub(super) chunk_execution: ChunkExecution = ChunkExecution::Horizon, ChunkExecution::shape();
     }
 }
 

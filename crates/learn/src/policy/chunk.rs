@@ -20,12 +20,12 @@ gleaner_core::settings! {
     #[derive(Copy)]
     pub(super) struct ChunkSpec {
         /// Number of actions predicted at once (k). Longer chunks are smoother and react later.
-        pub(super) chunk_length: u32 = 10, integer_in(1, 256);
+        pub(super) chunk_length: u32 = 5, integer_in(1, 256);
         /// Number of actions executed of each chunk before the next one is predicted; at most chunk_length. Larger
         /// numbers cost less and react later.
-        pub(super) execute_length: u32 = 5, integer_in(1, 256);
+        pub(super) execute_length: u32 = 2, integer_in(1, 256);
         /// Network that predicts a chunk.
-        pub(super) chunk_network: ChunkNetwork = ChunkNetwork::Transformer, ChunkNetwork::shape();
+        pub(super) chunk_network: ChunkNetwork = ChunkNetwork::Perceptron, ChunkNetwork::shape();
     }
 }
 

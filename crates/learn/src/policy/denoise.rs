@@ -46,7 +46,7 @@ gleaner_core::settings! {
         /// they share the segment's image.
         noise_pairs: u32 = 4, integer_in(1, 64);
         /// What the network predicts.
-        prediction: Prediction = Prediction::Noise, Prediction::shape();
+        prediction: Prediction = Prediction::Chunk, Prediction::shape();
     }
 }
 

@@ -35,10 +35,10 @@ type Form = (&'static str, &'static str, &'static [(&'static str, &'static str)]
 
 /// The forms beside the policies with their defaults.
 const OTHERS: [Form; 4] = [
-    (GRID, "act", &[("image_tokens", "grid")]),
-    ("act by a perceptron", "act", &[("chunk_network", "perceptron")]),
-    ("flow by a perceptron", "flow", &[("chunk_network", "perceptron"), ("prediction", "chunk")]),
-    ("diffusion by a perceptron", "diffusion", &[("chunk_network", "perceptron"), ("prediction", "chunk")]),
+    (GRID, "act", &[("image_tokens", "grid"), ("chunk_network", "transformer"), ("chunk_execution", "ensembled")]),
+    ("act by a transformer", "act", &[("chunk_network", "transformer"), ("chunk_execution", "ensembled")]),
+    ("flow by a transformer", "flow", &[("chunk_network", "transformer"), ("prediction", "noise")]),
+    ("diffusion by a transformer", "diffusion", &[("chunk_network", "transformer"), ("prediction", "noise")]),
 ];
 
 /// The forms of all policies: their names, and [`OTHERS`].

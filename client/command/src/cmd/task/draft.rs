@@ -71,6 +71,9 @@ impl DraftArgs {
 fn show(context: &Context, draft: &Draft, paths: &str) -> Result<()> {
     gleaner_recording::validate(&draft.spec)?;
     let text = draft.to_string();
+    for doubt in draft.doubts() {
+        context.output.note(doubt);
+    }
     context.output.result(|| Ok(json!({ "spec": draft.spec, "toml": text })), || text.clone())?;
     context.output.next(format_args!("gleaner task check task.toml {paths}, after a look at its comments"));
     Ok(())

@@ -21,7 +21,7 @@ fn chunk_loss(policy: &dyn PolicyModel, trajectory: &Trajectory) -> f32 {
 #[test]
 fn actions_after_a_step_that_was_not_kept_change_nothing() {
     let trajectory = toy::episode("failure", 40, 10, false);
-    for form in ["act", "act by a perceptron", "flow", "flow by a perceptron", "diffusion by a perceptron"] {
+    for form in ["act", "act by a transformer", "flow", "flow by a transformer", "diffusion"] {
         let policy = untrained(form, &[&trajectory]);
         let plain = chunk_loss(policy.as_ref(), &trajectory);
         let with =

@@ -4,7 +4,7 @@ use gleaner_core::ensemble::Execution;
 
 use super::*;
 
-const DRAWING: [&str; 4] = ["flow", "diffusion", "flow by a perceptron", "diffusion by a perceptron"];
+const DRAWING: [&str; 4] = ["flow", "diffusion", "flow by a transformer", "diffusion by a transformer"];
 
 /// Episodes in which nothing is to be seen, half of them with the action 1 throughout and half with −1.
 fn two_modes() -> Vec<Trajectory> {
