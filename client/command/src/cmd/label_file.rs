@@ -44,18 +44,18 @@ pub(super) async fn label(
     Ok(changed)
 }
 
+/// The ids of the episodes for each new label: an outcome, and a cohort if that changes too.
+type Changes = BTreeMap<(i32, Option<String>), Vec<String>>;
+
 /// The episodes of each label that is not theirs yet. A label without a cohort keeps the episode's.
-fn changes(
-    rows: &[LabelledFile],
-    episodes: &[Episode],
-) -> std::result::Result<BTreeMap<(i32, Option<String>), Vec<String>>, String> {
+fn changes(rows: &[LabelledFile], episodes: &[Episode]) -> std::result::Result<Changes, String> {
     let mut by_name: BTreeMap<&str, Vec<&Episode>> = BTreeMap::new();
     for episode in episodes {
         by_name.entry(stem(&episode.file_name)).or_default().push(episode);
         by_name.entry(&episode.id).or_default().push(episode);
     }
     let (mut missing, mut ambiguous) = (Vec::new(), Vec::new());
-    let mut changes: BTreeMap<(i32, Option<String>), Vec<String>> = BTreeMap::new();
+    let mut changes = Changes::new();
     let mut named = BTreeSet::new();
     for row in rows {
         let name = row.path.file_name().unwrap_or_default().to_string_lossy();
