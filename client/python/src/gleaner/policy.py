@@ -43,8 +43,9 @@ class Chunk:
 class Policy:
     """A deployment to act with. A context manager; for one thread.
 
-    `rate_hz` is the control rate (None: the task's; another one is accepted with a warning), `deadline` how many seconds after its arrival at the server an
-    observation may be answered (None: no deadline), `timeout` how long to wait for any answer.
+    `rate_hz` is the control rate (None: the task's; another one is accepted with a warning), `deadline` how many
+    seconds after its arrival at the server an observation may be answered (None: no deadline), `timeout` how long to
+    wait for any answer.
 
     With `record` the server keeps each episode as a recording of the task, under `cohort` (empty: the deployment's
     name) and the outcome given to `close` or `reset`; an episode that ends otherwise is kept as unknown.
@@ -79,8 +80,8 @@ class Policy:
         if abs(self.rate_hz / self.spec.rate_hz - 1) > _OTHER_RATE:
             slower = "slower" if self.rate_hz < self.spec.rate_hz else "faster"
             warnings.warn(
-                f"rate_hz {self.rate_hz:g}: the steps of the task are at {self.spec.rate_hz:g} Hz, so the robot moves {slower} "
-                "than its demonstrations",
+                f"rate_hz {self.rate_hz:g}: the steps of the task are at {self.spec.rate_hz:g} Hz, so the robot moves "
+                f"{slower} than its demonstrations",
                 stacklevel=2,
             )
         self._open = pb.SessionOpen(
