@@ -117,7 +117,9 @@ Start = Callable[[Answer], tuple[Play, gleaner.Client]]
 def test_missed_step_uses_the_chunk_that_covers_it(play: Start) -> None:
     chunk = action(1.0, 2.0)
     shown, client = play(lambda number, seen: (chunk if number == 0 else missed)(number, seen))
-    with gleaner.Policy(client, "d", deadline=0.05, rate_hz=20.0) as policy:
+    with pytest.warns(UserWarning, match="rate_hz 20: the steps of the task are at 10 Hz.* moves faster"):
+        twice_as_fast = gleaner.Policy(client, "d", deadline=0.05, rate_hz=20.0)
+    with twice_as_fast as policy:
         assert policy(SEEN) == [1.0]
         assert policy(SEEN) == [2.0]
         with pytest.raises(gleaner.Missed, match="deployment d"):
