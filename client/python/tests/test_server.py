@@ -299,8 +299,9 @@ def test_a_shaped_dataset_keeps_what_was_counted(client: gleaner.Client, lab: La
         client.datasets.create(lab.run, beta=0.5, shape={"phases": 0})
 
 
-def test_dataset_requires_one_rule(client: gleaner.Client, lab: Lab) -> None:
-    with pytest.raises(gleaner.InvalidArgument, match="selection"):
-        client.datasets.create(lab.run)
+def test_dataset_has_one_rule_or_the_default_of_its_run(client: gleaner.Client, lab: Lab) -> None:
+    default = client.scores.get(lab.run).default_beta
+    assert default > 0
+    assert client.datasets.create(lab.run).id == client.datasets.create(lab.run, beta=default).id
     with pytest.raises(ValueError, match="give one of the two"):
         client.datasets.create(lab.run, beta=0.5, top_fraction=0.5)
