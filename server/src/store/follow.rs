@@ -35,7 +35,7 @@ impl Store {
     /// Rejects a change unless this server leads.
     ///
     /// # Errors
-    /// Precondition names the leader; Unavailable while there is none.
+    /// Precondition names the leader; Unavailable while no server leads.
     pub(crate) fn expect_leader(&self) -> Result<()> {
         self.role.as_ref().map_or(Ok(()), |role| role.expect_leader())
     }

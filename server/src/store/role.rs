@@ -33,7 +33,7 @@ impl Role {
         Self { beside, stage: AtomicU8::new(FOLLOWS), leader: Mutex::default(), leads: CancellationToken::new() }
     }
 
-    /// Notes the address of the leader; `None` while there is none.
+    /// Notes the address of the leader; `None` while no server leads.
     pub(super) fn note_leader(&self, address: Option<String>) {
         *self.leader.lock().unwrap_or_else(PoisonError::into_inner) = address;
     }
