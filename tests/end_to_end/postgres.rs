@@ -1,28 +1,17 @@
 //! A server whose database is in PostgreSQL. Where PostgreSQL is not installed, these tests print SKIPPED.
 
 use gleaner_proto::v1::*;
-use gleaner_test_postgres::{GUARDED_ROLE, PASSWORD, Server};
+use gleaner_test_postgres::{GUARDED_ROLE, PASSWORD};
 use tonic::Code;
 
 use crate::support::{
     api::Api,
     command::{self, server_text},
     lab::{self, RECORDINGS},
+    postgres::postgres,
     server::{TestServer, serve},
-    skipped::skipped,
     wait::until,
 };
-
-/// A private PostgreSQL and the address of a new database in it.
-fn postgres() -> Option<(Server, String)> {
-    if let Some(reason) = gleaner_test_postgres::missing() {
-        skipped(&reason);
-        return None;
-    }
-    let server = Server::start();
-    let url = server.url(&server.database());
-    Some((server, url))
-}
 
 /// A job continues through a restart of PostgreSQL and a kill of the server, and another server cannot take the database.
 #[tokio::test]

@@ -2,31 +2,19 @@
 //! PostgreSQL is not installed, these tests print SKIPPED.
 
 use gleaner_proto::v1::*;
-use gleaner_test_postgres::Server;
 use tonic::{Code, Status};
 
 use crate::support::{
     api::Api,
     command,
     lab::{self, RECORDINGS},
+    postgres::postgres,
     robot::{Robot, observe, start_sim},
     server::{TestServer, serve},
-    skipped::skipped,
     wait::until,
 };
 
 const NAME: &str = "arm@prod";
-
-/// A private PostgreSQL and the address of a new database in it.
-fn postgres() -> Option<(Server, String)> {
-    if let Some(reason) = gleaner_test_postgres::missing() {
-        skipped(&reason);
-        return None;
-    }
-    let server = Server::start();
-    let url = server.url(&server.database());
-    Some((server, url))
-}
 
 /// Expects the refusal of a change by a standby, which names the leader.
 fn expect_leader_named(refused: &Status, leader: &TestServer) {

@@ -13,6 +13,7 @@ pub mod errors;
 pub mod files;
 pub mod http;
 pub mod lab;
+pub mod postgres;
 pub mod process;
 pub mod robot;
 pub mod rollouts;

@@ -253,14 +253,13 @@ pub struct Job {
 
 impl Job {
     /// Why a queued job, or an attempt that its engine has not started, waits; empty if it does not.
-    #[must_use]
     pub fn waiting(&self) -> &str {
-        if self.state != JobState::Queued || !self.placement.waiting.is_empty() {
-            &self.placement.waiting
-        } else if self.needs.is_empty() {
-            "for a free worker; the server runs --workers jobs at once"
-        } else {
-            "for the jobs that it needs, then for a free worker"
+        match (self.state, self.placement.waiting.as_str()) {
+            (JobState::Queued, "") if self.needs.is_empty() => {
+                "for a free worker; the server runs --workers jobs at once"
+            }
+            (JobState::Queued, "") => "for the jobs that it needs, then for a free worker",
+            (_, known) => known,
         }
     }
 }
