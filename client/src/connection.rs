@@ -18,6 +18,7 @@ use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
 
 use crate::credentials::Credentials;
+use crate::direct::Direct;
 use crate::error::{ClientError, Result};
 use crate::reason::reason;
 use crate::token::Token;
@@ -52,6 +53,7 @@ impl Interceptor for Authorize {
 #[derive(Clone, Debug)]
 pub struct Client {
     transport: Transport,
+    direct: Direct,
 }
 
 impl Client {
@@ -91,7 +93,7 @@ impl Client {
             .await
             .map_err(|error| ClientError::Connect { url: url.to_owned(), problem: reason(&error) })?;
         let Credentials { token, ca: _, identity: _ } = credentials;
-        Ok(Self { transport: InterceptedService::new(channel, Authorize { token }) })
+        Ok(Self { transport: InterceptedService::new(channel, Authorize { token }), direct: Direct::default() })
     }
 
     /// Whether the server at an `http://` address encrypts, so that clients must write `https://`. The reply
@@ -107,6 +109,11 @@ impl Client {
             }
             Ok(Err(_)) | Err(_) => false,
         }
+    }
+
+    /// The way to the server's bucket.
+    pub(crate) fn direct(&self) -> &Direct {
+        &self.direct
     }
 
     /// Tasks.

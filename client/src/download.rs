@@ -22,11 +22,52 @@ impl Client {
         let request = GetEpisodeRequest { episode_id: episode_id.to_owned() };
         let episode = service.get_episode(request).await?.into_inner().episode;
         let episode = episode.ok_or(ClientError::Contract { missing: "an episode" })?;
-        let request = DownloadEpisodeRequest { episode_id: episode_id.to_owned() };
-        let pieces = service.download_episode(request).await?.into_inner();
-        save(pieces.map(|piece| Ok(piece?.data)), path, &episode.blake3, progress).await?;
+        let open = async |accept_url| {
+            let request = DownloadEpisodeRequest { episode_id: episode_id.to_owned(), accept_url };
+            let pieces = self.episodes().download_episode(request).await?.into_inner();
+            Ok(pieces.map(|piece| piece.map(|piece| Piece { data: piece.data, url: piece.url })))
+        };
+        self.download(open, path, &episode.blake3, progress).await?;
         Ok(episode)
     }
+
+    /// Saves what `open` begins to download, given whether a URL is accepted: from the bucket where the server gives a URL
+    /// and the bucket can be reached, or else from the server.
+    pub(crate) async fn download<S>(
+        &self,
+        open: impl AsyncFn(bool) -> Result<S>,
+        path: &Path,
+        blake3: &str,
+        progress: impl Fn(u64),
+    ) -> Result<()>
+    where
+        S: Stream<Item = std::result::Result<Piece, tonic::Status>> + Unpin,
+    {
+        let mut pieces = open(self.direct().is_open()).await?;
+        let first = pieces.next().await.transpose()?;
+        if let Some(Piece { url, .. }) = first.as_ref().filter(|first| !first.url.is_empty()) {
+            match self.save_from_bucket(url, path, blake3, &progress).await {
+                Ok(()) => return Ok(()),
+                Err(error @ ClientError::Io { .. }) => return Err(error),
+                Err(_) => self.direct().close(),
+            }
+            pieces = open(false).await?;
+            return save(pieces.map(|piece| Ok(piece?.data)), path, blake3, progress).await;
+        }
+        let all = futures::stream::iter(first.map(Ok)).chain(pieces);
+        save(all.map(|piece| Ok(piece?.data)), path, blake3, progress).await
+    }
+
+    async fn save_from_bucket(&self, url: &str, path: &Path, blake3: &str, progress: impl Fn(u64)) -> Result<()> {
+        let bytes = self.direct().get(url).await?;
+        save(std::pin::pin!(bytes), path, blake3, progress).await
+    }
+}
+
+/// A message of a download: the next bytes, or the URL of all of them.
+pub(crate) struct Piece {
+    pub(crate) data: Bytes,
+    pub(crate) url: String,
 }
 
 /// A name that stays inside the folder it is joined to.

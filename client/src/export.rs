@@ -13,7 +13,7 @@ use gleaner_proto::v1::{
 use gleaner_recording::{Kept, RecordingError, WholeEpisode};
 
 use crate::connection::Client;
-use crate::download::{relative, save};
+use crate::download::{Piece, relative};
 use crate::error::{ClientError, Result};
 
 impl Client {
@@ -50,9 +50,13 @@ impl Client {
         let mut before = 0;
         for file in files {
             let path = part.path().join(relative(&file.name)?);
-            let request = DownloadExportFileRequest { export_id: export_id.to_owned(), name: file.name.clone() };
-            let pieces = self.datasets().download_export_file(request).await?.into_inner();
-            save(pieces.map(|piece| Ok(piece?.data)), &path, &file.blake3, |bytes| progress(before + bytes)).await?;
+            let open = async |accept_url| {
+                let (export_id, name) = (export_id.to_owned(), file.name.clone());
+                let request = DownloadExportFileRequest { export_id, name, accept_url };
+                let pieces = self.datasets().download_export_file(request).await?.into_inner();
+                Ok(pieces.map(|piece| piece.map(|piece| Piece { data: piece.data, url: piece.url })))
+            };
+            self.download(open, &path, &file.blake3, |bytes| progress(before + bytes)).await?;
             before += file.size_bytes;
         }
         // An empty folder of that name is replaced.

@@ -30,6 +30,7 @@ mod check;
 mod connection;
 mod credentials;
 mod digest;
+mod direct;
 mod download;
 mod drive;
 mod error;

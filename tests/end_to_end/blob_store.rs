@@ -9,8 +9,8 @@ use tonic::Code;
 
 use crate::support::{
     api::Api,
-    blob_store::{flags, forget_copies, start},
-    command::{expect_sound, server_text},
+    blob_store::{copies, flags, forget_copies, start},
+    command::{expect_sound, gleaner, server_text},
     lab::{self, RECORDINGS},
     process::{Signal, signal},
     server::TestServer,
@@ -101,7 +101,7 @@ async fn an_altered_object_is_an_error_of_check_and_is_never_sent() {
     let name = bucket.list("blobs").unwrap().remove(0).name;
     bucket.put(&name, &altered).unwrap();
 
-    let request = DownloadEpisodeRequest { episode_id: episode.id.clone() };
+    let request = DownloadEpisodeRequest { episode_id: episode.id.clone(), accept_url: false };
     let sent = match api.episodes.download_episode(request).await {
         Ok(stream) => stream.into_inner().message().await.map(drop),
         Err(error) => Err(error),
@@ -109,6 +109,59 @@ async fn an_altered_object_is_an_error_of_check_and_is_never_sent() {
     assert_eq!(sent.unwrap_err().code(), Code::Internal);
     let (sound, text) = server_text(&["check"], server.data_dir()).await;
     assert!(!sound && text.contains("is damaged"), "{text}");
+}
+
+/// Proved by the server's folder, which has a copy of what the server has sent.
+#[tokio::test]
+async fn clients_download_from_the_bucket_and_from_the_server_without_it() {
+    let Some(store) = TestStore::moto().unwrap() else { return };
+    let server = start(&store, "one", &["--workers", "0"]).await;
+    let mut api = Api::connect(&server).await;
+    lab::create_task(&mut api).await;
+    let episode = lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();
+    forget_copies(server.data_dir());
+    let out = tempfile::tempdir().unwrap();
+    let download = async |name: &str| {
+        let file = out.path().join(name);
+        let output = gleaner(server.url(), &["download", &episode.id, "--out", file.to_str().unwrap()]).await;
+        assert!(output.success, "{}", output.errors);
+        assert!(fs::read(file).unwrap() == RECORDINGS[0].bytes, "{name}");
+    };
+    download("from_the_bucket").await;
+    assert_eq!(copies(server.data_dir()), 0);
+    assert!(api.download(&episode.id).await == RECORDINGS[0].bytes, "a client that accepts no URL");
+    assert_eq!(copies(server.data_dir()), 1);
+    drop(store);
+    download("from_the_server").await;
+}
+
+/// A URL reads one file, for as long as the flag says; the log has none.
+#[tokio::test]
+async fn urls_of_a_bucket_expire_and_are_given_only_when_wanted() {
+    let Some(store) = TestStore::start().unwrap() else { return };
+    let bucket = flags(&store, "one");
+    let lasting = |seconds| bucket.iter().map(String::as_str).chain(["--blob-store-url-seconds", seconds]).collect();
+    let words: Vec<&str> = lasting("77");
+    let mut server = TestServer::start_logged(&words, "debug").await;
+    lab::create_task(&mut Api::connect(&server).await).await;
+    let episode = lab::push(&mut Api::connect(&server).await, lab::TASK, &RECORDINGS[0]).await.unwrap();
+    let urls = async |server: &TestServer| {
+        let request = DownloadEpisodeRequest { episode_id: episode.id.clone(), accept_url: true };
+        let mut messages = Api::connect(server).await.episodes.download_episode(request).await.unwrap().into_inner();
+        let (mut urls, mut bytes) = (Vec::new(), Vec::new());
+        while let Some(message) = messages.message().await.unwrap() {
+            urls.extend(Some(message.url).filter(|url| !url.is_empty()));
+            bytes.extend(message.data);
+        }
+        assert!(bytes == RECORDINGS[0].bytes || (bytes.is_empty() && urls.len() == 1));
+        urls
+    };
+    let [url] = <[String; 1]>::try_from(urls(&server).await).unwrap();
+    assert!(url.contains("X-Amz-Expires=77") && url.contains("X-Amz-Signature="), "{url}");
+    assert!(!server.log().contains("X-Amz-Signature"));
+    server.stop().await;
+    let server = TestServer::start_over(server.data_dir(), &lasting("0")).await;
+    assert_eq!(urls(&server).await, Vec::<String>::new());
 }
 
 /// Each wrong setting ends the start with a sentence that names it.
@@ -124,6 +177,7 @@ async fn wrong_settings_of_a_bucket_end_the_start() {
         (vec!["--blob-store", &taken, "--blob-store-http"], "another data folder"),
         (vec!["--blob-store", "s3://lab/two"], "--blob-store-http"),
         (vec!["--blob-store", "lab"], "s3://BUCKET"),
+        (vec!["--blob-store", &taken, "--blob-store-url-seconds", "604801"], "--blob-store-url-seconds"),
     ];
     for (words, reason) in cases {
         let words = [&["serve", "--listen", "127.0.0.1:0", "--blob-store-endpoint", &endpoint], &words[..]].concat();

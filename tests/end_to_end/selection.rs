@@ -128,7 +128,7 @@ fn defined(selection: Choice, candidates: &[Candidate]) -> Vec<(String, u32, f32
 async fn exported(api: &mut Api, dataset: &str) -> Vec<(String, u32, f64)> {
     let spec = ExportSpec { dataset_id: dataset.into(), format: ExportFormat::Mcap.into(), ..ExportSpec::default() };
     let export_id = api.succeed(lab::TASK, job_spec::Spec::Export(spec)).await.result_id;
-    let request = DownloadExportFileRequest { export_id, name: "manifest.jsonl".into() };
+    let request = DownloadExportFileRequest { export_id, name: "manifest.jsonl".into(), accept_url: false };
     let mut chunks = api.datasets.download_export_file(request).await.unwrap().into_inner();
     let mut bytes = Vec::new();
     while let Some(chunk) = chunks.message().await.unwrap() {

@@ -114,7 +114,8 @@ async fn expect_export(api: &mut Api, dataset: &Dataset) {
     assert!(files.iter().any(|file| file.name == "manifest.jsonl"), "{files:?}");
     let mut recordings = 0;
     for file in &files {
-        let request = DownloadExportFileRequest { export_id: export.clone(), name: file.name.clone() };
+        let request =
+            DownloadExportFileRequest { export_id: export.clone(), name: file.name.clone(), accept_url: false };
         let mut chunks = api.datasets.download_export_file(request).await.unwrap().into_inner();
         let mut bytes = Vec::new();
         while let Some(chunk) = chunks.message().await.unwrap() {

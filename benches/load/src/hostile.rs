@@ -114,7 +114,7 @@ pub(crate) async fn attack(target: Target, stop: CancellationToken) -> Result<u6
         let mut episodes = EpisodeServiceClient::new(connect(&target.url, FLOOD_FROM).await?);
         let mut unread = Vec::new();
         for _ in 0..UNREAD {
-            let request = DownloadEpisodeRequest { episode_id: target.episode.clone() };
+            let request = DownloadEpisodeRequest { episode_id: target.episode.clone(), accept_url: false };
             unread.extend(episodes.download_episode(request).await.ok());
         }
         stop.cancelled().await;

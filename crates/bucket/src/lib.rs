@@ -5,6 +5,7 @@
 
 mod config;
 mod fault;
+mod sign;
 #[cfg(feature = "testing")]
 pub mod testing;
 mod transfer;
@@ -22,7 +23,7 @@ use gleaner_core::{
 };
 use object_store::{
     BackoffConfig, ClientOptions, ObjectStore, ObjectStoreExt as _, PutMode, PutOptions, RetryConfig,
-    aws::{AmazonS3Builder, AmazonS3ConfigKey},
+    aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey},
     path::Path,
 };
 
@@ -38,6 +39,8 @@ const OWNER: &str = "owner";
 #[derive(Debug)]
 pub struct Bucket {
     store: Arc<dyn ObjectStore>,
+    /// The same store, for URLs.
+    signer: Arc<AmazonS3>,
     prefix: String,
     /// The bucket as the operator names it, for messages.
     shown: String,
@@ -97,10 +100,11 @@ impl Bucket {
                 "--blob-store-endpoint {endpoint}: is not an https:// URL; --blob-store-http allows one without TLS"
             )));
         }
-        let store = builder.build().map_err(|error| {
+        let signer = builder.build().map(Arc::new).map_err(|error| {
             Error::precondition(format!("--blob-store {}: {error}; check the AWS_… variables", config.url))
         })?;
-        Ok(Self { store: Arc::new(store), prefix: prefix.to_owned(), shown: config.url.clone() })
+        let store: Arc<dyn ObjectStore> = Arc::clone(&signer) as _;
+        Ok(Self { store, signer, prefix: prefix.to_owned(), shown: config.url.clone() })
     }
 
     /// The bucket and prefix as the operator names them.

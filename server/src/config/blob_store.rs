@@ -1,7 +1,12 @@
 //! Where blobs are stored.
 
+use std::time::Duration;
+
 use clap::Args;
 use gleaner_bucket::BucketConfig;
+
+/// The longest lifetime that S3 permits.
+const LONGEST_URL_SECONDS: u64 = 604_800;
 
 /// Where blobs are stored.
 #[derive(Debug, Clone, Args)]
@@ -34,6 +39,12 @@ pub struct BlobStoreConfig {
     /// removed and fetched again on demand. A larger limit saves transfers and takes more of the disk (0: no limit).
     #[arg(long, env = "GLEANER_BLOB_CACHE_BYTES", default_value_t = 50 << 30, value_name = "BYTES")]
     pub blob_cache_bytes: u64,
+    /// Give clients that download a file a URL of the bucket that is valid for this many seconds, at most 604800, instead
+    /// of sending the bytes through the server. Anyone who has the URL can read the file until then, also after the
+    /// caller's token is revoked; clients that cannot reach the bucket read through the server (0: always through the
+    /// server).
+    #[arg(long, env = "GLEANER_BLOB_STORE_URL_SECONDS", default_value_t = 300, value_name = "SECONDS")]
+    pub blob_store_url_seconds: u64,
 }
 
 impl BlobStoreConfig {
@@ -42,10 +53,19 @@ impl BlobStoreConfig {
     /// # Errors
     /// A sentence that names the flag and the range.
     pub(super) fn validate(&self) -> Result<(), String> {
-        match self.blob_store_timeout_seconds {
-            1..=240 => Ok(()),
-            seconds => Err(format!("--blob-store-timeout-seconds {seconds}: must be between 1 and 240")),
+        let (timeout, url) = (self.blob_store_timeout_seconds, self.blob_store_url_seconds);
+        if !(1..=240).contains(&timeout) {
+            return Err(format!("--blob-store-timeout-seconds {timeout}: must be between 1 and 240"));
         }
+        if url > LONGEST_URL_SECONDS {
+            return Err(format!("--blob-store-url-seconds {url}: must be between 0 and {LONGEST_URL_SECONDS}"));
+        }
+        Ok(())
+    }
+
+    /// The lifetime of URLs of the bucket; `None` when clients get none.
+    pub fn url_lifetime(&self) -> Option<Duration> {
+        (self.blob_store_url_seconds > 0).then(|| Duration::from_secs(self.blob_store_url_seconds))
     }
 
     /// The bucket and the limit on its copies; `None` without the flag.

@@ -89,10 +89,10 @@ impl DatasetService for DatasetApi {
         request: Request<v1::DownloadExportFileRequest>,
     ) -> Reply<Self::DownloadExportFileStream> {
         answer(async {
-            let (export, name) = wire::dataset::download_request(request.into_inner())?;
+            let (export, name, accept_url) = wire::dataset::download_request(request.into_inner())?;
             let file = self.0.store.export_file(&export, &name).await?;
-            let chunks = self.0.blobs.stream(&file.blob).await?;
-            Ok(responses(chunks.map_ok(|data| v1::DownloadExportFileResponse { data })))
+            let message = |data, url| v1::DownloadExportFileResponse { data, url };
+            self.0.download(&file.blob, accept_url, message).await
         })
         .await
     }

@@ -1,12 +1,12 @@
 //! EpisodeService: recordings in, with their labels.
 
-use futures::{StreamExt as _, TryStreamExt as _};
+use futures::StreamExt as _;
 use gleaner_proto::v1::{self, episode_service_server::EpisodeService};
 use tonic::{Request, Streaming};
 
 use super::{
     Services,
-    answer::{Reply, Responses, answer, change, change_by, responses},
+    answer::{Reply, Responses, answer, change, change_by},
 };
 use crate::{
     access::Caller,
@@ -154,10 +154,11 @@ impl EpisodeService for EpisodeApi {
         request: Request<v1::DownloadEpisodeRequest>,
     ) -> Reply<Self::DownloadEpisodeStream> {
         answer(async {
-            let id = wire::episode::episode_id(&request.get_ref().episode_id)?;
+            let v1::DownloadEpisodeRequest { episode_id, accept_url } = request.into_inner();
+            let id = wire::episode::episode_id(&episode_id)?;
             let episode = self.0.store.episode(&id).await?.episode;
-            let bytes = self.0.blobs.stream(&episode.recording).await?;
-            Ok(responses(bytes.map_ok(|data| v1::DownloadEpisodeResponse { data })))
+            let message = |data, url| v1::DownloadEpisodeResponse { data, url };
+            self.0.download(&episode.recording, accept_url, message).await
         })
         .await
     }

@@ -2,6 +2,7 @@
 
 mod answer;
 mod dataset;
+mod download;
 mod episode;
 mod health;
 mod import;

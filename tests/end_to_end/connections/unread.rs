@@ -35,7 +35,7 @@ async fn call(calls: &mut SendRequest<Bytes>, url: &str, rpc: Rpc, message: Vec<
 async fn connection_whose_response_is_not_read_is_closed() {
     let (server, mut api) = lab::with_task(&["--write-timeout", "1", "--workers", "0"]).await;
     let episode = lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();
-    let download = DownloadEpisodeRequest { episode_id: episode.id }.encode_to_vec();
+    let download = DownloadEpisodeRequest { episode_id: episode.id, accept_url: false }.encode_to_vec();
     for (rpc, message) in
         [(Rpc::TaskServiceListTasks, Vec::new()), (Rpc::EpisodeServiceDownloadEpisode, download.clone())]
     {

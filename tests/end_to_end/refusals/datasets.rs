@@ -47,8 +47,11 @@ async fn unknown_contents_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let stream = |id: &str| StreamSegmentsRequest { dataset_id: id.to_owned(), ..StreamSegmentsRequest::default() };
-    let download =
-        |export: &str, name: &str| DownloadExportFileRequest { export_id: export.to_owned(), name: name.to_owned() };
+    let download = |export: &str, name: &str| DownloadExportFileRequest {
+        export_id: export.to_owned(),
+        name: name.to_owned(),
+        accept_url: true,
+    };
     expect_errors!(api.datasets:
         stream_segments(stream("ds_7")) => InvalidArgument ["dataset_id: "];
         stream_segments(stream(&absent_id("ds"))) => NotFound [&absent_id("ds")];

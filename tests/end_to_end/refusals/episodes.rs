@@ -120,8 +120,8 @@ async fn invalid_episode_requests_are_rejected() {
         label_episodes(label_as("", "", &"x".repeat(256))) => InvalidArgument ["reason: "];
         list_labels(ListLabelsRequest { episode_id: "x".into() }) => InvalidArgument ["episode_id: "];
         list_labels(ListLabelsRequest { episode_id: unknown.clone() }) => NotFound [&unknown];
-        download_episode(DownloadEpisodeRequest { episode_id: "x".into() }) => InvalidArgument ["episode_id: "];
-        download_episode(DownloadEpisodeRequest { episode_id: unknown.clone() }) => NotFound [&unknown];
+        download_episode(DownloadEpisodeRequest { episode_id: "x".into(), accept_url: true }) => InvalidArgument ["episode_id: "];
+        download_episode(DownloadEpisodeRequest { episode_id: unknown.clone(), accept_url: true }) => NotFound [&unknown];
     );
     let labels = api.episodes.list_labels(ListLabelsRequest { episode_id: known }).await.unwrap().into_inner().labels;
     assert_eq!(labels.len(), 1, "a rejected request changed the labels");

@@ -120,7 +120,7 @@ impl Api {
 
     /// The recording of an episode.
     pub async fn download(&mut self, episode: &str) -> Vec<u8> {
-        let request = DownloadEpisodeRequest { episode_id: episode.to_owned() };
+        let request = DownloadEpisodeRequest { episode_id: episode.to_owned(), accept_url: false };
         let mut chunks = self.episodes.download_episode(request).await.unwrap().into_inner();
         let mut bytes = Vec::new();
         while let Some(chunk) = chunks.message().await.unwrap() {

@@ -1,6 +1,9 @@
 //! Servers whose blobs are in a bucket.
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use gleaner_bucket::testing::TestStore;
 
@@ -22,15 +25,22 @@ pub async fn start(store: &TestStore, prefix: &str, more: &[&str]) -> TestServer
 
 /// Removes the copies of blobs, and the decoded steps, from a data folder.
 pub fn forget_copies(data: &Path) {
-    for folder in fs::read_dir(data.join("blobs")).unwrap().map(|entry| entry.unwrap()) {
-        if folder.file_name().len() == 2 {
-            for file in fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()) {
-                if file.extension().is_none() {
-                    fs::remove_file(file).unwrap();
-                }
-            }
-        }
+    for file in copy_paths(data) {
+        fs::remove_file(file).unwrap();
     }
     fs::remove_dir_all(data.join("cache")).unwrap();
     fs::create_dir(data.join("cache")).unwrap();
+}
+
+/// The number of copies of blobs in a data folder.
+pub fn copies(data: &Path) -> usize {
+    copy_paths(data).len()
+}
+
+/// The copies of blobs in a data folder, without their sidecars.
+fn copy_paths(data: &Path) -> Vec<PathBuf> {
+    let folders = fs::read_dir(data.join("blobs")).unwrap().map(|entry| entry.unwrap());
+    let folders = folders.filter(|folder| folder.file_name().len() == 2);
+    let files = folders.flat_map(|folder| fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()));
+    files.filter(|file| file.extension().is_none()).collect()
 }

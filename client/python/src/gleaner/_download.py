@@ -2,13 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from http.client import HTTPException
+from itertools import chain
 from pathlib import Path
+from typing import Protocol
+from urllib.request import HTTPErrorProcessor, build_opener
 
 from blake3 import blake3
 
 from gleaner.errors import Damaged
+
+# Seconds without a byte from the bucket after which the server is asked.
+_SILENCE = 10.0
+_PIECE = 1 << 20
+
+
+class Reply(Protocol):
+    """A message of a download: the next bytes, or the URL of all of them in the server's bucket."""
+
+    data: bytes
+    url: str
+
+
+class Downloads:
+    """Files of one server: from its bucket where it gives a URL and the bucket can be reached, or else through it."""
+
+    def __init__(self) -> None:
+        self._accept_url = True
+
+    def save(self, start: Callable[[bool], Iterable[Reply]], path: Path, expected: str) -> Path:
+        """Saves what `start` begins to download, given whether a URL is accepted. Raises `Damaged`, as `save` does."""
+        replies = iter(start(self._accept_url))
+        first = next(replies, None)
+        if first is None:
+            return save((), path, expected)
+        if not first.url:
+            return save((reply.data for reply in chain((first,), replies)), path, expected)
+        with suppress(_Unread, Damaged):
+            return save(_pieces(first.url), path, expected)
+        self._accept_url = False
+        return save((reply.data for reply in start(False)), path, expected)
+
+
+class _Unread(Exception):
+    """The bucket did not give the file."""
+
+
+class _NoRedirects(HTTPErrorProcessor):
+    """A signed URL is of its host alone."""
+
+    def http_response(self, request, response):  # type: ignore[no-untyped-def]
+        """Lets a whole file pass."""
+        if response.status != 200:
+            raise _Unread
+        return response
+
+    https_response = http_response
+
+
+def _pieces(url: str) -> Iterator[bytes]:
+    """The bytes at a URL. Raises `_Unread`, without the URL, which is a secret."""
+    if not url.startswith(("http://", "https://")):
+        raise _Unread
+    try:
+        with build_opener(_NoRedirects).open(url, timeout=_SILENCE) as response:
+            while piece := response.read(_PIECE):
+                yield piece
+    except (OSError, HTTPException, ValueError):
+        raise _Unread from None
 
 
 def inside(folder: Path, name: str, otherwise: str) -> Path:

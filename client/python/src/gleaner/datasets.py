@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gleaner._download import below, save
+from gleaner._download import Downloads, below
 from gleaner._messages import build, word
 from gleaner._proto.v1 import dataset_pb2 as pb
 from gleaner._proto.v1 import task_pb2
@@ -44,7 +44,7 @@ class Datasets:
     """`client.datasets`."""
 
     def __init__(self, rpc: Rpc) -> None:
-        self._rpc = rpc
+        self._rpc, self._downloads = rpc, Downloads()
 
     def create(
         self,
@@ -140,11 +140,13 @@ class Datasets:
         return [folder / path.relative_to(part) for path in found]
 
     def _download(self, export_id: str, file: ExportFile, folder: Path) -> Path:
-        request = pb.DownloadExportFileRequest(export_id=export_id, name=file.name)
-        replies = self._rpc.stream("DatasetService/DownloadExportFile", request, pb.DownloadExportFileResponse)
+        def start(accept_url: bool) -> Iterator[pb.DownloadExportFileResponse]:
+            request = pb.DownloadExportFileRequest(export_id=export_id, name=file.name, accept_url=accept_url)
+            return self._rpc.stream("DatasetService/DownloadExportFile", request, pb.DownloadExportFileResponse)
+
         path = below(folder, file.name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        return save((reply.data for reply in replies), path, file.blake3)
+        return self._downloads.save(start, path, file.blake3)
 
     def list(self, task: str) -> list[Dataset]:
         """A task's datasets, newest first."""

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from gleaner._download import inside, save
+from gleaner._download import Downloads, inside
 from gleaner._messages import number
 from gleaner._proto.v1 import episode_pb2 as pb
 from gleaner._rpc import Rpc
@@ -21,7 +21,7 @@ class Episodes:
     """`client.episodes`."""
 
     def __init__(self, rpc: Rpc) -> None:
-        self._rpc = rpc
+        self._rpc, self._downloads = rpc, Downloads()
 
     def push(
         self,
@@ -107,15 +107,20 @@ class Episodes:
     def download(self, episode_id: str, path: str | os.PathLike[str]) -> Path:
         """Downloads a recording as uploaded. `path` is a file, or an existing folder for it.
 
+        It comes from the server's bucket where the server gives a URL of it, and otherwise from the server.
+
         Raises `Damaged` when the digest differs; the file appears only complete.
         """
         episode = self.get(episode_id)
         path = Path(path)
         if path.is_dir():
             path = inside(path, episode.file_name, f"{episode_id}.mcap")
-        request = pb.DownloadEpisodeRequest(episode_id=episode_id)
-        replies = self._rpc.stream("EpisodeService/DownloadEpisode", request, pb.DownloadEpisodeResponse)
-        return save((reply.data for reply in replies), path, episode.blake3)
+
+        def start(accept_url: bool) -> Iterator[pb.DownloadEpisodeResponse]:
+            request = pb.DownloadEpisodeRequest(episode_id=episode_id, accept_url=accept_url)
+            return self._rpc.stream("EpisodeService/DownloadEpisode", request, pb.DownloadEpisodeResponse)
+
+        return self._downloads.save(start, path, episode.blake3)
 
     def list(
         self, task: str, *, outcome: str | None = None, cohort: str = "", deleted: bool = False

@@ -56,13 +56,13 @@ pub fn segments_request(request: v1::StreamSegmentsRequest) -> Result<SegmentsRe
     Ok(SegmentsRequest { dataset_id: dataset_id(&id)?, include_frames, kept_only })
 }
 
-/// Reads the export and the name of one of its files.
+/// Reads the export, the name of one of its files, and whether a URL is accepted.
 ///
 /// # Errors
 /// Invalid names the field.
-pub fn download_request(request: v1::DownloadExportFileRequest) -> Result<(ExportId, String)> {
-    let v1::DownloadExportFileRequest { export_id: id, name } = request;
-    Ok((export_id(&id)?, field::text("name", name)?))
+pub fn download_request(request: v1::DownloadExportFileRequest) -> Result<(ExportId, String, bool)> {
+    let v1::DownloadExportFileRequest { export_id: id, name, accept_url } = request;
+    Ok((export_id(&id)?, field::text("name", name)?, accept_url))
 }
 
 /// A dataset with its counts, if they are known.

@@ -1,6 +1,6 @@
 //! A blob as a stream of pieces; one piece at a time is in memory.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, time::Duration};
 
 use bytes::{Bytes, BytesMut};
 use futures::{Stream, stream::try_unfold};
@@ -8,6 +8,7 @@ use tokio::{fs::File, io::AsyncReadExt as _};
 
 use super::Blobs;
 use gleaner_core::{
+    Secret,
     error::{Error, Result},
     id::BlobId,
 };
@@ -29,6 +30,17 @@ impl Blobs {
         let fetched = fetching.await.map_err(|error| Error::internal("fetching a blob", error))??;
         // The open file needs no name.
         stream_file(fetched.to_path_buf()).await
+    }
+
+    /// A URL of a blob in the bucket, whether or not it exists, for `lifetime`; `None` when the folder holds the blobs.
+    ///
+    /// # Errors
+    /// Unavailable when there are no credentials.
+    pub async fn signed_url(&self, id: &BlobId, lifetime: Duration) -> Result<Option<Secret>> {
+        let Some(remote) = self.remote.clone() else { return Ok(None) };
+        let name = self.name(id);
+        let signing = tokio::task::spawn_blocking(move || remote.bucket.signed_url(&name, lifetime));
+        signing.await.map_err(|error| Error::internal("signing a URL", error))?.map(Some)
     }
 }
 

@@ -1,0 +1,94 @@
+"""Downloads: from a bucket by its URL, or from the server where the bucket does not give the file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from types import SimpleNamespace
+
+import pytest
+from blake3 import blake3
+
+import gleaner
+from gleaner._download import Downloads, Reply
+
+FILE = bytes(range(256)) * 10_000
+DIGEST = blake3(FILE).hexdigest()
+PATHS = {"/whole": FILE, "/altered": FILE[:-1] + b"?", "/short": FILE[:100]}
+
+
+class Bucket(BaseHTTPRequestHandler):
+    """Files, one of them cut off, and a redirect."""
+
+    def do_GET(self) -> None:
+        found = PATHS.get(self.path)
+        self.send_response(302 if self.path == "/elsewhere" else 404 if found is None else 200)
+        self.send_header("Location", "/whole")
+        self.send_header("Content-Length", str(len(FILE) if self.path == "/short" else len(found or b"")))
+        self.end_headers()
+        self.wfile.write(found or b"")
+
+    def log_message(self, *_: object) -> None:
+        """Prints nothing."""
+
+
+@pytest.fixture(scope="module")
+def bucket() -> Iterator[str]:
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Bucket)
+    Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}"
+    server.shutdown()
+    server.server_close()
+
+
+class Sender:
+    """The server's side: a URL for those who accept one, and else the bytes in pieces."""
+
+    def __init__(self, url: str, file: bytes = FILE) -> None:
+        self.url, self.file, self.asked = url, file, list[bool]()
+
+    def __call__(self, accept_url: bool) -> Iterator[Reply]:
+        self.asked.append(accept_url)
+        if accept_url and self.url:
+            yield SimpleNamespace(data=b"", url=self.url)
+        else:
+            for at in range(0, len(self.file), 1_000_000):
+                yield SimpleNamespace(data=self.file[at : at + 1_000_000], url="")
+
+
+def test_file_comes_from_its_url(bucket: str, tmp_path: Path) -> None:
+    sender, downloads = Sender(f"{bucket}/whole", b"not sent"), Downloads()
+    for name in ("a", "b"):
+        assert downloads.save(sender, tmp_path / name, DIGEST).read_bytes() == FILE
+    assert sender.asked == [True, True]
+
+
+@pytest.mark.parametrize("path", ["/altered", "/short", "/absent", "/elsewhere"])
+def test_file_that_its_url_does_not_give_comes_from_the_server(bucket: str, tmp_path: Path, path: str) -> None:
+    sender, downloads = Sender(bucket + path), Downloads()
+    for name in ("a", "b"):
+        assert downloads.save(sender, tmp_path / name, DIGEST).read_bytes() == FILE
+    assert sender.asked == [True, False, False], "a bucket that has failed is not asked again"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a", "b"]
+
+
+@pytest.mark.parametrize("url", ["http://127.0.0.1:1/x", f"file://{__file__}", "http://[", "nonsense"])
+def test_unusable_url_is_no_error(tmp_path: Path, url: str) -> None:
+    assert Downloads().save(Sender(url), tmp_path / "a", DIGEST).read_bytes() == FILE
+
+
+def test_server_without_a_bucket_sends_the_bytes(tmp_path: Path) -> None:
+    sender = Sender("")
+    assert Downloads().save(sender, tmp_path / "a", DIGEST).read_bytes() == FILE
+    assert Downloads().save(Sender("", b""), tmp_path / "b", blake3(b"").hexdigest()).read_bytes() == b""
+    with pytest.raises(gleaner.Damaged):
+        Downloads().save(Sender("", b"other"), tmp_path / "c", DIGEST)
+    assert sender.asked == [True]
+
+
+def test_damage_at_both_is_an_error(bucket: str, tmp_path: Path) -> None:
+    with pytest.raises(gleaner.Damaged):
+        Downloads().save(Sender(f"{bucket}/altered", b"other"), tmp_path / "a", DIGEST)
+    assert list(tmp_path.iterdir()) == []
