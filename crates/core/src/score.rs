@@ -63,7 +63,7 @@ pub struct EpisodeScores<Id = EpisodeId> {
     /// Its role in the run's snapshot.
     pub role: Role,
     /// The highest similarity to an expert segment, at most 0; the classifier's log p; the information of `deminf`;
-    /// the gain of `progress`; the share of `vote`; the imported q before it was rounded.
+    /// the gain of `progress`; the share of `vote`; the mean of `blend`; the imported q before it was rounded.
     pub w: Vec<f64>,
     /// w normalised to [0, 1].
     pub q: Vec<f32>,

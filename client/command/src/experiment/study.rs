@@ -76,7 +76,7 @@ impl TableKind {
 
 // The paper's score with its features scaled and to the letter; the nearest neighbour of raw observations, of the last
 // step and of whole segments, without and with the local scale, the last of which is the default; the classifier; mutual
-// information; progress; and the vote.
+// information; progress; its blend with the default; and the vote.
 fn scorings() -> Vec<Draft> {
     let cell = |label: &str, set: &[(&str, &str)]| {
         let flag = |text: &str| text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from);
@@ -92,6 +92,7 @@ fn scorings() -> Vec<Draft> {
         cell("classifier", &[("scorer", "classifier")]),
         cell("deminf", &[("scorer", "deminf")]),
         cell("progress", &[("scorer", "progress")]),
+        cell("blend", &[("scorer", "blend")]),
         cell("vote", &[("scorer", "vote")]),
     ]
 }
@@ -220,6 +221,7 @@ mod tests {
                 "classifier",
                 "deminf",
                 "progress",
+                "blend",
                 "vote"
             ]
         );

@@ -11,6 +11,7 @@ mod form;
 mod live;
 mod local;
 mod normaliser;
+mod opened;
 mod progress;
 mod run;
 pub(crate) mod scorer;
@@ -28,27 +29,24 @@ use std::collections::HashSet;
 
 use tch::no_grad_guard;
 
-use crate::checkpoint::{self, CheckpointKind};
-use crate::device;
 use crate::error::{LearnError, guard};
-use crate::model::{Network, View};
-use crate::normalize::FeatureScale as Scale;
-use crate::objective::features_view;
 use crate::peers::Peers;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use base::Known;
 use comparison::Comparison;
 use features::Encoder;
-use gleaner_core::{NormaliserKind, PretrainSpec, ScoreSpec};
+use gleaner_core::{NormaliserKind, ScoreSpec};
+use opened::Opened;
 use progress::{Progress, count};
 use run::{Found, Run};
 use scorer::Scorer;
+use scorer::blend::{self, Half};
 use shards::Shards;
 
 /// The scores of one episode's segments, by the episode's name; entry t is the segment that ends at step t. w is the
-/// classifier's log p(expert), DemInf's information, the gain of `progress` or the share of `vote` if that is the
-/// scorer, and q is in 0 … 1. `match_episode` is an index into the given experts. Distances are before any modality scale.
+/// classifier's log p(expert), DemInf's information, the gain of `progress`, the share of `vote` or the mean of `blend` if
+/// that is the scorer, and q is in 0 … 1. `match_episode` is an index into the given experts. Distances are before any modality scale.
 pub type EpisodeScores = gleaner_core::score::EpisodeScores<String>;
 
 /// The result of a score run.
@@ -155,32 +153,6 @@ pub fn score_with(
     Call { inputs, spec, scorer }.run(base, peers, monitor)
 }
 
-/// A decoded pretrained encoder.
-struct Opened {
-    network: Network,
-    scale: Option<Scale>,
-    view: View<'static>,
-}
-
-impl Opened {
-    fn read(encoder: &[u8], spec: &ScoreSpec, scale: Option<FeatureScale>) -> Result<Self, LearnError> {
-        let device = device::open(spec.device, spec.threads)?;
-        let (info, named) = checkpoint::read(encoder, CheckpointKind::Encoder)?;
-        let network = Network::from_named(&info.shape, info.model, &named, device)?;
-        let scale = match scale {
-            Some(FeatureScale::Whitened) => Some(Scale::from_named(&named, network.width(), device)?),
-            Some(FeatureScale::Plain) | None => None,
-        };
-        let made = serde_json::from_str::<PretrainSpec>(&info.spec);
-        let made = made.map_err(|error| LearnError::Checkpoint(format!("its settings: {error}")))?;
-        Ok(Self { network, scale, view: features_view(&made.objectives) })
-    }
-
-    fn encoder(&self) -> Encoder<'_> {
-        Encoder { network: &self.network, scale: self.scale.as_ref(), view: self.view }
-    }
-}
-
 /// Arguments that both ways to score share.
 struct Call<'a> {
     inputs: ScoreInputs<'a>,
@@ -208,6 +180,14 @@ impl Call<'_> {
                     let episodes = (self.inputs.experts, self.inputs.imperfect);
                     let (imperfect, experts) = (trained.scores)(opened.encoder(), episodes, monitor)?;
                     Some(Found { imperfect, experts, local: None })
+                }
+                Scorer::Blend(comparison, trained) => {
+                    let mut half = Half { monitor, is_second: false };
+                    let found = self.by_nearest(opened.encoder(), comparison, None, (peers, &mut half))?;
+                    half.is_second = true;
+                    let episodes = (self.inputs.experts, self.inputs.imperfect);
+                    let gains = (trained.scores)(opened.encoder(), episodes, &mut half)?;
+                    found.map(|found| blend::mean(found, gains))
                 }
             };
             let Some(Found { mut imperfect, mut experts, local }) = found else { return Ok(None) };

@@ -1,5 +1,6 @@
 //! The scorers: one file each, and the list of them.
 
+pub(super) mod blend;
 mod classifier;
 mod deminf;
 mod kind;

@@ -201,7 +201,7 @@ fn bad_input_is_named() {
 #[test]
 fn a_cancelled_run_stops() {
     let experts = toy::experts(2, 8);
-    for scorer in ["ssdf", "classifier", "deminf", "progress", "vote"] {
+    for scorer in ["ssdf", "blend", "classifier", "deminf", "progress", "vote"] {
         let mut monitor = toy::Recorder { stop_after: Some(1), ..Default::default() };
         let spec = spec_of(scorer, &[]);
         let result = score_anew(&experts, &experts, &spec, &mut monitor);

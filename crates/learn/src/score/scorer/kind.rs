@@ -52,6 +52,8 @@ pub(in crate::score) enum Scorer {
     Nearest(Comparison),
     /// Scores by a model trained on all episodes at once.
     Trained(Trained),
+    /// Scores by the mean of both.
+    Blend(Comparison, Trained),
 }
 
 /// A scorer whose every score depends on all episodes.
@@ -103,18 +105,18 @@ pub(super) fn unmatched(episode: &str, role: Role, w: Vec<f64>) -> EpisodeScores
 }
 
 impl Scorer {
-    /// The comparison of segments; `None` for a scorer that is trained.
+    /// The comparison that alone decides the score of a segment; `None` for a scorer that is trained.
     pub(in crate::score) fn comparison(&self) -> Option<&Comparison> {
         match self {
             Self::Nearest(comparison) => Some(comparison),
-            Self::Trained(_) => None,
+            Self::Trained(_) | Self::Blend(..) => None,
         }
     }
 
     /// Scaling of the encoder's features; `None` for a scorer that does not use them.
     pub(in crate::score) fn feature_scale(&self) -> Option<FeatureScale> {
         match self {
-            Self::Nearest(comparison) => comparison.source.feature_scale(),
+            Self::Nearest(comparison) | Self::Blend(comparison, _) => comparison.source.feature_scale(),
             Self::Trained(trained) => trained.feature_scale,
         }
     }

@@ -1,10 +1,10 @@
 //! The scorer `raw`, the default: the nearest expert segment in the observations and actions themselves.
 
-use gleaner_core::Group as _;
-use gleaner_core::Words as _;
 use gleaner_core::kinds::Needs;
+use gleaner_core::{Chosen, Group as _, Words as _};
 
 use super::{Scorer, ScorerKind};
+use crate::error::LearnError;
 use crate::score::comparison::{Comparison, NearestSpec, Similarity, Source};
 
 pub(super) const KIND: ScorerKind = ScorerKind {
@@ -13,15 +13,18 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     about: "The nearest expert segment in standardised images, proprioception and actions, without a network.",
     needs: Needs { encoder: true, history: false, images: true, all_episodes: false },
     settings: || [RawSpec::schema(), NearestSpec::schema()].concat(),
-    open: |chosen| {
-        let RawSpec { similarity } = chosen.read()?;
-        Ok(Scorer::Nearest(Comparison::new(Source::Observations, similarity, chosen.read()?)))
-    },
+    open: |chosen| Ok(Scorer::Nearest(comparison(chosen)?)),
 };
+
+/// The comparison of observations and actions by these settings.
+pub(super) fn comparison(chosen: &Chosen) -> Result<Comparison, LearnError> {
+    let RawSpec { similarity } = chosen.read()?;
+    Ok(Comparison::new(Source::Observations, similarity, chosen.read()?))
+}
 
 gleaner_core::settings! {
     /// The observations and actions that are compared.
-    struct RawSpec {
+    pub(super) struct RawSpec {
         /// Similarity of the features of two segments.
         similarity: Similarity = Similarity::SegmentL2, Similarity::shape();
     }
