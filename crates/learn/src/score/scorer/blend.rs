@@ -1,9 +1,10 @@
-//! The scorer `blend`: the mean of two calibrated qualities, that of `raw` and that of `progress`. A segment that is like
-//! an expert's and does not bring the task forward (a frozen robot, a wrong goal) is found by the one, and a segment
-//! that is unlike an expert's and seems to (an open gripper) by the other.
+//! The scorer `blend`: the mean of two calibrated qualities, that of `raw` and that of `progress`. Each finds what the other
+//! misses: `progress` a segment that is like an expert's and does not bring the task forward (a frozen robot, a wrong
+//! goal), and `raw` one that is unlike an expert's and seems to (an open gripper).
 //!
-//! With q_r and q_p the share of expert segments whose similarity, or whose gain, is at most as large, w = (q_r + q_p) / 2.
-//! The matches are those of `raw`.
+//! With q_r and q_p the share of expert segments whose similarity, or whose gain, is at most as large,
+//! w = (q_r + q_p) / 2 · min(1, q_r / 0.05): no progress makes up for a segment that is farther from the experts than nearly
+//! all of their own. The matches are those of `raw`.
 
 use gleaner_core::Group as _;
 use gleaner_core::NormaliserKind;
@@ -18,17 +19,25 @@ use crate::score::run::Found;
 use crate::score::{EpisodeScores, Normaliser};
 use crate::train::Monitor;
 
+/// Share of expert segments. A segment that is farther from other experts than all but these is an outlier.
+const OUTLIERS: f64 = 0.05;
+
 pub(super) const KIND: ScorerKind = ScorerKind {
     name: "blend",
     title: "Raw and progress",
     about: "The mean of two shares of expert segments: of those at least as far from other experts, as `raw` compares \
-            them, and of those that make at most as much progress, as `progress` estimates it.",
+            them, and of those that make at most as much progress, as `progress` estimates it; 0 for outliers.",
     needs: Needs { encoder: true, history: false, images: true, all_episodes: true },
     settings: || [SeedSpec::schema(), RawSpec::schema(), NearestSpec::schema(), ProgressSpec::schema()].concat(),
     open: |chosen| Ok(Scorer::Blend(raw::comparison(chosen)?, progress::trained(chosen)?)),
 };
 
-/// The mean of the calibrated qualities of both, with the matches of the first.
+/// The quality of a segment by both shares.
+fn blend(near: f64, gained: f64) -> f64 {
+    f64::midpoint(near, gained) * (near / OUTLIERS).min(1.0)
+}
+
+/// The blend of the calibrated qualities of both, with the matches of the first.
 pub(in crate::score) fn mean(
     mut nearest: Found,
     (imperfect, experts): (Vec<EpisodeScores>, Vec<EpisodeScores>),
@@ -40,7 +49,7 @@ pub(in crate::score) fn mean(
         for (ours, theirs) in ours.iter_mut().zip(theirs) {
             let relative: Vec<f64> = local::relative(local.as_ref(), ours).collect();
             let both = relative.into_iter().zip(&theirs.w);
-            ours.w = both.map(|(w, gain)| f64::midpoint(near.q(w).into(), gained.q(*gain).into())).collect();
+            ours.w = both.map(|(w, gain)| blend(near.q(w).into(), gained.q(*gain).into())).collect();
         }
     };
     mix(&mut nearest.imperfect, &imperfect);
@@ -93,14 +102,21 @@ mod tests {
     }
 
     #[test]
-    fn w_is_the_mean_of_both_qualities_and_matches_are_those_of_raw() {
+    fn progress_does_not_make_up_for_an_outlier() {
+        assert_eq!([blend(0.05, 1.0), blend(0.5, 0.5), blend(1.0, 0.0)], [0.525, 0.5, 0.5]);
+        assert_eq!([blend(0.0, 1.0), blend(0.025, 0.975)], [0.0, 0.25]);
+    }
+
+    #[test]
+    fn w_is_the_blend_of_both_qualities_and_matches_are_those_of_raw() {
         let calibrated = NormaliserKind::Calibrated;
         let [blend, raw, progress] = ["blend", "raw", "progress"].map(|name| run(name, calibrated).unwrap());
         let episodes = |scores: &Scores| scores.imperfect.iter().chain(&scores.experts).cloned().collect::<Vec<_>>();
         for ((blend, raw), progress) in episodes(&blend).iter().zip(episodes(&raw)).zip(episodes(&progress)) {
             let both = raw.q.iter().zip(&progress.q);
-            let means: Vec<f64> = both.map(|(one, two)| f64::midpoint((*one).into(), (*two).into())).collect();
-            assert_eq!(blend.w, means, "{}", blend.episode_id);
+            let expected: Vec<f64> =
+                both.map(|(near, gained)| super::blend((*near).into(), (*gained).into())).collect();
+            assert_eq!(blend.w, expected, "{}", blend.episode_id);
             assert_eq!((&blend.match_episode, &blend.match_step), (&raw.match_episode, &raw.match_step));
         }
         let experts: Vec<f32> = blend.experts.iter().flat_map(|expert| expert.q.clone()).collect();
@@ -109,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn other_normalisers_apply_to_the_mean() {
+    fn other_normalisers_apply_to_the_blend() {
         let scores = run("blend", NormaliserKind::MinMax).unwrap();
         let all: Vec<f64> = scores.imperfect.iter().flat_map(|episode| episode.w.clone()).collect();
         let highest = all.iter().copied().fold(0.0, f64::max);
