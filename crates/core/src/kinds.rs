@@ -43,7 +43,8 @@ pub struct Kind {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Needs {
-    /// A pretrained encoder: a policy starts from its weights, a scorer compares its features.
+    /// A pretrained encoder: a policy starts from its weights, a scorer reads its features. Every score run names an
+    /// encoder, for the statistics of the steps.
     pub encoder: bool,
     /// Steps before the newest one.
     pub history: bool,

@@ -19,7 +19,7 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     name: "random",
     title: "Random",
     about: "A control: random numbers, so that the best part is a blind draw.",
-    needs: Needs { encoder: true, history: false, images: false, all_episodes: true },
+    needs: Needs { encoder: false, history: false, images: false, all_episodes: true },
     settings: SeedSpec::schema,
     open: |chosen| seeded(chosen, scores),
 };

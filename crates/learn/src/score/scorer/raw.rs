@@ -11,7 +11,7 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     name: "raw",
     title: "Raw nearest neighbour",
     about: "The nearest expert segment in standardised images, proprioception and actions, without a network.",
-    needs: Needs { encoder: true, history: false, images: true, all_episodes: false },
+    needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
     settings: || [RawSpec::schema(), NearestSpec::schema()].concat(),
     open: |chosen| Ok(Scorer::Nearest(comparison(chosen)?)),
 };

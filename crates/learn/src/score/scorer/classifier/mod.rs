@@ -28,7 +28,7 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     name: "classifier",
     title: "Classifier",
     about: "A baseline: a small network that separates the experts' steps from the imperfect ones.",
-    needs: Needs { encoder: true, history: false, images: true, all_episodes: true },
+    needs: Needs { encoder: false, history: false, images: true, all_episodes: true },
     settings: SeedSpec::schema,
     open: |chosen| seeded(chosen, scores),
 };
