@@ -60,8 +60,8 @@ class Adapter:
         """Each camera with depth by name: height × width millimetres."""
         return {}
 
-    def proprioception(self, env: Any, observation: Any) -> ArrayLike:
-        """The task's proprioception, in physical units."""
+    def proprioception(self, env: Any, observation: Any) -> ArrayLike | Mapping[str, Any]:
+        """The task's proprioception, in physical units: its fields one after the other, or field → values."""
         raise NotImplementedError(f"{type(self).__name__}.proprioception: override it to give the task's values")
 
     def action(self, env: Any, action: NDArray[np.float32]) -> Any:

@@ -19,7 +19,9 @@ class Observation:
     """One step. A mapping with the same keys is accepted in its place."""
 
     images: Mapping[str, NDArray[np.uint8] | bytes]  # camera → height × width × RGB, or JPEG or PNG bytes
-    proprioception: ArrayLike  # the task's fields, one after the other, in physical units
+    # The task's fields, one after the other, in physical units; or field → values, whose names are checked. Values of a
+    # field whose mapping names them, such as joints, may be name → value.
+    proprioception: ArrayLike | Mapping[str, ArrayLike | Mapping[str, float]]
     depth: Mapping[str, NDArray[np.uint16] | bytes] = field(default_factory=dict)  # camera → height × width mm, or PNG
     stamp_ns: int | None = None  # None: from the start of the episode, by the control period
     executed_action: ArrayLike | None = None  # executed since the previous step; None: the policy's action
@@ -50,7 +52,7 @@ def to_wire(observation: Observation, spec: TaskSpec, stamp_ns: int) -> pb.Obser
     message = pb.Observation(
         stamp_ns=stamp_ns,
         cameras=[_camera(camera, observation) for camera in spec.cameras],
-        proprioception=vector("proprioception", observation.proprioception, size(spec.proprioception)),
+        proprioception=_proprioception(observation.proprioception, spec),
     )
     if observation.executed_action is not None:
         message.executed_action.extend(vector("executed_action", observation.executed_action, size(spec.action)))
@@ -66,6 +68,38 @@ def vector(name: str, values: ArrayLike, length: int) -> NDArray[np.float32]:
         place = int(np.flatnonzero(~np.isfinite(array))[0])
         raise invalid(f"{name}[{place}]", f"is {array[place]}, must be finite")
     return array
+
+
+def _proprioception(given: ArrayLike | Mapping[str, Any], spec: TaskSpec) -> NDArray[np.float32]:
+    if not isinstance(given, Mapping):
+        return vector("proprioception", given, size(spec.proprioception))
+    _check_names("proprioception", given, [field.name for field in spec.proprioception])
+    parts = []
+    for one in spec.proprioception:
+        path, values = f"proprioception.{one.name}", given[one.name]
+        if isinstance(values, Mapping):
+            sources = [source for mapping in spec.mappings for source in mapping.fields if source.field == one.name]
+            values = _by_name(path, values, [list(source.names) for source in sources if source.names])
+        parts.append(vector(path, values, one.size))
+    return np.concatenate(parts) if parts else np.empty(0, np.float32)
+
+
+def _by_name(path: str, values: Mapping[str, float], orders: Sequence[list[str]]) -> list[float]:
+    # Mappings may name the values of a field differently, each in the order of the task.
+    if not orders:
+        raise invalid(path, "no mapping of the task names its values; send them in the order of the task")
+    order = next((names for names in orders if set(names) == set(values)), orders[0])
+    _check_names(path, values, order)
+    return [values[name] for name in order]
+
+
+def _check_names(path: str, given: Mapping[str, Any], names: Sequence[str]) -> None:
+    for name in given:
+        if name not in names:
+            raise invalid(f"{path}.{name}", f"the task has no such name; it has {', '.join(names)}")
+    for name in names:
+        if name not in given:
+            raise invalid(f"{path}.{name}", "is missing; send every value of the task")
 
 
 def _camera(camera: CameraSpec, observation: Observation) -> pb.CameraFrame:
