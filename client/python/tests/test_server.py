@@ -53,7 +53,8 @@ def test_message_of_the_server_is_unchanged(client: gleaner.Client) -> None:
         client.tasks.create({**SPEC, "alignment": "closest"})
 
 
-def test_engine_options_are_of_a_cluster_alone(client: gleaner.Client) -> None:
+def test_engine_options_are_of_a_cluster_alone(client: gleaner.Client, lab: Lab) -> None:
+    del lab  # The task has episodes to pretrain on.
     with pytest.raises(gleaner.FailedPrecondition, match=r"engine_options: .*--engine slurm"):
         client.jobs.pretrain(TASK, engine_options="--partition=gpu --gres=gpu:1")
     with pytest.raises(gleaner.InvalidArgument, match="engine_options: --output=/x"):
