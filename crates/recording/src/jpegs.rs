@@ -12,7 +12,7 @@ use crate::container::{Record, scan};
 use crate::error::RecordingError;
 use crate::image::is_color_jpeg;
 use crate::limits::Limits;
-use crate::picture::{Channel, data};
+use crate::picture::{Channel, data, layout};
 use crate::plan::ImageStream;
 use crate::planner::plan;
 use gleaner_core::TaskSpec;
@@ -47,7 +47,7 @@ impl StepJpegs {
                 let Some(shown) = color.steps.get(&at) else { continue };
                 let Ok(message) = decoder.decode(bytes) else { continue };
                 let Ok(picture) = data(&message) else { continue };
-                if message.text("encoding").is_some() || !is_color_jpeg(&picture, color.size) {
+                if layout(&message).is_some() || !is_color_jpeg(&picture, color.size) {
                     continue;
                 }
                 jpegs.file.write_all_at(&picture, end).map_err(jpegs.fault())?;

@@ -1,7 +1,8 @@
 //! Images inside messages: foxglove.CompressedImage and RawImage, sensor_msgs CompressedImage and Image.
 //!
 //! An image is recognised by its fields, so a lab's own message with the same fields works too. In JSON,
-//! `data` is base64 text, as in Foxglove's JSON schemas.
+//! `data` is base64 text, as in Foxglove's JSON schemas, or an address that holds it, as browsers write pictures
+//! (RFC 2397).
 
 use std::borrow::Cow;
 
@@ -38,7 +39,7 @@ impl Channel {
 pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec) -> Result<Vec<u8>, RecordingError> {
     let sizes = &camera.sizes();
     let data = &*data(message)?;
-    if let Some(encoding) = message.text("encoding") {
+    if let Some(encoding) = layout(message) {
         let size = |name| message.number(name).and_then(whole).ok_or_else(|| not_an_image(message));
         let image = RawImage {
             height: size("height")?,
@@ -53,7 +54,7 @@ pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec)
             Channel::Depth => raw_depth(image, sizes),
         };
     }
-    let format = message.text("format").ok_or_else(|| not_an_image(message))?;
+    let format = format(message).ok_or_else(|| not_an_image(message))?;
     // The compression is detected from the bytes where they show it, because drivers fill in any format.
     let decoded = match channel {
         Channel::Color => decode_color(data, PixelFormat::Auto, sizes),
@@ -73,8 +74,23 @@ pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec)
 /// What the header of a compressed image shows.
 pub(crate) fn header(message: &Value<'_>) -> Result<Header, RecordingError> {
     let data = data(message)?;
-    let compressed = message.text("format").and_then(|format| CompressedDepth::of(format, &data));
+    let compressed = format(message).and_then(|format| CompressedDepth::of(format, &data));
     compressed.map_or_else(|| header_of(&data), |compressed| compressed.header(&data))
+}
+
+/// The media type and the base64 text of `data:image/jpeg;base64,…` in `data`. It needs no other field.
+pub(crate) fn address<'a>(message: &'a Value<'_>) -> Option<(&'a str, &'a str)> {
+    let (media, text) = message.text("data")?.strip_prefix("data:")?.split_once(',')?;
+    Some((media.strip_suffix(";base64").filter(|media| media.starts_with("image/"))?, text))
+}
+
+/// The layout of a raw image; an address holds a compressed one, whatever else the message states.
+pub(crate) fn layout<'a>(message: &'a Value<'_>) -> Option<&'a str> {
+    message.text("encoding").filter(|_| address(message).is_none())
+}
+
+fn format<'a>(message: &'a Value<'_>) -> Option<&'a str> {
+    message.text("format").or_else(|| Some(address(message)?.0))
 }
 
 /// Base64 with or without padding: writers differ.
@@ -88,7 +104,10 @@ pub(crate) fn data<'a>(message: &'a Value<'_>) -> Result<Cow<'a, [u8]>, Recordin
     if let Some(bytes) = message.bytes("data") {
         return Ok(Cow::Borrowed(bytes));
     }
-    let text = message.text("data").ok_or_else(|| not_an_image(message))?;
+    let text = match address(message) {
+        Some((_, text)) => text,
+        None => message.text("data").ok_or_else(|| not_an_image(message))?,
+    };
     BASE64.decode(text).map(Cow::Owned).map_err(|error| RecordingError::BrokenImage {
         problem: format!("`data` is text but not base64 ({error}); JSON messages hold an image's bytes as base64"),
     })
@@ -104,7 +123,8 @@ fn not_an_image(message: &Value<'_>) -> RecordingError {
     RecordingError::BrokenImage {
         problem: format!(
             "the message has {}, which is no image; use foxglove.CompressedImage, foxglove.RawImage, \
-             sensor_msgs/CompressedImage or sensor_msgs/Image; in JSON, `data` is base64 text",
+             sensor_msgs/CompressedImage or sensor_msgs/Image; in JSON, `data` is base64 text or an address \
+             `data:image/jpeg;base64,…`",
             message.field_names()
         ),
     }

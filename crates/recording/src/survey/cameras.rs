@@ -34,6 +34,9 @@ struct Described {
 impl CameraNotes {
     /// Whether a message has the fields of an image or of a packet of video.
     pub(super) fn is_image(message: &Value<'_>) -> bool {
+        if picture::address(message).is_some() {
+            return true;
+        }
         let data = message.bytes("data").is_some() || message.text("data").is_some();
         let raw = message.text("encoding").is_some()
             && (message.number("pts").is_some()
@@ -111,7 +114,7 @@ fn file_name(topic: &str, number: usize) -> String {
 }
 
 fn describe(message: &Value<'_>, limits: &Limits) -> Result<Described, RecordingError> {
-    let described = if let Some(encoding) = message.text("encoding") {
+    let described = if let Some(encoding) = picture::layout(message) {
         let side = |name| message.number(name).and_then(picture::whole).unwrap_or_default();
         let depth = matches!(encoding, "16UC1" | "mono16" | "32FC1");
         Described { depth, encoding: encoding.to_owned(), size: (side("height"), side("width")) }

@@ -122,6 +122,26 @@ fn video_shows_its_size_and_a_picture() {
 }
 
 #[test]
+fn pictures_in_addresses_show_their_size_and_kind() {
+    let jpeg = crate::image::encode_jpeg(&[90; 8 * 16 * 3], 8, 16, 92).unwrap();
+    let png = crate::image::encode_png(&[90; 8 * 16 * 3], 8, 16).unwrap();
+    let mut scene = Scene::default();
+    for (topic, media, bytes) in [("/jpeg", "image/jpeg", jpeg), ("/png", "image/png", png)] {
+        let data = base64::engine::general_purpose::STANDARD.encode(bytes);
+        scene.add(topic, 100, json!({"encoding": "base64", "data": format!("data:{media};base64,{data}")}));
+    }
+    scene.add("/note", 100, json!({"data": "data: none, so far"}));
+    let folder = tempfile::tempdir().unwrap();
+    let found = surveyed_bytes(&scene.mcap(), Some(folder.path()));
+    for (name, encoding) in [("/jpeg", "jpeg"), ("/png", "png")] {
+        let camera = topic(&found, name).camera.clone().unwrap();
+        assert_eq!((camera.encoding.as_str(), camera.height, camera.width, camera.problem), (encoding, 8, 16, None));
+        assert!(folder.path().join(camera.picture.unwrap()).is_file(), "{name}");
+    }
+    assert!(topic(&found, "/note").camera.is_none());
+}
+
+#[test]
 fn depth_in_rvl_shows_its_size_and_a_picture() {
     // 3 × 4 pixels: three zeros, then 500, 501, 499, then zeros.
     let image = [0_u32, 0, 0, 4, 3].map(u32::to_le_bytes).concat();

@@ -11,7 +11,7 @@ use super::scene::{Scene, check, read_bytes};
 use crate::testing::arm;
 use crate::{
     Crop, FindingCode, PixelFormat, RecordedSize, Severity, TaskSpec, decode_color, decode_depth, encode_jpeg,
-    read_episode,
+    encode_png, read_episode,
 };
 
 /// The pixels of a step: red follows the step.
@@ -86,6 +86,32 @@ fn compressed_images_in_json_are_base64_text() {
     assert_eq!(reading.report.findings, []);
     let red = f32::from(reading.episode.frames().as_ref()[3 * (8 * 16 * 5)]);
     assert!((red - 15.0).abs() <= 3.0, "{red}");
+}
+
+/// As browsers and web tools write pictures, with the fields of an image or without any other.
+#[test]
+fn pictures_in_json_are_read_from_addresses() {
+    let jpeg = encode_jpeg(&color(1), 8, 16, 92).unwrap();
+    let png = encode_png(&[200, 10, 10].repeat(8 * 16), 8, 16).unwrap();
+    let address = |media: &str, bytes: &[u8]| format!("data:{media};base64,{}", STANDARD.encode(bytes));
+    let colors = [
+        json!({"data": address("image/jpeg", &jpeg)}),
+        json!({"format": "jpeg", "data": address("image/jpeg", &jpeg)}),
+        json!({"encoding": "jpeg", "width": 16, "height": 8, "data": address("image/jpeg;q=92", &jpeg)}),
+        json!({"data": address("image/png", &png)}),
+    ];
+    let scene = scene(4, |step| (colors[step].clone(), raw("16UC1", 2, &depth(step))));
+    let reading = scene.read(&task()).unwrap();
+    assert_eq!((reading.report.steps, reading.report.findings.as_slice()), (4, &[][..]));
+    let frames = reading.episode.frames();
+    for (step, expected) in [5.0_f32, 5.0, 5.0, 200.0].into_iter().enumerate() {
+        let red = f32::from(frames.as_ref()[step * (8 * 16 * 5)]);
+        assert!((red - expected).abs() <= 3.0, "{step}: {red}");
+    }
+    let broken = |step| (json!({"data": "data:image/jpeg;base64,???"}), raw("16UC1", 2, &depth(step)));
+    let report = self::scene(4, broken).report(&task());
+    let finding = check(&report, Severity::Error, FindingCode::BrokenImage, "/front/color");
+    assert!(finding.detail.contains("not base64"), "{}", finding.detail);
 }
 
 /// Written by the `mcap` library for Python, with images as PNG and as rows.
