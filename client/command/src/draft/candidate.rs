@@ -20,8 +20,14 @@ const ROTATIONS: &[&str] = &["orientation", "rotation"];
 pub(super) struct Candidate {
     pub(super) name: String,
     pub(super) topic: String,
+    /// The path of its numbers, or the part that theirs have in common.
+    pub(super) path: String,
     pub(super) stamped: bool,
     pub(super) command: Command,
+    /// The path of a command of its topic by which it is one too.
+    pub(super) beside: Option<String>,
+    /// Whether it may as well be a command.
+    pub(super) open: bool,
     /// Possible orders of its values, the likeliest first.
     pub(super) orders: Vec<Order>,
     /// All its different values, if there are at most two.
@@ -158,7 +164,8 @@ fn candidate(topic: &WayTopic, group: &str, fields: &[&SurveyedField]) -> Candid
         None => by_path(fields),
     };
     let (topic, stamped) = (topic.found.topic.clone(), topic.found.stamped);
-    Candidate { name, command: tokens::command(&topic, group), topic, stamped, orders, values }
+    let path = group.to_owned();
+    Candidate { name, topic, path, stamped, command: Command::No, beside: None, open: false, orders, values }
 }
 
 fn by_name(field: &SurveyedField) -> Vec<Order> {

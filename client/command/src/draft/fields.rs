@@ -5,6 +5,7 @@
 use gleaner_recording::{FieldSource, FieldSpec, ValueRange};
 
 use super::candidate::{Candidate, LeftOut, Order};
+use super::measured::meaning;
 use super::tokens::{self, Command};
 use super::way::Way;
 
@@ -21,6 +22,8 @@ const REACHED: f64 = 0.9;
 pub(super) struct Field {
     pub(super) spec: FieldSpec,
     pub(super) action: bool,
+    /// Whether an observation may as well be a command.
+    pub(super) open: bool,
     pub(super) stamped: Vec<bool>,
     /// Its place in each way.
     pub(super) sources: Vec<FieldSource>,
@@ -153,9 +156,15 @@ fn fit(one: &Order, other: &Order) -> f64 {
 fn unique(candidate: &Candidate, fields: &[Field]) -> String {
     let taken = |name: &str| fields.iter().any(|field| field.spec.name == name);
     let own = candidate.name.clone();
+    let with_path = (!candidate.path.is_empty()).then(|| tokens::identifier(&candidate.path));
     let with_topic = tokens::identifier(&format!("{}_{own}", candidate.topic));
     let numbered = (2..).map(|number| format!("{own}_{number}"));
-    [own.clone(), with_topic].into_iter().chain(numbered).find(|name| !taken(name)).unwrap_or(own)
+    [Some(own.clone()), with_path, Some(with_topic)]
+        .into_iter()
+        .flatten()
+        .chain(numbered)
+        .find(|name| !taken(name))
+        .unwrap_or(own)
 }
 
 fn field(name: String, first: &Candidate, alike: &[Like], action: bool, ways: &[Way]) -> Field {
@@ -172,6 +181,7 @@ fn field(name: String, first: &Candidate, alike: &[Like], action: bool, ways: &[
     };
     let mut sources = vec![source(first, order)];
     reasons.push(format!("{} {}{}.", first.topic, shown_paths(order), shown_order(first, own)));
+    reasons.push(role(first, action));
     for (Like { candidate, its, fits, .. }, way) in alike.iter().zip(ways.iter().skip(1)) {
         let reason = if *fits { "its ranges fit" } else { "but its ranges do not fit, so compare their meaning" };
         let theirs = &candidate.orders[*its];
@@ -201,7 +211,24 @@ fn field(name: String, first: &Candidate, alike: &[Like], action: bool, ways: &[
         reasons.push(format!("It is always {value} in these recordings; remove it if it never changes."));
     }
     let stamped = std::iter::once(first.stamped).chain(alike.iter().map(|like| like.candidate.stamped));
-    Field { spec, action, stamped: stamped.collect(), sources, reasons }
+    Field { spec, action, open: !action && first.open, stamped: stamped.collect(), sources, reasons }
+}
+
+/// Why a candidate is an action or proprioception.
+fn role(candidate: &Candidate, action: bool) -> String {
+    let Candidate { name, topic, path, beside, .. } = candidate;
+    if action {
+        return match beside {
+            Some(command) => format!("An action, because {command} of the same topic is one."),
+            None => "An action, by its name or its topic.".to_owned(),
+        };
+    }
+    match [path, name, topic].into_iter().find_map(|name| meaning(name)) {
+        Some(meaning) => format!("Proprioception, because it is named like {meaning}."),
+        None => {
+            "Proprioception, because it is not named like a command; remove it if a robot cannot send it.".to_owned()
+        }
+    }
 }
 
 /// Which numbers of an action never change.

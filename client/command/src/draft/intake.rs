@@ -45,6 +45,7 @@ pub(crate) fn of_description(description: &Description, name: String) -> Draft {
         drafted.push(Field {
             spec: field.clone(),
             action,
+            open: false,
             stamped: vec![true],
             sources: sources(mapping, &field.name),
             reasons,

@@ -6,6 +6,8 @@ mod cameras;
 mod candidate;
 mod fields;
 mod intake;
+mod measured;
+mod role;
 #[cfg(test)]
 mod tests;
 mod tokens;
@@ -55,7 +57,9 @@ pub(crate) struct Draft {
 pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &Known) -> Result<Draft, String> {
     let ways = way::ways(surveys);
     let mut left_out = Vec::new();
-    let candidates: Vec<Vec<Candidate>> = ways.iter().map(|way| candidate::candidates(way, &mut left_out)).collect();
+    let mut candidates: Vec<Vec<Candidate>> =
+        ways.iter().map(|way| candidate::candidates(way, &mut left_out)).collect();
+    candidates.iter_mut().for_each(|of_way| role::settle(of_way));
     for topic in &known.action {
         if !candidates.iter().flatten().any(|candidate| candidate.topic == *topic) {
             return Err(format!("--action {topic}: no recording has numbers on this topic; {}", topics(&candidates)));
@@ -114,7 +118,7 @@ impl Draft {
             let fields = self.fields.iter().filter(move |field| field.action == action);
             fields.flat_map(|field| field.sources.iter().map(move |source| (field, source)))
         };
-        for (field, source) in sources(false) {
+        for (field, source) in sources(false).filter(|(field, _)| field.open) {
             let Some((command, _)) = sources(true).find(|(_, of_action)| of_action.topic == source.topic) else {
                 continue;
             };

@@ -9,6 +9,9 @@ const COMMANDS: &[&str] =
     &["action", "actions", "command", "commands", "commanded", "cmd", "cmds", "ctrl", "setpoint", "teleop"];
 const PERHAPS_COMMANDS: &[&str] =
     &["target", "targets", "desired", "control", "controls", "servo", "leader", "reference"];
+/// Words of whole steps.
+const STEPS: &[&str] =
+    &["step", "steps", "transition", "transitions", "frame", "frames", "sample", "samples", "record", "rollout"];
 /// Words of what a policy must not see.
 const OUTCOMES: &[&str] =
     &["reward", "rewards", "success", "done", "terminated", "truncated", "outcome", "label", "return", "score"];
@@ -56,6 +59,9 @@ const CONTAINERS: &[&str] = &[
     "msg",
     "message",
 ];
+/// Names of quantities, which say what was measured and not where.
+const QUANTITIES: &[&str] =
+    &["orientation", "rotation", "quat", "angle", "angles", "pos", "vel", "velocity", "force", "torque", "width"];
 /// Words of a topic that do not distinguish cameras.
 const OF_CAMERAS: &[&str] = &[
     "camera",
@@ -113,13 +119,15 @@ fn has(name: &str, list: &[&str]) -> bool {
     words(name).iter().any(|word| list.contains(&word.as_str()))
 }
 
-/// Whether a topic and a path in it mean a command. The path decides if it has such a word.
-pub(super) fn command(topic: &str, path: &str) -> Command {
-    [(path, COMMANDS, Command::Yes), (topic, COMMANDS, Command::Yes), (path, PERHAPS_COMMANDS, Command::Perhaps)]
-        .into_iter()
-        .chain([(topic, PERHAPS_COMMANDS, Command::Perhaps)])
-        .find_map(|(name, list, found)| has(name, list).then_some(found))
-        .unwrap_or(Command::No)
+/// Whether a topic or a path means a command.
+pub(super) fn command_word(name: &str) -> Command {
+    let lists = [(COMMANDS, Command::Yes), (PERHAPS_COMMANDS, Command::Perhaps)];
+    lists.into_iter().find_map(|(list, found)| has(name, list).then_some(found)).unwrap_or(Command::No)
+}
+
+/// Whether a topic is named like whole steps, which have commands and measurements in one message.
+pub(super) fn is_container(topic: &str) -> bool {
+    has(topic, STEPS)
 }
 
 /// Whether a single number is an outcome of the attempt.
@@ -152,8 +160,16 @@ pub(super) fn camera_name(topic: &str) -> String {
 
 /// The name of a field: the end of its path, or of its topic where the path says little.
 pub(super) fn field_name(topic: &str, path: &str) -> String {
-    let own = path.rsplit('.').next().unwrap_or_default();
-    if !own.is_empty() && !CONTAINERS.contains(&own) {
+    let mut ends = path.rsplit('.');
+    let own = ends.next().unwrap_or_default();
+    let container = own.is_empty() || CONTAINERS.contains(&own);
+    // Of `ee_pose.position` the part before says what has the position.
+    if (container || QUANTITIES.contains(&own))
+        && let Some(before) = ends.next().filter(|before| !CONTAINERS.contains(before))
+    {
+        return identifier(&format!("{before}_{own}"));
+    }
+    if !container {
         return identifier(own);
     }
     let parts: Vec<&str> = topic.split('/').filter(|part| !part.is_empty()).collect();
@@ -208,10 +224,9 @@ mod tests {
     #[test]
     fn names_have_words_and_suggest_a_role() {
         assert_eq!(words("/handCamera/color_raw2"), ["hand", "camera", "color", "raw2"]);
-        assert_eq!(command("/servo/delta_twist_cmds", "twist"), Command::Yes);
-        assert_eq!(command("/leader/joint_states", "position"), Command::Perhaps);
-        assert_eq!(command("/joint_states", "position"), Command::No);
-        assert_eq!(command("/step", "action"), Command::Yes);
+        assert_eq!(command_word("/servo/delta_twist_cmds"), Command::Yes);
+        assert_eq!(command_word("/leader/joint_states"), Command::Perhaps);
+        assert_eq!(command_word("/joint_states"), Command::No);
         assert!(is_outcome("/episode", "next.success") && !is_outcome("/goal", "point"));
         assert!(is_counter("frame_index") && !is_counter("index_finger"));
         assert!(is_foreign("sensor_msgs/msg/CameraInfo") && is_foreign("foxglove.FrameTransform"));
@@ -228,6 +243,9 @@ mod tests {
         assert_eq!(field_name("/tool_pose", "pose"), "tool_pose");
         assert_eq!(field_name("/gripper/command", "data"), "gripper_command");
         assert_eq!(field_name("/step", "observation.state"), "state");
+        assert_eq!(field_name("/robot", "ee_pose.position"), "ee_pose_position");
+        assert_eq!(field_name("/robot", "gripper.width"), "gripper_width");
+        assert_eq!(field_name("/imu", "orientation"), "orientation");
         assert_eq!(field_name("/x", "7dof-arm"), "field_7dof_arm");
     }
 

@@ -1,0 +1,101 @@
+//! Roles: which candidates of one topic are commands, by their own names and by those beside them.
+
+use super::candidate::Candidate;
+use super::measured::{Measured, measured};
+use super::tokens::{self, Command};
+
+/// Gives each candidate of a way its command, and marks those whose role is open.
+pub(super) fn settle(candidates: &mut [Candidate]) {
+    candidates.chunk_by_mut(|one, next| one.topic == next.topic).for_each(settle_topic);
+}
+
+fn settle_topic(candidates: &mut [Candidate]) {
+    let Some(topic) = candidates.first().map(|candidate| candidate.topic.clone()) else { return };
+    let own: Vec<Command> = candidates.iter().map(|candidate| tokens::command_word(&candidate.path)).collect();
+    let states: Vec<Measured> = candidates.iter().map(|candidate| measured(&candidate.path)).collect();
+    let of_topic = tokens::command_word(&topic);
+    let by_path = own.iter().copied().max().unwrap_or(Command::No);
+    // A topic that is named like commands holds some.
+    let others = by_path > Command::No || states.iter().any(|state| *state < Measured::Yes);
+    // Commands that are named so in their paths leave the rest of the topic to measurements.
+    let named = by_path > Command::No && by_path >= of_topic;
+    for ((candidate, own), state) in candidates.iter_mut().zip(&own).zip(&states) {
+        candidate.command = match (own, state) {
+            (Command::Yes | Command::Perhaps, _) => (*own).max(of_topic),
+            (Command::No, Measured::Yes) if others => Command::No,
+            (Command::No, Measured::Perhaps) if named => Command::No,
+            (Command::No, _) => of_topic,
+        };
+    }
+    let strongest = candidates.iter().map(|candidate| candidate.command).max().unwrap_or(Command::No);
+    if strongest == Command::No {
+        return;
+    }
+    let mixed = tokens::is_container(&topic);
+    let of_states = measured(&topic) == Measured::Yes;
+    for at in 0..candidates.len() {
+        if candidates[at].command == strongest {
+            continue;
+        }
+        let weak = strongest < Command::Yes && sibling(candidates, at, strongest);
+        let beside = match (own[at], states[at]) {
+            // A pose beside a target may be the pose that is wanted; beside an action it is measured.
+            (Command::No, Measured::Perhaps) if weak => Beside::Both,
+            (Command::No, Measured::Perhaps | Measured::Yes) => Beside::States,
+            _ => beside(candidates, &states, at, strongest),
+        };
+        match beside {
+            Beside::Commands { in_all: true, .. } if of_states => {}
+            Beside::Commands { in_all: true, .. } if mixed => candidates[at].open = true,
+            Beside::Commands { first, .. } => {
+                candidates[at].command = strongest;
+                candidates[at].beside = Some(first);
+            }
+            Beside::Both => candidates[at].open = true,
+            Beside::States => {}
+        }
+    }
+}
+
+/// What the smallest part of a message around a candidate holds.
+enum Beside {
+    /// Commands alone; `in_all` if that part is the whole message.
+    Commands {
+        first: String,
+        in_all: bool,
+    },
+    States,
+    Both,
+}
+
+fn part(path: &str) -> &str {
+    path.rsplit_once('.').map_or("", |(part, _)| part)
+}
+
+/// Whether a command has the same part of the message around it.
+fn sibling(candidates: &[Candidate], at: usize, strongest: Command) -> bool {
+    let around = part(&candidates[at].path);
+    candidates.iter().any(|of| of.command == strongest && part(&of.path) == around)
+}
+
+fn beside(candidates: &[Candidate], states: &[Measured], at: usize, strongest: Command) -> Beside {
+    let mut around = candidates[at].path.as_str();
+    loop {
+        around = part(around);
+        let inside =
+            |path: &str| around.is_empty() || path.strip_prefix(around).is_some_and(|rest| rest.starts_with('.'));
+        let others =
+            || candidates.iter().zip(states).enumerate().filter(|(other, (of, _))| *other != at && inside(&of.path));
+        let first = others().find(|(_, (of, _))| of.command == strongest && of.beside.is_none());
+        let measured = others().any(|(_, (of, state))| of.command == Command::No && *state > Measured::No);
+        match (first, measured) {
+            (Some((_, (of, _))), false) => {
+                return Beside::Commands { first: of.path.clone(), in_all: around.is_empty() };
+            }
+            (Some(_), true) => return Beside::Both,
+            (None, true) => return Beside::States,
+            (None, false) if around.is_empty() => return Beside::States,
+            (None, false) => {}
+        }
+    }
+}
