@@ -116,6 +116,24 @@ async fn sessions_of_a_remote_policy_are_scored_recorded_and_evaluated() {
     assert!(listed.out.contains(shared.server.url()) && listed.out.contains("remote"), "{}", listed.text());
 }
 
+/// The simulator never runs: the refusal names what to do.
+#[tokio::test]
+async fn drive_of_a_task_without_a_simulator_is_refused() {
+    let shared = shared().await;
+    let flags = ["--workers", "0", "--policy-servers", shared.server.address()];
+    let (server, mut api) = lab::with_task(&flags).await;
+    let spec = TaskSpec { name: "drawer".into(), rate_hz: 15.0, ..lab::spec_message() };
+    api.tasks.create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap();
+    let request = RegisterPolicyRequest { task: "drawer".into(), remote: Some(on(&shared.server)) };
+    let policy = api.policies.register_policy(request).await.unwrap().into_inner().policy.unwrap();
+    api.deploy("drawer@test", &policy.id).await;
+    let output = command::gleaner(server.url(), &["drive", "drawer@test", "--record"]).await;
+    assert!(!output.success, "{}", output.text());
+    for part in ["serves the task drawer", "rate_hz", "Your own simulator", "report-evaluation", policy.id.as_str()] {
+        assert!(output.errors.contains(part), "{part}: {}", output.errors);
+    }
+}
+
 /// The other server is killed and comes back: robots with deadlines miss them meanwhile, each with the reason.
 #[tokio::test]
 async fn a_robot_survives_a_restart_of_the_other_server() {

@@ -9,6 +9,7 @@ use gleaner_client::{Client, DrivePlan, Driven, DrivenEpisode, RealTime, Recorde
 use gleaner_proto::v1::{ReportEvaluationRequest, SeedResult};
 use serde_json::{Value, json};
 
+use super::policies::check_simulated;
 use super::task::sim_config;
 use crate::context::Context;
 use crate::failure::Result;
@@ -72,6 +73,7 @@ impl DriveArgs {
             record: self.record.then(|| Recorded { cohort: self.cohort.unwrap_or_default() }),
         };
         let client = context.client().await?;
+        check_simulated(&client, &plan.deployment, plan.task).await?;
         let driven = drive(context, &client, &plan).await?;
         context.output.result(|| Ok(document(&plan, &driven)), || summary(&plan, &driven))?;
         if self.report {

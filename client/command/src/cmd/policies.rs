@@ -2,13 +2,14 @@
 
 use clap::Args;
 use gleaner_client::Client;
+use gleaner_core::TaskSpec;
 use gleaner_core::proto::task::spec_from_proto;
 use gleaner_proto::v1::{
     DeployRequest, Deployment, GetTaskRequest, ListDeploymentsRequest, ListPoliciesRequest, Policy, RollBackRequest,
 };
 
 use crate::context::Context;
-use crate::failure::{Result, present};
+use crate::failure::{Failure, Result, present};
 use crate::table::Column::{Left, Right};
 use crate::table::table;
 use crate::{json, words};
@@ -84,16 +85,40 @@ impl DeployArgs {
 
 /// How to evaluate a deployment: in the embedded simulator if that knows its task, else in one's own.
 async fn evaluation(client: &Client, deployment: &Deployment) -> Result<String> {
-    let Deployment { name, task_id, policy_id, .. } = deployment;
-    let reply = client.tasks().get_task(GetTaskRequest { task: task_id.clone() }).await?.into_inner();
-    let spec = reply.task.and_then(|task| spec_from_proto(task.spec?).ok());
+    let spec = spec_of(client, deployment).await?;
     if spec.is_some_and(|spec| gleaner_sim::simulated(&spec, "").is_ok()) {
-        return Ok(format!("gleaner drive {name} (evaluates it in the simulator)"));
+        return Ok(format!("gleaner drive {} (evaluates it in the simulator)", deployment.name));
     }
-    Ok(format!(
+    Ok(elsewhere(deployment))
+}
+
+async fn spec_of(client: &Client, deployment: &Deployment) -> Result<Option<TaskSpec>> {
+    let request = GetTaskRequest { task: deployment.task_id.clone() };
+    let reply = client.tasks().get_task(request).await?.into_inner();
+    Ok(reply.task.and_then(|task| spec_from_proto(task.spec?).ok()))
+}
+
+/// How to evaluate a deployment whose task the embedded simulator does not know.
+fn elsewhere(Deployment { name, policy_id, .. }: &Deployment) -> String {
+    format!(
         "evaluate {name} on your robot or in your own simulator (client/python/README.md, \"Your own simulator\"), then gleaner \
          report-evaluation {policy_id} --simulation NAME --result SEED:EPISODES:SUCCESSES"
-    ))
+    )
+}
+
+/// Refuses a deployment whose task differs from the simulated one. A session refuses a name without a deployment.
+pub(super) async fn check_simulated(client: &Client, name: &str, simulated: gleaner_sim::Task) -> Result<()> {
+    let request = ListDeploymentsRequest::default();
+    let deployments = client.policies().list_deployments(request).await?.into_inner().deployments;
+    let Some(deployment) = deployments.iter().find(|deployment| deployment.name == name) else { return Ok(()) };
+    let Some(spec) = spec_of(client, deployment).await? else { return Ok(()) };
+    let Err(difference) = gleaner_sim::compatible_with(simulated, &spec) else { return Ok(()) };
+    if let Ok((other, _)) = gleaner_sim::simulated(&spec, "") {
+        let problem = format!("{name} serves the task {other} of the simulator: add --task {other}");
+        return Err(Failure::message(problem));
+    }
+    let problem = format!("{name} serves the task {}, which the simulator does not know ({difference})", spec.name);
+    Err(Failure::message(format!("{problem}; {}", elsewhere(deployment))))
 }
 
 #[derive(Args, Debug)]
