@@ -110,6 +110,12 @@ async fn same_content_with_another_label_is_rejected() {
     let relabelled = Recording { outcome: Outcome::Failure, ..RECORDINGS[0].clone() };
     let error = lab::push(&mut api, lab::TASK, &relabelled).await.unwrap_err();
     expect_error(&error, Code::AlreadyExists, &[&episode.id, "success", "label"]);
+    // An upload that states no label finds the episode with its own.
+    let unlabelled = Recording { outcome: Outcome::Unknown, cohort: String::new(), ..RECORDINGS[0].clone() };
+    assert_eq!(lab::push(&mut api, lab::TASK, &unlabelled).await.unwrap(), episode);
+    let other_cohort = Recording { cohort: "other".into(), ..unlabelled };
+    let error = lab::push(&mut api, lab::TASK, &other_cohort).await.unwrap_err();
+    expect_error(&error, Code::AlreadyExists, &[&episode.id]);
     assert_eq!(episode_count(&mut api).await, 1);
 }
 

@@ -44,6 +44,14 @@ async fn push_of_a_folder_names_the_files_that_fail() {
     json(url, &["label", id, "--outcome", "success", "--reason", "the cube stood"]).await;
     assert_eq!(json(url, &["episodes", "--outcome", "failure"]).await["episodes"].as_array().unwrap().len(), 1);
 
+    // The same folder without its labels: the recordings keep theirs.
+    for file in ["broken.mcap", "labels.csv"] {
+        std::fs::remove_file(dir.path().join(file)).unwrap();
+    }
+    let again = gleaner(url, &["push", dir.path().to_str().unwrap()]).await;
+    assert!(again.success, "{}", again.text());
+    assert!(again.out.contains("0 recordings pushed, 3 already stored (2 as success, 1 as failure)"), "{}", again.out);
+
     let output = gleaner(url, &["label", "ep_7", "--outcome", "success"]).await;
     assert!(!output.success && output.errors.contains("episode_ids[0]"), "{}", output.errors);
 }

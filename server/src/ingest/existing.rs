@@ -22,7 +22,8 @@ impl Ingest {
     }
 }
 
-/// The episode itself, if it has this label.
+/// The episode itself, if it has this label. An unknown outcome without a cohort of its own states no label, so it agrees
+/// with any: a folder is pushed again without its labels.
 pub(super) fn same_label(existing: Episode, outcome: Outcome, cohort: &str) -> Result<Episode> {
     if existing.deleted_at.is_some() {
         return Err(Error::exists(format!(
@@ -30,7 +31,9 @@ pub(super) fn same_label(existing: Episode, outcome: Outcome, cohort: &str) -> R
             existing.id
         )));
     }
-    if existing.outcome == outcome && existing.cohort == cohort {
+    let unstated = outcome == Outcome::Unknown && cohort.is_empty();
+    let same_outcome = outcome == Outcome::Unknown || existing.outcome == outcome;
+    if unstated || (same_outcome && existing.cohort == cohort) {
         return Ok(existing);
     }
     let cohort =

@@ -37,7 +37,8 @@ class Episodes:
 
         The parts of a recording that its recorder has cut are joined and pushed by the command `gleaner push` only.
         A broken connection is reopened and the upload resumes where it was. Content that the task holds already
-        under this label is not sent again. `progress` is called with the bytes sent so far.
+        under this label, or under any if `outcome` is unknown and `cohort` empty, is not sent again. `progress` is
+        called with the bytes sent so far.
 
         Raises `InvalidArgument` when the recording does not fit the task (each finding with its fix), `NotFound`
         without such a task, `AlreadyExists` when the content is there under another label, and `ResourceExhausted` when

@@ -39,7 +39,7 @@ fn shown(rows: &[Row]) -> String {
             return [path, unknown(), unknown(), unknown(), unknown(), "rejected".to_owned()];
         };
         let result = match existing {
-            Some(episode) => format!("stored as {}", episode.id),
+            Some(episode) => format!("stored as {} ({})", episode.id, words::outcome(episode.outcome())),
             None => "accepted for upload".to_owned(),
         };
         let duration = summary.as_ref().map(|summary| words::duration(Duration::from_nanos(summary.duration_ns)));
@@ -125,7 +125,7 @@ mod tests {
         for part in ["3.0 MB", "1 min 30 s", "905", "1.0 to 8.0 MB", "accepted for upload"] {
             assert!(lines[1].contains(part), "{part}: {text}");
         }
-        assert!(lines[2].contains("stored as ep_1") && lines[3].contains("rejected"), "{text}");
+        assert!(lines[2].contains("stored as ep_1 (") && lines[3].contains("rejected"), "{text}");
         assert_eq!(lines[4], "rejected: c.mcap: summary.messages: too many\\nof them");
     }
 
