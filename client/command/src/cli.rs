@@ -3,9 +3,9 @@
 use clap::{Parser, Subcommand};
 
 use crate::cmd::{
-    dataset, drive, episodes, evaluate, evaluations, export, import_scores, inspect, jobs, kinds, label, metrics, open,
-    pipeline, policies, push, record, register_policy, schedule, score_recording, scores, snapshot, submit, task,
-    trash, what_if,
+    dataset, drive, episodes, evaluate, evaluations, export, histogram, import_scores, inspect, jobs, kinds, label,
+    metrics, open, pipeline, policies, push, record, register_policy, schedule, score_recording, scores, snapshot,
+    submit, task, trash, what_if,
 };
 use crate::connection::{ConnectionArgs, GLOBAL};
 use crate::context::Context;
@@ -93,7 +93,7 @@ pub(crate) enum Command {
     /// Store scores made elsewhere as a score run.
     ImportScores(import_scores::ImportScoresArgs),
     /// Show the distribution of quality and the number of segments above each threshold.
-    Histogram(scores::HistogramArgs),
+    Histogram(histogram::HistogramArgs),
     /// Count the segments of possible datasets, per cohort and episode, without creating any.
     WhatIf(what_if::WhatIfArgs),
     /// Create, list, show and stream datasets.
@@ -255,7 +255,6 @@ mod tests {
             "gleaner evaluate --task t",
             "gleaner evaluate --policy pol_1 --deployment a@b",
             "gleaner dataset create --run run_1 --beta 0.5 --top 0.1",
-            "gleaner what-if run_1",
             "gleaner report-evaluation pol_1 --simulation x",
             "gleaner experiment",
             "gleaner experiment a.toml --report --plan",

@@ -9,6 +9,7 @@ pub(crate) mod evaluate;
 pub(crate) mod evaluations;
 pub(crate) mod export;
 pub(crate) mod follow;
+pub(crate) mod histogram;
 pub(crate) mod import_scores;
 pub(crate) mod inspect;
 pub(crate) mod jobs;

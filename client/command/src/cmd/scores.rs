@@ -1,10 +1,7 @@
-//! `runs`, `scores`, `histogram`: quality, seen.
+//! `runs`, `scores`: quality, seen.
 
 use clap::Args;
-use gleaner_proto::v1::{
-    EpisodeScores, GetEpisodeScoresRequest, GetHistogramRequest, GetHistogramResponse, KeptCount, ListScoreRunsRequest,
-    ScoreRun,
-};
+use gleaner_proto::v1::{EpisodeScores, GetEpisodeScoresRequest, ListScoreRunsRequest, ScoreRun};
 
 use super::selection::beta_of;
 use crate::context::Context;
@@ -155,61 +152,6 @@ fn matches(scores: &EpisodeScores) -> String {
     table(columns, (0..scores.q.len()).map(row))
 }
 
-#[derive(Args, Debug)]
-pub(crate) struct HistogramArgs {
-    /// Id of the score run.
-    run: String,
-    /// Thresholds, 0 to 1, for which kept segments are counted.
-    #[arg(long, value_delimiter = ',', default_value = "0.1,0.3,0.5,0.7,0.9")]
-    beta: Vec<f64>,
-    /// Number of bins of the histogram, at most 1000. More bins show finer detail.
-    #[arg(long, default_value_t = 20)]
-    bins: u32,
-}
-
-impl HistogramArgs {
-    pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let request = GetHistogramRequest { score_run_id: self.run.clone(), bins: self.bins, betas: self.beta };
-        let reply = context.client().await?.scores().get_histogram(request).await?.into_inner();
-        context.output.result(|| json::value(&reply), || histogram(&reply, terminal_width()))?;
-        context.output.next(format_args!("gleaner dataset create --run {}", self.run));
-        Ok(())
-    }
-}
-
-/// Bars of the counts, and what each threshold keeps.
-pub(crate) fn histogram(histogram: &GetHistogramResponse, width: usize) -> String {
-    let most = histogram.counts.iter().copied().max().unwrap_or(0);
-    let room = width.saturating_sub(26).clamp(10, 60);
-    #[expect(clippy::cast_precision_loss, reason = "there are at most 1000 bins")]
-    let edge = |bin: usize| bin as f64 / histogram.counts.len() as f64;
-    let mut lines = vec![format!("q of {} segments", histogram.segments)];
-    for (bin, &count) in histogram.counts.iter().enumerate() {
-        let bar = chart::bar(count, most, room);
-        lines.push(format!("{:.2}–{:.2} {count:>8} {bar}", edge(bin), edge(bin + 1)).trim_end().to_owned());
-    }
-    let columns = [Right("β"), Right("KEPT"), Right("SHARE"), Right("FROM EPISODES")];
-    let row = |kept: &KeptCount| {
-        [
-            format!("{:.2}", kept.beta),
-            kept.segments.to_string(),
-            words::percent(kept.segments, histogram.segments),
-            kept.episodes.to_string(),
-        ]
-    };
-    if let Some(auroc) = histogram.expert_auroc {
-        lines.push(String::new());
-        lines
-            .push(format!("an expert's segment has the higher q in {:.0} % of pairs (ties count half)", 100.0 * auroc));
-        if auroc < 0.5 {
-            lines.push("warning: the scores favour imperfect episodes over experts".to_owned());
-        }
-    }
-    lines.push(String::new());
-    lines.push(table(columns, histogram.kept.iter().map(row)));
-    lines.join("\n")
-}
-
 /// The scorer and its settings in words.
 fn scored_by(run: &ScoreRun) -> String {
     let settings = gleaner_core::proto::from_struct(run.settings.clone());
@@ -224,35 +166,6 @@ fn scored_by(run: &ScoreRun) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_histogram_is_drawn() {
-        let reply = GetHistogramResponse {
-            counts: vec![0, 5, 10, 1],
-            segments: 16,
-            kept: vec![
-                KeptCount { beta: 0.5, segments: 11, episodes: 3 },
-                KeptCount { beta: 0.9, segments: 0, episodes: 0 },
-            ],
-            expert_counts: vec![1, 0, 0, 1],
-            expert_auroc: Some(0.4),
-        };
-        assert_eq!(
-            histogram(&reply, 36),
-            "q of 16 segments\n\
-             0.00–0.25        0\n\
-             0.25–0.50        5 █████\n\
-             0.50–0.75       10 ██████████\n\
-             0.75–1.00        1 █\n\
-             \n\
-             an expert's segment has the higher q in 40 % of pairs (ties count half)\n\
-             warning: the scores favour imperfect episodes over experts\n\
-             \n   \
-             β  KEPT   SHARE  FROM EPISODES\n\
-             0.50    11  68.8 %              3\n\
-             0.90     0   0.0 %              0"
-        );
-    }
 
     fn scores() -> EpisodeScores {
         EpisodeScores {

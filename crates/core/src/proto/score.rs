@@ -51,10 +51,8 @@ pub fn histogram_request(request: v1::GetHistogramRequest) -> Result<(ScoreRunId
 
 /// A filled histogram, and the AUROC of experts.
 pub fn histogram_response(histogram: &Histogram, expert_auroc: Option<f64>) -> v1::GetHistogramResponse {
-    let kept = histogram.kept().into_iter().map(|KeptCount { beta, segments, episodes }| v1::KeptCount {
-        beta,
-        segments,
-        episodes,
+    let kept = histogram.kept().into_iter().map(|KeptCount { beta, segments, episodes, expert_segments }| {
+        v1::KeptCount { beta, segments, episodes, expert_segments }
     });
     v1::GetHistogramResponse {
         counts: histogram.counts().to_vec(),

@@ -12,6 +12,8 @@ pub struct KeptCount {
     pub segments: u64,
     /// Imperfect episodes that contribute at least one.
     pub episodes: u64,
+    /// Expert segments whose q is above the threshold too.
+    pub expert_segments: u64,
 }
 
 /// The distributions of q over a run's imperfect segments and over its experts' own, and the counts kept by thresholds:
@@ -27,6 +29,8 @@ pub struct Histogram {
     kept_segments: Vec<u64>,
     /// At index n, the episodes whose best segment exactly the first n of `ordered` keep.
     kept_episodes: Vec<u64>,
+    /// At index n, the expert segments that exactly the first n of `ordered` would keep.
+    kept_experts: Vec<u64>,
 }
 
 impl Histogram {
@@ -41,6 +45,7 @@ impl Histogram {
             ordered,
             kept_segments: vec![0; betas.len() + 1],
             kept_episodes: vec![0; betas.len() + 1],
+            kept_experts: vec![0; betas.len() + 1],
         }
     }
 
@@ -66,6 +71,8 @@ impl Histogram {
         for q in q {
             let place = bin(q, self.expert_counts.len());
             self.expert_counts[place] += 1;
+            let keeping = self.keeping(q);
+            self.kept_experts[keeping] += 1;
         }
     }
 
@@ -86,12 +93,14 @@ impl Histogram {
 
     /// The counts kept by each threshold, in the caller's order.
     pub fn kept(&self) -> Vec<KeptCount> {
-        let mut kept = vec![KeptCount { beta: 0.0, segments: 0, episodes: 0 }; self.ordered.len()];
-        let (mut segments, mut episodes) = (0, 0);
+        let none = KeptCount { beta: 0.0, segments: 0, episodes: 0, expert_segments: 0 };
+        let mut kept = vec![none; self.ordered.len()];
+        let (mut segments, mut episodes, mut expert_segments) = (0, 0, 0);
         for (rank, &(beta, place)) in self.ordered.iter().enumerate().rev() {
             segments += self.kept_segments[rank + 1];
             episodes += self.kept_episodes[rank + 1];
-            kept[place] = KeptCount { beta, segments, episodes };
+            expert_segments += self.kept_experts[rank + 1];
+            kept[place] = KeptCount { beta, segments, episodes, expert_segments };
         }
         kept
     }
@@ -137,7 +146,8 @@ mod tests {
         histogram.add([0.1].into_iter());
         histogram.add_expert([0.1, 0.9, 1.0].into_iter());
         assert_eq!((histogram.counts(), histogram.expert_counts()), (&[1, 0, 0, 0][..], &[1, 0, 0, 2][..]));
-        assert_eq!((histogram.segments(), histogram.kept()[0].segments), (1, 0));
+        let kept = histogram.kept()[0];
+        assert_eq!((histogram.segments(), kept.segments, kept.expert_segments), (1, 0, 2));
     }
 
     #[test]

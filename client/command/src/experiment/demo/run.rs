@@ -17,7 +17,7 @@ use super::super::state::State;
 use super::super::submit::Submitter;
 use super::plan::Plan;
 use super::report::{Evaluation, Report, Stage, Threshold};
-use crate::cmd::{drive, scores};
+use crate::cmd::{drive, histogram};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
 use crate::output::terminal_width;
@@ -154,7 +154,7 @@ impl<'a> Run<'a> {
     async fn histogram(&self, run: &str) -> Result<GetHistogramResponse> {
         let request = GetHistogramRequest { score_run_id: run.to_owned(), bins: 20, betas: self.plan.betas.clone() };
         let reply = self.client.scores().get_histogram(request).await?.into_inner();
-        self.context.output.note(scores::histogram(&reply, terminal_width()));
+        self.context.output.note(histogram::histogram(&reply, terminal_width()));
         Ok(reply)
     }
 
