@@ -21,6 +21,15 @@ async fn ids_are_completed_and_the_newest_is_named() {
     let unknown = gleaner(url, &["histogram", "run_ZZ"]).await;
     assert!(!unknown.success && unknown.errors.contains("run_ZZ"), "{}", unknown.errors);
 
+    // An episode by the file name of its recording, in any folder.
+    let episode = &shared.episodes[0];
+    let by_name = json(url, &["episode", &format!("recordings/{}", episode.file_name)]).await;
+    assert_eq!(by_name["episode"]["id"], episode.id.as_str());
+    let scores = json(url, &["scores", &shared.run, &episode.file_name]).await;
+    assert_eq!(scores["scores"]["episode_id"], episode.id.as_str());
+    let unknown = gleaner(url, &["episode", "absent.mcap"]).await;
+    assert!(!unknown.success && unknown.errors.contains("absent.mcap: no episode has this id"), "{}", unknown.errors);
+
     let looked = gleaner(url, &["job", "latest"]).await;
     assert!(looked.success && looked.errors.contains("(the newest)"), "{}", looked.text());
     let created = gleaner(url, &["dataset", "create", "--top", "0.5"]).await;

@@ -52,7 +52,7 @@ fn command() -> Command {
     command.help_template(format!(
         "{{about}}\n\n{{usage-heading}} {{usage}}\n{commands}\n{GLOBAL}:\n{{options}}\n\n\
          `gleaner help COMMAND` shows the options of a command. An id may be given as a unique beginning or as \
-         `latest`, and a task by its name."
+         `latest`, a task by its name, and an episode by the file name of its recording."
     ))
 }
 

@@ -1,8 +1,11 @@
-//! Ids as people give them: a unique beginning, `latest`, or for a policy the name of a deployment.
+//! Ids as people give them: a unique beginning, `latest`, for a policy the name of a deployment, and for an episode the
+//! file name of its recording.
 //!
 //! The arguments of the process are completed before a command sees them, so that every command takes full ids only. An
 //! id that nothing begins with is left as it is, and the server rejects it by name.
 
+mod file_name;
+mod kind;
 mod listed;
 
 use std::ffi::{OsStr, OsString};
@@ -14,81 +17,16 @@ use gleaner_client::Client;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 
+pub(crate) use file_name::stem;
+pub(crate) use kind::Kind;
+use kind::kind;
+
 /// The word for the newest one.
 const LATEST: &str = "latest";
 /// Characters of an id behind its prefix.
 const ULID: usize = 26;
 /// Most ids that an error lists.
 const SHOWN: usize = 4;
-
-/// What an id names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
-    Episode,
-    /// An episode in the trash.
-    Deleted,
-    Snapshot,
-    Job,
-    Encoder,
-    Run,
-    Dataset,
-    Policy,
-    Evaluation,
-    Schedule,
-}
-
-impl Kind {
-    fn prefix(self) -> &'static str {
-        match self {
-            Self::Episode | Self::Deleted => "ep_",
-            Self::Snapshot => "snap_",
-            Self::Job => "job_",
-            Self::Encoder => "enc_",
-            Self::Run => "run_",
-            Self::Dataset => "ds_",
-            Self::Policy => "pol_",
-            Self::Evaluation => "eval_",
-            Self::Schedule => "sch_",
-        }
-    }
-
-    /// The noun, and the command that makes one.
-    fn words(self) -> (&'static str, &'static str) {
-        match self {
-            Self::Episode => ("episode", "gleaner push RECORDINGS"),
-            Self::Deleted => ("deleted episode", "gleaner delete EPISODE"),
-            Self::Snapshot => ("snapshot", "gleaner snapshot create"),
-            Self::Job => ("job", "gleaner pretrain"),
-            Self::Encoder => ("encoder", "gleaner pretrain --wait"),
-            Self::Run => ("score run", "gleaner score --wait"),
-            Self::Dataset => ("dataset", "gleaner dataset create"),
-            Self::Policy => ("policy", "gleaner train --wait"),
-            Self::Evaluation => ("evaluation", "gleaner evaluate --policy POLICY --wait"),
-            Self::Schedule => ("schedule", "gleaner schedule create"),
-        }
-    }
-}
-
-/// What an argument of a command names; `None` for other arguments.
-fn kind(command: &str, argument: &str) -> Option<Kind> {
-    Some(match (command, argument) {
-        (_, "encoder" | "experts_of") | ("compare-scorers", "on") => Kind::Encoder,
-        (_, "snapshot" | "experts_in") => Kind::Snapshot,
-        (_, "dataset") | ("dataset", "id") => Kind::Dataset,
-        // Of `train` and others it is a kind of policy.
-        ("deploy" | "evaluate" | "evaluations" | "report-evaluation", "policy") => Kind::Policy,
-        (_, "run" | "extends" | "score_run") | ("export" | "open", "scores") => Kind::Run,
-        ("scores" | "export" | "open", "episode")
-        | ("episode" | "download" | "labels", "id")
-        | ("label" | "delete", "ids") => Kind::Episode,
-        ("restore", "ids") => Kind::Deleted,
-        ("job" | "metrics" | "watch" | "cancel", "id") => Kind::Job,
-        ("snapshot", "id") => Kind::Snapshot,
-        ("evaluation", "id") => Kind::Evaluation,
-        ("schedule", "id") => Kind::Schedule,
-        _ => return None,
-    })
-}
 
 /// An argument that is not a full id.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -134,8 +72,10 @@ pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
         };
         for (index, text) in indices.zip(values.filter_map(OsStr::to_str)) {
             let kind = if kind == Kind::Encoder && text.starts_with("snap_") { Kind::Snapshot } else { kind };
-            let begins = text.strip_prefix(kind.prefix()).is_some_and(|rest| rest.len() < ULID);
-            let named = kind == Kind::Policy && text.contains('@');
+            let rest = text.strip_prefix(kind.prefix());
+            let begins = rest.is_some_and(|rest| rest.len() < ULID);
+            let file = kind == Kind::Episode && rest.is_none_or(|rest| rest.len() != ULID);
+            let named = file || (kind == Kind::Policy && text.contains('@'));
             if begins || named || text == LATEST {
                 found.push(Given { index, kind, text: text.to_owned() });
             }
@@ -158,8 +98,13 @@ pub(crate) async fn complete(
     let client = context.client().await?;
     let mut full = Vec::with_capacity(given.len());
     for Given { kind, text, .. } in &given {
-        let ids = listed::ids(&client, *kind, task.as_deref(), text).await?;
-        let id = choose(*kind, text, &ids).map_err(Failure::message)?;
+        let task = task.as_deref();
+        let id = if *kind == Kind::Episode {
+            file_name::choose(text, &listed::episodes(&client, task, false).await?)
+        } else {
+            choose(*kind, text, &listed::ids(&client, *kind, task, text).await?)
+        };
+        let id = id.map_err(Failure::message)?;
         if let (Some(id), LATEST) = (&id, text.as_str()) {
             context.output.note(format_args!("{} {id} (the newest)", kind.words().0));
         }
@@ -244,6 +189,8 @@ mod tests {
         assert_eq!(found("gleaner compare-scorers snap_1"), [(Kind::Snapshot, "snap_1".into())]);
         assert_eq!(found("gleaner episodes --task latest"), []);
     }
+        assert_eq!(found(&format!("gleaner scores {full} dir/a.mcap")), [(Kind::Episode, "dir/a.mcap".into())]);
+        assert_eq!(found(&full.replace("run_", "gleaner episode ep_")), []);
 
     #[test]
     fn words_are_replaced_in_their_order() {

@@ -95,7 +95,7 @@ pub(crate) fn listing(episodes: &[Episode]) -> String {
 
 #[derive(Args, Debug)]
 pub(crate) struct EpisodeArgs {
-    /// Id of the episode.
+    /// Id of the episode, or the file name of its recording.
     id: String,
 }
 
@@ -150,7 +150,7 @@ fn findings(findings: &[Finding]) -> String {
 
 #[derive(Args, Debug)]
 pub(crate) struct DownloadArgs {
-    /// Id of the episode.
+    /// Id of the episode, or the file name of its recording.
     id: String,
     /// File to write.
     #[arg(short, long, alias = "output", value_name = "FILE")]

@@ -9,6 +9,7 @@ use gleaner_proto::v1::{Episode, LabelEpisodesRequest, ListEpisodesRequest};
 use super::episodes::every_page;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
+use crate::ids::stem;
 use crate::words;
 
 /// Labels the episodes that the file names, and leaves those that have their label already; returns the changed ones.
@@ -82,11 +83,6 @@ fn changes(rows: &[LabelledFile], episodes: &[Episode]) -> std::result::Result<C
         return Err(format!("several episodes have the name {}: give their ids", words::some(&ambiguous)));
     }
     Ok(changes)
-}
-
-/// A file name as rows and episodes have it in common.
-fn stem(name: &str) -> &str {
-    name.strip_suffix(".mcap").unwrap_or(name)
 }
 
 #[cfg(test)]

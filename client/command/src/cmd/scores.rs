@@ -62,7 +62,7 @@ impl RunsArgs {
 pub(crate) struct ScoresArgs {
     /// Id of the score run.
     run: String,
-    /// Id of the episode.
+    /// Id of the episode, or the file name of its recording.
     episode: String,
     /// Threshold that the chart shows as a line, 0 to 1. Default: that of the run.
     #[arg(long)]

@@ -2,9 +2,9 @@
 
 use gleaner_client::Client;
 use gleaner_proto::v1::{
-    Job, JobKind, JobState, ListDatasetsRequest, ListDeploymentsRequest, ListEpisodesRequest, ListEvaluationsRequest,
-    ListJobsRequest, ListPoliciesRequest, ListSchedulesRequest, ListScoreRunsRequest, ListSnapshotsRequest,
-    ListTasksRequest,
+    Episode, Job, JobKind, JobState, ListDatasetsRequest, ListDeploymentsRequest, ListEpisodesRequest,
+    ListEvaluationsRequest, ListJobsRequest, ListPoliciesRequest, ListSchedulesRequest, ListScoreRunsRequest,
+    ListSnapshotsRequest, ListTasksRequest,
 };
 
 use super::{Kind, LATEST};
@@ -62,11 +62,8 @@ pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &
             Ok(found)
         }
         Kind::Episode | Kind::Deleted => {
-            let mut found = Vec::new();
-            for task in tasks(client, task).await? {
-                found.extend(episodes(client, task, kind == Kind::Deleted).await?);
-            }
-            Ok(found)
+            let found = episodes(client, task, kind == Kind::Deleted).await?;
+            Ok(found.into_iter().map(|episode| episode.id).collect())
         }
     }
 }
@@ -93,17 +90,21 @@ async fn tasks(client: &Client, task: Option<&str>) -> Result<Vec<String>> {
     Ok(reply.tasks.into_iter().map(|task| task.id).collect())
 }
 
-async fn episodes(client: &Client, task: String, deleted: bool) -> Result<Vec<String>> {
-    let mut request = ListEpisodesRequest { task, page_size: PAGE, deleted, ..ListEpisodesRequest::default() };
+/// The episodes of one task, or of all.
+pub(super) async fn episodes(client: &Client, task: Option<&str>, deleted: bool) -> Result<Vec<Episode>> {
     let mut found = Vec::new();
-    loop {
-        let page = client.episodes().list_episodes(request.clone()).await?.into_inner();
-        found.extend(page.episodes.into_iter().map(|episode| episode.id));
-        if page.next_page_token.is_empty() {
-            return Ok(found);
+    for task in tasks(client, task).await? {
+        let mut request = ListEpisodesRequest { task, page_size: PAGE, deleted, ..ListEpisodesRequest::default() };
+        loop {
+            let page = client.episodes().list_episodes(request.clone()).await?.into_inner();
+            found.extend(page.episodes);
+            if page.next_page_token.is_empty() {
+                break;
+            }
+            request.page_token = page.next_page_token;
         }
-        request.page_token = page.next_page_token;
     }
+    Ok(found)
 }
 
 async fn jobs(client: &Client, task: Option<&str>) -> Result<Vec<Job>> {
