@@ -54,9 +54,9 @@ pub(crate) enum Command {
     /// Create, list and show snapshots of a task's episodes.
     #[command(subcommand)]
     Snapshot(snapshot::SnapshotCommand),
-    /// Pretrain an encoder on experts and imperfect episodes.
+    /// Pretrain an encoder on experts and imperfect episodes, for the scorer ssdf and the policy finetune.
     Pretrain(submit::PretrainCommand),
-    /// Score every imperfect segment with an encoder.
+    /// Score every imperfect segment. The encoder that it names is not read by the default scorer.
     Score(submit::ScoreCommand),
     /// Train a policy on a dataset, or on experts alone.
     Train(submit::TrainCommand),

@@ -25,6 +25,9 @@ use kind::kind;
 const LATEST: &str = "latest";
 /// Characters of an id behind its prefix.
 const ULID: usize = 26;
+/// What shortens the way to an encoder that is named and not read.
+const ONE_STEP: &str =
+    ", or with --steps 1 if it is not read: by the scorer raw, the default, and policies from scratch such as bc";
 /// Most ids that an error lists.
 const SHOWN: usize = 4;
 
@@ -128,7 +131,8 @@ fn choose(kind: Kind, text: &str, ids: &[String]) -> std::result::Result<Option<
     if text == LATEST {
         // Ids sort by the time at which they were made.
         let newest = ids.iter().max().cloned();
-        return newest.map(Some).ok_or_else(|| format!("there is no {noun} yet; make one with `{makes}`"));
+        let short = if kind == Kind::Encoder { ONE_STEP } else { "" };
+        return newest.map(Some).ok_or_else(|| format!("there is no {noun} yet; make one with `{makes}`{short}"));
     }
     if kind == Kind::Policy && text.contains('@') {
         return Ok(ids.first().cloned());
@@ -185,12 +189,12 @@ mod tests {
         assert_eq!(found(&format!("gleaner scores {full} latest")), [(Kind::Episode, "latest".into())]);
         assert_eq!(found("gleaner train --dataset ds_01 --policy act"), [(Kind::Dataset, "ds_01".into())]);
         assert_eq!(found("gleaner deploy a@b --policy=c@d"), [(Kind::Policy, "c@d".into())]);
+        assert_eq!(found(&format!("gleaner scores {full} dir/a.mcap")), [(Kind::Episode, "dir/a.mcap".into())]);
+        assert_eq!(found(&full.replace("run_", "gleaner episode ep_")), []);
         assert_eq!(found("gleaner dataset show latest"), [(Kind::Dataset, "latest".into())]);
         assert_eq!(found("gleaner compare-scorers snap_1"), [(Kind::Snapshot, "snap_1".into())]);
         assert_eq!(found("gleaner episodes --task latest"), []);
     }
-        assert_eq!(found(&format!("gleaner scores {full} dir/a.mcap")), [(Kind::Episode, "dir/a.mcap".into())]);
-        assert_eq!(found(&full.replace("run_", "gleaner episode ep_")), []);
 
     #[test]
     fn words_are_replaced_in_their_order() {

@@ -78,8 +78,13 @@ async fn create(
     let reply = client.datasets().create_dataset(request).await?.into_inner();
     let dataset = present(reply.dataset.as_ref(), "a dataset")?;
     context.output.result(|| json::value(&reply), || describe(dataset))?;
-    context.output.next(format_args!("gleaner train --dataset {} --wait", dataset.id));
+    context.output.next(training(&dataset.id));
     Ok(())
+}
+
+/// How to train on a dataset, whose encoder may be one that no scorer has read.
+fn training(dataset: &str) -> String {
+    format!("gleaner train --dataset {dataset} --wait (--policy bc needs no pretrained encoder)")
 }
 
 async fn show(context: &Context, id: String) -> Result<()> {
@@ -125,7 +130,7 @@ async fn list(context: &Context, task: Option<String>) -> Result<()> {
     };
     context.output.result(|| json::value(&reply), || table(columns, reply.datasets.iter().map(row)))?;
     match reply.datasets.first() {
-        Some(dataset) => context.output.next(format_args!("gleaner train --dataset {} --wait", dataset.id)),
+        Some(dataset) => context.output.next(training(&dataset.id)),
         None => context.output.next("gleaner dataset create --run RUN"),
     }
     Ok(())
@@ -146,6 +151,6 @@ async fn stream(context: &Context, args: StreamArgs) -> Result<()> {
         count += 1;
     }
     context.output.note(format_args!("{count} segments"));
-    context.output.next(format_args!("gleaner train --dataset {} --wait", args.id));
+    context.output.next(training(&args.id));
     Ok(())
 }

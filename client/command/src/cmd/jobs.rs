@@ -78,7 +78,7 @@ impl JobsArgs {
         context.output.result(|| json::value(&reply), || listing(&reply.jobs))?;
         match reply.jobs.first() {
             Some(job) => context.output.next(format_args!("gleaner watch {}", job.id)),
-            None => context.output.next("gleaner pretrain --wait"),
+            None => context.output.next("gleaner pipeline --quick --wait"),
         }
         Ok(())
     }

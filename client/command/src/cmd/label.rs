@@ -44,7 +44,7 @@ impl LabelArgs {
             let episodes = label_file::label(context, &client, labelled).await?;
             let reply = LabelEpisodesResponse { episodes };
             context.output.result(|| json::value(&reply), || episodes::listing(&reply.episodes))?;
-            context.output.next("gleaner pretrain --wait");
+            context.output.next("gleaner pipeline --quick --wait");
             return Ok(());
         }
         let request = LabelEpisodesRequest {

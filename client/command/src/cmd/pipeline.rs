@@ -35,8 +35,9 @@ pub(crate) struct PipelineArgs {
     /// Last stage of the chain.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
-    /// Train for a first look, in minutes: 300 steps of 32 segments for the encoder, and 800 of 32 for behaviour cloning,
-    /// where --steps, --batch, --train-steps, --train-batch and --policy are not given. The policy is rarely good.
+    /// Train for a first look, in minutes: 800 steps of 32 segments for behaviour cloning, where --train-steps,
+    /// --train-batch and --policy are not given, and 300 of 32 for the encoder, where --steps and --batch are not given; 1
+    /// if neither the scorer nor the policy reads it, as by default. The policy is rarely good.
     #[arg(long)]
     quick: bool,
     #[command(flatten)]
@@ -46,7 +47,11 @@ pub(crate) struct PipelineArgs {
 }
 
 /// The settings of --quick.
-const QUICK: [(&str, u32); 4] = [("steps", 300), ("batch", 32), ("train_steps", 800), ("train_batch", 32)];
+const QUICK: [(&str, u32); 3] = [("batch", 32), ("train_steps", 800), ("train_batch", 32)];
+/// Steps of an encoder that is read.
+const QUICK_STEPS: u32 = 300;
+/// The scorer that compares observations and actions, whatever the encoder.
+const WITHOUT_ENCODER: &str = "raw";
 /// The policy of --quick, which learns most in short trainings.
 const QUICK_POLICY: &str = "bc";
 
@@ -54,10 +59,11 @@ impl PipelineArgs {
     pub(crate) fn spec(&self) -> PipelineSpec {
         if self.quick {
             let mut filled = Self { quick: false, ..self.clone() };
-            for (name, value) in QUICK {
+            filled.settings.values.entry("policy").or_insert_with(|| QUICK_POLICY.into());
+            let steps = if filled.reads_encoder() { QUICK_STEPS } else { 1 };
+            for (name, value) in [("steps", steps)].into_iter().chain(QUICK) {
                 filled.settings.values.entry(name).or_insert_with(|| value.into());
             }
-            filled.settings.values.entry("policy").or_insert_with(|| QUICK_POLICY.into());
             return filled.spec();
         }
         let (scored, selected) = (self.until >= Until::Score, self.until >= Until::Dataset);
@@ -77,6 +83,15 @@ impl PipelineArgs {
                 .then(|| EvaluateSpec { subject: None, settings: self.stage("evaluate") }),
             pretrain: Some(self.snapshot.pretrain(&self.settings.of_job("pretrain"))),
         }
+    }
+
+    /// Whether the encoder has another use than its name and its sizes.
+    fn reads_encoder(&self) -> bool {
+        let (scoring, training) = (self.settings.of_job("score"), self.settings.of_job("train"));
+        let scorer = chosen(&scoring, Family::Scorer).is_none_or(|kind| kind.name != WITHOUT_ENCODER);
+        let policy = chosen(&training, Family::Policy).is_none_or(|kind| kind.needs.encoder);
+        let weights = self.settings.values.keys().any(|name| name.ends_with("initial_weights"));
+        self.until < Until::Score || scorer || weights || (policy && self.until >= Until::Train)
     }
 
     /// The normaliser of the scores.
@@ -212,7 +227,12 @@ mod tests {
             let spec = spec(options);
             (steps(spec.pretrain.unwrap().settings), steps(spec.train.unwrap().settings))
         };
-        assert_eq!(of("--quick"), ((Some(300), Some(32)), (Some(800), Some(32))));
+        assert_eq!(of("--quick"), ((Some(1), Some(32)), (Some(800), Some(32))));
+        for read in ["--policy finetune", "--scorer ssdf", "--until pretrain", "--initial-weights encoder"] {
+            let steps = steps(spec(&format!("--quick {read}")).pretrain.unwrap().settings);
+            assert_eq!(steps, (Some(300), Some(32)), "{read}");
+        }
+        assert_eq!(of("--quick --policy act").0, (Some(1), Some(32)));
         assert_eq!(of("--quick --steps 7 --train-batch 8"), ((Some(7), Some(32)), (Some(800), Some(8))));
         let policy = |options: &str| {
             let settings = gleaner_core::proto::from_struct(spec(options).train.unwrap().settings);

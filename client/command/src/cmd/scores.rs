@@ -52,7 +52,7 @@ impl RunsArgs {
         context.output.result(|| json::value(&reply), || table(columns, reply.score_runs.iter().map(row)))?;
         match reply.score_runs.first() {
             Some(run) => context.output.next(format_args!("gleaner histogram {}", run.id)),
-            None => context.output.next("gleaner score --encoder ENCODER --wait"),
+            None => context.output.next("gleaner pipeline --quick --wait"),
         }
         Ok(())
     }
