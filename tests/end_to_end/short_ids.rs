@@ -48,10 +48,8 @@ async fn a_command_without_an_input_names_what_makes_one() {
     let server = crate::support::server::TestServer::start_with(&["--workers", "0"]).await;
     json(server.url(), &["task", "create", "--sim", "pick_cube"]).await;
     for (words, part) in [
-        (
-            vec!["score"],
-            "there is no encoder yet; make one with `gleaner pretrain --wait`, or with --steps 1 if it is not read",
-        ),
+        (vec!["score", "--scorer", "ssdf"], "there is no encoder yet; make one with `gleaner pretrain --wait`"),
+        (vec!["score"], "no expert"),
         (vec!["train"], "there is no dataset yet"),
         (vec!["dataset", "create"], "there is no score run yet"),
         (vec!["histogram", "latest"], "there is no score run yet"),

@@ -25,9 +25,6 @@ use kind::kind;
 const LATEST: &str = "latest";
 /// Characters of an id behind its prefix.
 const ULID: usize = 26;
-/// What shortens the way to an encoder that is named and not read.
-const ONE_STEP: &str =
-    ", or with --steps 1 if it is not read: by the scorer raw, the default, and policies from scratch such as bc";
 /// Most ids that an error lists.
 const SHOWN: usize = 4;
 
@@ -119,10 +116,24 @@ pub(crate) async fn complete(
 /// The newest of a task, which a command takes if none is given; a note names it.
 pub(crate) async fn newest(context: &Context, client: &Client, kind: Kind, task: Option<&str>) -> Result<String> {
     let task = context.task(client, task).await?;
-    let ids = listed::ids(client, kind, Some(&task), LATEST).await?;
-    let id = choose(kind, LATEST, &ids).map_err(Failure::message)?.unwrap_or_default();
-    context.output.note(format_args!("{} {id} (the newest of {task})", kind.words().0));
-    Ok(id)
+    if let Some(id) = newest_if_any(context, client, kind, &task).await? {
+        return Ok(id);
+    }
+    choose(kind, LATEST, &[]).map(Option::unwrap_or_default).map_err(Failure::message)
+}
+
+/// As [`newest`], for a command that has another way where there is none.
+pub(crate) async fn newest_if_any(
+    context: &Context,
+    client: &Client,
+    kind: Kind,
+    task: &str,
+) -> Result<Option<String>> {
+    let newest = listed::ids(client, kind, Some(task), LATEST).await?.into_iter().max();
+    if let Some(id) = &newest {
+        context.output.note(format_args!("{} {id} (the newest of {task})", kind.words().0));
+    }
+    Ok(newest)
 }
 
 /// The id that a text stands for; `None` if no id begins with it.
@@ -131,8 +142,7 @@ fn choose(kind: Kind, text: &str, ids: &[String]) -> std::result::Result<Option<
     if text == LATEST {
         // Ids sort by the time at which they were made.
         let newest = ids.iter().max().cloned();
-        let short = if kind == Kind::Encoder { ONE_STEP } else { "" };
-        return newest.map(Some).ok_or_else(|| format!("there is no {noun} yet; make one with `{makes}`{short}"));
+        return newest.map(Some).ok_or_else(|| format!("there is no {noun} yet; make one with `{makes}`"));
     }
     if kind == Kind::Policy && text.contains('@') {
         return Ok(ids.first().cloned());

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use serde::{Deserialize, Serialize};
 
-use crate::schema::{Problem, Setting, WordAbout, brief};
+use crate::schema::{Problem, Setting, Values, WordAbout, brief};
 
 /// Every kind of every family.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -119,6 +119,12 @@ impl Family {
         })
     }
 
+    /// The kind that settings choose: the named one, or else the default; `None` for an unknown name.
+    #[must_use]
+    pub fn chosen(self, settings: &Values) -> Option<&'static Kind> {
+        self.find(settings.get(self.as_str()).and_then(|name| name.as_str()).unwrap_or(self.default_name()))
+    }
+
     /// The name of the default kind.
     #[must_use]
     pub fn default_name(self) -> &'static str {
@@ -216,7 +222,7 @@ mod tests {
     fn a_default_of_a_later_kind_is_described() {
         let (similarity, kinds) =
             Family::Scorer.settings().into_iter().find(|(setting, _)| setting.name == "similarity").unwrap();
-        assert_eq!((kinds, similarity.default), (vec!["raw", "ssdf"], "segment_l2".into()));
+        assert_eq!((kinds, similarity.default), (vec!["raw", "ssdf", "blend"], "segment_l2".into()));
         let about = "Similarity of the features of two segments. Default of ssdf: \"last_l2\".";
         assert_eq!(similarity.about, about);
     }

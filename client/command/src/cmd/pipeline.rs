@@ -5,7 +5,7 @@ use gleaner_core::arguments::{Given, Pipeline, TRAIN};
 use gleaner_core::kinds::{Family, Kind};
 use gleaner_core::proto::{selection::shape_to_proto, to_struct};
 use gleaner_core::selection::Rule;
-use gleaner_core::{Group as _, NormaliserKind, OptimSpec, Values, Words as _};
+use gleaner_core::{Group as _, NormaliserKind, OptimSpec, Words as _};
 use gleaner_proto::v1::{EvaluateSpec, Job, PipelineSpec, ScoreSpec, SubmitPipelineRequest, TrainSpec};
 use prost_types::Struct;
 
@@ -50,8 +50,6 @@ pub(crate) struct PipelineArgs {
 const QUICK: [(&str, u32); 3] = [("batch", 32), ("train_steps", 800), ("train_batch", 32)];
 /// Steps of an encoder that is read.
 const QUICK_STEPS: u32 = 300;
-/// The scorer that compares observations and actions, whatever the encoder.
-const WITHOUT_ENCODER: &str = "raw";
 /// The policy of --quick, which learns most in short trainings.
 const QUICK_POLICY: &str = "bc";
 
@@ -88,8 +86,8 @@ impl PipelineArgs {
     /// Whether the encoder has another use than its name and its sizes.
     fn reads_encoder(&self) -> bool {
         let (scoring, training) = (self.settings.of_job("score"), self.settings.of_job("train"));
-        let scorer = chosen(&scoring, Family::Scorer).is_none_or(|kind| kind.name != WITHOUT_ENCODER);
-        let policy = chosen(&training, Family::Policy).is_none_or(|kind| kind.needs.encoder);
+        let reads = |family: Family, settings| family.chosen(settings).is_none_or(|kind| kind.needs.encoder);
+        let (scorer, policy) = (reads(Family::Scorer, &scoring), reads(Family::Policy, &training));
         let weights = self.settings.values.keys().any(|name| name.ends_with("initial_weights"));
         self.until < Until::Score || scorer || weights || (policy && self.until >= Until::Train)
     }
@@ -106,7 +104,7 @@ impl PipelineArgs {
     fn stage(&self, job: &str) -> Option<Struct> {
         let mut settings = self.settings.of_job(job);
         if job == "score" {
-            let scorer = chosen(&settings, Family::Scorer);
+            let scorer = Family::Scorer.chosen(&settings);
             settings.retain(|name, _| name != "seed" || scorer.is_some_and(|kind| has(kind, name)));
         }
         Some(to_struct(&settings))
@@ -115,7 +113,7 @@ impl PipelineArgs {
     /// The settings of the training: an optimiser of its own, and the size of the encoder for policies that have a size.
     fn training(&self) -> Option<Struct> {
         let mut settings = self.settings.of_job("train");
-        let policy = chosen(&settings, Family::Policy);
+        let policy = Family::Policy.chosen(&settings);
         let optimiser = |name: &str| OptimSpec::schema().iter().any(|setting| setting.name == name);
         let of_encoder = ["preset", "segment_length"];
         settings.retain(|name, _| {
@@ -129,12 +127,6 @@ impl PipelineArgs {
         }
         Some(to_struct(&settings))
     }
-}
-
-/// The kind that the settings choose, or the default.
-fn chosen(settings: &Values, family: Family) -> Option<&'static Kind> {
-    let name = settings.get(family.as_str()).and_then(|name| name.as_str()).unwrap_or(family.default_name());
-    family.find(name)
 }
 
 fn has(kind: &Kind, name: &str) -> bool {
