@@ -93,7 +93,10 @@ impl Client {
             .await
             .map_err(|error| ClientError::Connect { url: url.to_owned(), problem: reason(&error) })?;
         let Credentials { token, ca: _, identity: _ } = credentials;
-        Ok(Self { transport: InterceptedService::new(channel, Authorize { token }), direct: Direct::default() })
+        Ok(Self {
+            transport: InterceptedService::new(channel, Authorize { token }),
+            direct: Direct::new(url.starts_with("https://")),
+        })
     }
 
     /// Whether the server at an `http://` address encrypts, so that clients must write `https://`. The reply

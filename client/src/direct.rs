@@ -17,13 +17,19 @@ const CONNECT: Duration = Duration::from_secs(3);
 const SILENCE: Duration = Duration::from_secs(20);
 
 /// The way to the bucket. Clones share it, and its connections.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Direct {
+    /// Whether the connection to the server is encrypted: then what the bucket sends must be, too.
+    is_encrypted: bool,
     http: Arc<OnceLock<Option<reqwest::Client>>>,
     has_failed: Arc<AtomicBool>,
 }
 
 impl Direct {
+    pub(crate) fn new(is_encrypted: bool) -> Self {
+        Self { is_encrypted, http: Arc::default(), has_failed: Arc::default() }
+    }
+
     /// Whether the bucket is worth a try: nothing from it has failed yet.
     pub(crate) fn is_open(&self) -> bool {
         !self.has_failed.load(Ordering::Relaxed)
@@ -36,6 +42,9 @@ impl Direct {
 
     /// The bytes at a URL.
     pub(crate) async fn get(&self, url: &str) -> Result<impl Stream<Item = Result<Bytes>>> {
+        if self.is_encrypted && !url.starts_with("https://") {
+            return Err(failed());
+        }
         let http = self.http.get_or_init(http).as_ref().ok_or_else(failed)?;
         let response = http.get(url).send().await.map_err(|_| failed())?;
         let response = response.error_for_status().map_err(|_| failed())?;

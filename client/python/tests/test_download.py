@@ -79,6 +79,12 @@ def test_unusable_url_is_no_error(tmp_path: Path, url: str) -> None:
     assert Downloads().save(Sender(url), tmp_path / "a", DIGEST).read_bytes() == FILE
 
 
+def test_bucket_without_encryption_is_not_asked_behind_a_server_with_it(bucket: str, tmp_path: Path) -> None:
+    sender = Sender(f"{bucket}/whole")
+    assert Downloads(encrypted=True).save(sender, tmp_path / "a", DIGEST).read_bytes() == FILE
+    assert sender.asked == [True, False]
+
+
 def test_server_without_a_bucket_sends_the_bytes(tmp_path: Path) -> None:
     sender = Sender("")
     assert Downloads().save(sender, tmp_path / "a", DIGEST).read_bytes() == FILE

@@ -34,6 +34,10 @@ impl Services {
     /// The URL of a blob; `None` when the caller gets its bytes, also where there are no credentials to sign with.
     async fn url(&self, blob: &BlobId, accept_url: bool) -> Option<Secret> {
         let lifetime = self.config.blob_store.url_lifetime().filter(|_| accept_url)?;
-        self.blobs.signed_url(blob, lifetime).await.ok().flatten()
+        let signed = self.blobs.signed_url(blob, lifetime).await;
+        signed
+            .inspect_err(|error| tracing::warn!(%error, "no URL was signed; the server sends the bytes"))
+            .ok()
+            .flatten()
     }
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from http import HTTPStatus
 from http.client import HTTPException
 from itertools import chain
 from pathlib import Path
@@ -29,8 +30,9 @@ class Reply(Protocol):
 class Downloads:
     """Files of one server: from its bucket where it gives a URL and the bucket can be reached, or else through it."""
 
-    def __init__(self) -> None:
-        self._accept_url = True
+    def __init__(self, *, encrypted: bool = False) -> None:
+        """`encrypted`: the server is reached by TLS, so that what its bucket sends must be encrypted too."""
+        self._accept_url, self._schemes = True, ("https://",) if encrypted else ("http://", "https://")
 
     def save(self, start: Callable[[bool], Iterable[Reply]], path: Path, expected: str) -> Path:
         """Saves what `start` begins to download, given whether a URL is accepted. Raises `Damaged`, as `save` does."""
@@ -41,7 +43,7 @@ class Downloads:
         if not first.url:
             return save((reply.data for reply in chain((first,), replies)), path, expected)
         with suppress(_Unread, Damaged):
-            return save(_pieces(first.url), path, expected)
+            return save(_pieces(first.url, self._schemes), path, expected)
         self._accept_url = False
         return save((reply.data for reply in start(False)), path, expected)
 
@@ -55,16 +57,16 @@ class _NoRedirects(HTTPErrorProcessor):
 
     def http_response(self, request, response):  # type: ignore[no-untyped-def]
         """Lets a whole file pass."""
-        if response.status != 200:
+        if response.status != HTTPStatus.OK:
             raise _Unread
         return response
 
     https_response = http_response
 
 
-def _pieces(url: str) -> Iterator[bytes]:
+def _pieces(url: str, schemes: tuple[str, ...]) -> Iterator[bytes]:
     """The bytes at a URL. Raises `_Unread`, without the URL, which is a secret."""
-    if not url.startswith(("http://", "https://")):
+    if not url.startswith(schemes):
         raise _Unread
     try:
         with build_opener(_NoRedirects).open(url, timeout=_SILENCE) as response:

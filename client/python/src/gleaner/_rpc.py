@@ -51,6 +51,11 @@ class Rpc:
             self._channel.close()
             raise
 
+    @property
+    def encrypted(self) -> bool:
+        """Whether the connection is encrypted."""
+        return self._endpoint.encrypted
+
     def _connect(self) -> None:
         """Waits until the channel is connected or has failed permanently."""
         states: queue.SimpleQueue[grpc.ChannelConnectivity] = queue.SimpleQueue()

@@ -44,7 +44,7 @@ class Datasets:
     """`client.datasets`."""
 
     def __init__(self, rpc: Rpc) -> None:
-        self._rpc, self._downloads = rpc, Downloads()
+        self._rpc, self._downloads = rpc, Downloads(encrypted=rpc.encrypted)
 
     def create(
         self,

@@ -21,7 +21,7 @@ class Episodes:
     """`client.episodes`."""
 
     def __init__(self, rpc: Rpc) -> None:
-        self._rpc, self._downloads = rpc, Downloads()
+        self._rpc, self._downloads = rpc, Downloads(encrypted=rpc.encrypted)
 
     def push(
         self,
