@@ -1,7 +1,10 @@
 //! Ids as people give them: by their beginning, as the latest, or left out.
 
 use crate::support::{
+    api::Api,
     command::{gleaner, json},
+    lab,
+    server::TestServer,
     shared::{NAME, shared},
 };
 
@@ -21,10 +24,12 @@ async fn ids_are_completed_and_the_newest_is_named() {
     let unknown = gleaner(url, &["histogram", "run_ZZ"]).await;
     assert!(!unknown.success && unknown.errors.contains("run_ZZ"), "{}", unknown.errors);
 
-    // An episode by the file name of its recording, in any folder.
+    // An episode by the file name of its recording.
     let episode = &shared.episodes[0];
-    let by_name = json(url, &["episode", &format!("recordings/{}", episode.file_name)]).await;
+    let by_name = json(url, &["episode", &episode.file_name]).await;
     assert_eq!(by_name["episode"]["id"], episode.id.as_str());
+    let deleted = gleaner(url, &["delete", &episode.file_name]).await;
+    assert!(!deleted.success && deleted.errors.contains(&episode.file_name), "{}", deleted.errors);
     let scores = json(url, &["scores", &shared.run, &episode.file_name]).await;
     assert_eq!(scores["scores"]["episode_id"], episode.id.as_str());
     let unknown = gleaner(url, &["episode", "absent.mcap"]).await;
@@ -45,7 +50,7 @@ async fn ids_are_completed_and_the_newest_is_named() {
 
 #[tokio::test]
 async fn a_command_without_an_input_names_what_makes_one() {
-    let server = crate::support::server::TestServer::start_with(&["--workers", "0"]).await;
+    let server = TestServer::start_with(&["--workers", "0"]).await;
     json(server.url(), &["task", "create", "--sim", "pick_cube"]).await;
     for (words, part) in [
         (vec!["score", "--scorer", "ssdf"], "there is no encoder yet; make one with `gleaner pretrain --wait`"),
@@ -68,4 +73,31 @@ async fn a_command_without_an_input_names_what_makes_one() {
     assert!(!gleaner(server.url(), &["task", "show", "pick_cubes"]).await.success);
     let keys = gleaner(server.url(), &["help", "task"]).await;
     assert!(keys.out.contains("tolerance") && keys.out.contains("[[mappings.fields]]"), "{}", keys.out);
+}
+
+/// The default scorer needs none: its run has an encoder of one step, which nothing takes for a trained one.
+#[tokio::test]
+async fn scores_by_default_need_no_pretraining() {
+    let server = TestServer::start().await;
+    lab::set_up(&mut Api::connect(&server).await).await;
+    let url = server.url();
+    let scored = gleaner(url, &["score", "--wait"]).await;
+    assert!(scored.success && scored.errors.contains("(of one step, because"), "{}", scored.errors);
+    let jobs = json(url, &["jobs"]).await;
+    let steps: Vec<f64> = jobs["jobs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter_map(|job| job["spec"]["pretrain"]["settings"]["steps"].as_f64())
+        .collect();
+    assert_eq!(steps, [1.0], "{jobs}");
+
+    let created = gleaner(url, &["dataset", "create"]).await;
+    assert!(created.success, "{}", created.errors);
+    for (words, part) in
+        [(vec!["score", "--scorer", "ssdf"], "there is no encoder yet"), (vec!["train"], "an encoder of one step")]
+    {
+        let output = gleaner(url, &words).await;
+        assert!(!output.success && output.errors.contains(part), "{words:?}: {}", output.errors);
+    }
 }

@@ -54,7 +54,7 @@ pub(crate) enum Command {
     /// Create, list and show snapshots of a task's episodes.
     #[command(subcommand)]
     Snapshot(snapshot::SnapshotCommand),
-    /// Pretrain an encoder on experts and imperfect episodes, for the scorer ssdf and the policy finetune.
+    /// Pretrain an encoder on experts and imperfect episodes, for policies and scorers that read one.
     Pretrain(submit::PretrainCommand),
     /// Score every imperfect segment. The encoder that it names is not read by the default scorer.
     Score(submit::ScoreCommand),

@@ -20,6 +20,7 @@ use crate::failure::{Failure, Result};
 pub(crate) use file_name::stem;
 pub(crate) use kind::Kind;
 use kind::kind;
+pub(crate) use listed::{encoders, every_page};
 
 /// The word for the newest one.
 const LATEST: &str = "latest";
@@ -74,7 +75,8 @@ pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
             let kind = if kind == Kind::Encoder && text.starts_with("snap_") { Kind::Snapshot } else { kind };
             let rest = text.strip_prefix(kind.prefix());
             let begins = rest.is_some_and(|rest| rest.len() < ULID);
-            let file = kind == Kind::Episode && rest.is_none_or(|rest| rest.len() != ULID);
+            // What is deleted is named by its id.
+            let file = kind == Kind::Episode && command != "delete" && rest.is_none_or(|rest| rest.len() != ULID);
             let named = file || (kind == Kind::Policy && text.contains('@'));
             if begins || named || text == LATEST {
                 found.push(Given { index, kind, text: text.to_owned() });
@@ -96,11 +98,14 @@ pub(crate) async fn complete(
     Incomplete { ids: given, task }: Incomplete,
 ) -> Result<Vec<OsString>> {
     let client = context.client().await?;
-    let mut full = Vec::with_capacity(given.len());
+    let (mut full, task) = (Vec::with_capacity(given.len()), task.as_deref());
+    let episodes = match given.iter().any(|given| given.kind == Kind::Episode) {
+        true => listed::episodes(&client, task, false).await?,
+        false => Vec::new(),
+    };
     for Given { kind, text, .. } in &given {
-        let task = task.as_deref();
         let id = if *kind == Kind::Episode {
-            file_name::choose(text, &listed::episodes(&client, task, false).await?)
+            file_name::choose(text, &episodes)
         } else {
             choose(*kind, text, &listed::ids(&client, *kind, task, text).await?)
         };

@@ -3,13 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gleaner_client::{Client, outcome_from_word};
-use gleaner_proto::v1::{
-    Episode, Finding, GetEpisodeRequest, GetEpisodeResponse, ListEpisodesRequest, ListEpisodesResponse, Outcome,
-};
+use gleaner_client::outcome_from_word;
+use gleaner_proto::v1::{Episode, Finding, GetEpisodeRequest, GetEpisodeResponse, ListEpisodesRequest, Outcome};
 
 use crate::context::Context;
 use crate::failure::{Result, present};
+use crate::ids::every_page;
 use crate::table::Column::{Left, Right};
 use crate::table::{facts, table};
 use crate::{json, words};
@@ -50,19 +49,6 @@ impl EpisodesArgs {
             None => context.output.next("gleaner push RECORDINGS --labels labels.csv"),
         }
         Ok(())
-    }
-}
-
-/// Every page of a listing, as one.
-pub(crate) async fn every_page(client: &Client, mut request: ListEpisodesRequest) -> Result<ListEpisodesResponse> {
-    let mut whole = ListEpisodesResponse::default();
-    loop {
-        let page = client.episodes().list_episodes(request.clone()).await?.into_inner();
-        whole.episodes.extend(page.episodes);
-        if page.next_page_token.is_empty() {
-            return Ok(whole);
-        }
-        request.page_token = page.next_page_token;
     }
 }
 

@@ -6,10 +6,9 @@ use std::path::Path;
 use gleaner_client::{Client, LabelledFile, read_labels};
 use gleaner_proto::v1::{Episode, LabelEpisodesRequest, ListEpisodesRequest};
 
-use super::episodes::every_page;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
-use crate::ids::stem;
+use crate::ids::{every_page, stem};
 use crate::words;
 
 /// Labels the episodes that the file names, and leaves those that have their label already; returns the changed ones.

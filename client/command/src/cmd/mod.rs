@@ -4,6 +4,7 @@
 
 pub(crate) mod dataset;
 pub(crate) mod drive;
+mod encoder;
 pub(crate) mod episodes;
 pub(crate) mod evaluate;
 pub(crate) mod evaluations;

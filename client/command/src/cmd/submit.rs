@@ -2,18 +2,16 @@
 
 use clap::Args;
 use gleaner_client::Client;
-use gleaner_core::Values;
 use gleaner_core::arguments::{Given, Pretrain, Score, Train};
-use gleaner_core::kinds::Family;
 use gleaner_core::proto::to_struct;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::train_spec::Data;
 use gleaner_proto::v1::{
-    GetDatasetRequest, GetSnapshotRequest, Job, JobKind, JobSpec, PretrainSpec, ScoreSpec, SubmitJobRequest, TrainSpec,
+    GetDatasetRequest, GetSnapshotRequest, Job, JobKind, JobSpec, ScoreSpec, SubmitJobRequest, TrainSpec,
 };
 
-use super::follow;
 use super::plan::SnapshotArgs;
+use super::{encoder, follow};
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::ids::{self, Kind};
@@ -71,7 +69,8 @@ impl PretrainCommand {
 #[derive(Args, Debug)]
 pub(crate) struct ScoreCommand {
     /// Id of the encoder, whose job may be queued. Default: the newest of the task; with --extends, that of the run. If the
-    /// task has none and the scorer does not read it, as by default, one of a single step is trained first.
+    /// task has none and the scorer does not read it, as by default, one of a single step is trained first, on --snapshot or
+    /// a new snapshot of the task.
     #[arg(long)]
     encoder: Option<String>,
     /// Id of the snapshot to score. Default: the snapshot of the encoder.
@@ -99,7 +98,9 @@ impl ScoreCommand {
             Some(encoder) => encoder,
             None if extends.is_empty() => {
                 let task = context.task(&client, self.task.as_deref()).await?;
-                newest_encoder(context, &client, &task, &self.settings.values).await?
+                let (priority, engine_options) = (self.submit.priority, self.job.engine_options.as_str());
+                let from = encoder::From { snapshot: self.snapshot.as_deref(), priority, engine_options };
+                encoder::newest(context, &client, &task, &self.settings.values, from).await?
             }
             None => String::new(),
         };
@@ -110,29 +111,6 @@ impl ScoreCommand {
         let submission = Submission { task, spec: Spec::Score(spec), job: self.job };
         submission.submit(context, &client, &self.submit).await
     }
-}
-
-/// The newest encoder of a task. Where there is none, a scorer that reads none gets the result of a pretraining of one
-/// step: a score run still names an encoder, for the statistics of the steps.
-async fn newest_encoder(context: &Context, client: &Client, task: &str, settings: &Values) -> Result<String> {
-    let reads = Family::Scorer.chosen(settings).is_none_or(|scorer| scorer.needs.encoder);
-    if reads {
-        return ids::newest(context, client, Kind::Encoder, Some(task)).await;
-    }
-    if let Some(newest) = ids::newest_if_any(context, client, Kind::Encoder, task).await? {
-        return Ok(newest);
-    }
-    let one_step = Values::from_iter([("steps".to_owned(), 1.into())]);
-    let spec = PretrainSpec { settings: Some(to_struct(&one_step)), ..PretrainSpec::default() };
-    let request = SubmitJobRequest {
-        task: task.to_owned(),
-        spec: Some(JobSpec { spec: Some(Spec::Pretrain(spec)) }),
-        ..SubmitJobRequest::default()
-    };
-    let job = present(client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
-    let encoder = job.result_id;
-    context.output.note(format_args!("encoder {encoder} (of one step, because the scorer does not read it)"));
-    Ok(encoder)
 }
 
 #[derive(Args, Debug)]
@@ -162,6 +140,9 @@ impl TrainCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
         let (task, data) = self.data(context, &client).await?;
+        if let Data::DatasetId(dataset) = &data {
+            encoder::expect_trained(&client, &task, dataset, &self.settings.values).await?;
+        }
         let spec = TrainSpec { data: Some(data), settings: Some(to_struct(&self.settings.values)) };
         let submission = Submission { task, spec: Spec::Train(spec), job: self.job };
         submission.submit(context, &client, &self.submit).await

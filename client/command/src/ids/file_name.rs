@@ -12,14 +12,18 @@ pub(crate) fn stem(name: &str) -> &str {
     name.strip_suffix(".mcap").unwrap_or(name)
 }
 
-/// The id of the episode that a text names: by its beginning, as the newest, or by the file name of its recording without
-/// the folders before it. `None` for the beginning of an id that no episode has, which the server rejects.
+/// The id of the episode that a text names: by its beginning, as the newest, or by the file name of its recording. `None`
+/// for the beginning of an id that no episode has, which the server rejects. A path is refused, because recordings in
+/// several folders often share a name.
 pub(super) fn choose(text: &str, episodes: &[Episode]) -> Result<Option<String>, String> {
     let ids: Vec<String> = episodes.iter().map(|episode| episode.id.clone()).collect();
     if let Some(id) = super::choose(Kind::Episode, text, &ids)? {
         return Ok(Some(id));
     }
-    let name = stem(text.rsplit('/').next().unwrap_or_default());
+    if text.contains('/') {
+        return Err(format!("{text}: give the file name without its folder, or an id; `gleaner episodes` lists both"));
+    }
+    let name = stem(text);
     let named: Vec<&Episode> = episodes.iter().filter(|episode| stem(&episode.file_name) == name).collect();
     match named.as_slice() {
         [] if text.starts_with(Kind::Episode.prefix()) => Ok(None),
@@ -62,7 +66,8 @@ mod tests {
             episode("ep_3", "b.mcap"),
             episode("ep_4", "ep_0001.mcap"),
         ];
-        for text in ["a.mcap", "a", "recordings/a.mcap"] {
+        assert!(choose("recordings/a.mcap", &episodes).unwrap_err().contains("without its folder"));
+        for text in ["a.mcap", "a"] {
             assert_eq!(choose(text, &episodes), Ok(Some("ep_1".into())), "{text}");
         }
         assert_eq!(choose("ep_0001.mcap", &episodes), Ok(Some("ep_4".into())));

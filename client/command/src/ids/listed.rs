@@ -1,10 +1,12 @@
 //! The ids that a server has.
 
 use gleaner_client::Client;
+use gleaner_core::proto::from_struct;
+use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{
     Episode, Job, JobKind, JobState, ListDatasetsRequest, ListDeploymentsRequest, ListEpisodesRequest,
-    ListEvaluationsRequest, ListJobsRequest, ListPoliciesRequest, ListSchedulesRequest, ListScoreRunsRequest,
-    ListSnapshotsRequest, ListTasksRequest,
+    ListEpisodesResponse, ListEvaluationsRequest, ListJobsRequest, ListPoliciesRequest, ListSchedulesRequest,
+    ListScoreRunsRequest, ListSnapshotsRequest, ListTasksRequest,
 };
 
 use super::{Kind, LATEST};
@@ -21,7 +23,10 @@ pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &
     }
     match kind {
         Kind::Job => Ok(jobs(client, task).await?.into_iter().map(|job| job.id).collect()),
-        Kind::Encoder => results(client, task, JobKind::Pretrain).await,
+        Kind::Encoder => {
+            let found = encoders(client, task).await?.into_iter();
+            Ok(found.filter(|encoder| encoder.is_trained || text != LATEST).map(|encoder| encoder.id).collect())
+        }
         Kind::Policy => policies(client, task, text == LATEST).await,
         Kind::Schedule => {
             let request = ListSchedulesRequest { task: task.unwrap_or_default().to_owned() };
@@ -68,6 +73,23 @@ pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &
     }
 }
 
+/// An encoder that a job makes or has made.
+pub(crate) struct Encoder {
+    pub(crate) id: String,
+    /// Whether it has more than the single step of one that is named and not read.
+    pub(crate) is_trained: bool,
+}
+
+/// The encoders of one task, or of all.
+pub(crate) async fn encoders(client: &Client, task: Option<&str>) -> Result<Vec<Encoder>> {
+    let encoder = |job: Job| {
+        let Some(Spec::Pretrain(spec)) = job.spec.and_then(|spec| spec.spec) else { return None };
+        let steps = from_struct(spec.settings).get("steps").and_then(serde_json::Value::as_u64);
+        Some(Encoder { id: job.result_id, is_trained: steps != Some(1) })
+    };
+    Ok(unfailed(client, task).await?.filter_map(encoder).collect())
+}
+
 /// The policies that are there, and unless `finished` those that jobs are making.
 async fn policies(client: &Client, task: Option<&str>, finished: bool) -> Result<Vec<String>> {
     let mut found = Vec::new();
@@ -94,17 +116,23 @@ async fn tasks(client: &Client, task: Option<&str>) -> Result<Vec<String>> {
 pub(super) async fn episodes(client: &Client, task: Option<&str>, deleted: bool) -> Result<Vec<Episode>> {
     let mut found = Vec::new();
     for task in tasks(client, task).await? {
-        let mut request = ListEpisodesRequest { task, page_size: PAGE, deleted, ..ListEpisodesRequest::default() };
-        loop {
-            let page = client.episodes().list_episodes(request.clone()).await?.into_inner();
-            found.extend(page.episodes);
-            if page.next_page_token.is_empty() {
-                break;
-            }
-            request.page_token = page.next_page_token;
-        }
+        let request = ListEpisodesRequest { task, page_size: PAGE, deleted, ..ListEpisodesRequest::default() };
+        found.extend(every_page(client, request).await?.episodes);
     }
     Ok(found)
+}
+
+/// Every page of a listing, as one.
+pub(crate) async fn every_page(client: &Client, mut request: ListEpisodesRequest) -> Result<ListEpisodesResponse> {
+    let mut whole = ListEpisodesResponse::default();
+    loop {
+        let page = client.episodes().list_episodes(request.clone()).await?.into_inner();
+        whole.episodes.extend(page.episodes);
+        if page.next_page_token.is_empty() {
+            return Ok(whole);
+        }
+        request.page_token = page.next_page_token;
+    }
 }
 
 async fn jobs(client: &Client, task: Option<&str>) -> Result<Vec<Job>> {
@@ -123,7 +151,11 @@ async fn jobs(client: &Client, task: Option<&str>) -> Result<Vec<Job>> {
 
 /// What jobs of this kind make or have made.
 async fn results(client: &Client, task: Option<&str>, kind: JobKind) -> Result<Vec<String>> {
+    let jobs = unfailed(client, task).await?;
+    Ok(jobs.filter(|job| job.kind() == kind).map(|job| job.result_id).collect())
+}
+
+async fn unfailed(client: &Client, task: Option<&str>) -> Result<impl Iterator<Item = Job>> {
     let fails = |job: &Job| matches!(job.state(), JobState::Failed | JobState::Cancelled);
-    let jobs = jobs(client, task).await?.into_iter();
-    Ok(jobs.filter(|job| job.kind() == kind && !fails(job)).map(|job| job.result_id).collect())
+    Ok(jobs(client, task).await?.into_iter().filter(move |job| !fails(job)))
 }

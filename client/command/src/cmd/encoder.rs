@@ -1,0 +1,73 @@
+//! The encoder of a job that names none. A score run names one also for scorers that do not read it, for the statistics of
+//! the steps; one of a single step serves them, and nothing else.
+
+use gleaner_client::Client;
+use gleaner_core::Values;
+use gleaner_core::kinds::Family;
+use gleaner_core::proto::to_struct;
+use gleaner_proto::v1::job_spec::Spec;
+use gleaner_proto::v1::{GetDatasetRequest, GetScoreRunRequest, JobSpec, PretrainSpec, SubmitJobRequest};
+
+use crate::context::Context;
+use crate::failure::{Failure, Result, present};
+use crate::ids::{self, Kind};
+
+/// What an encoder of one step is made from, and the options of its job.
+pub(super) struct From<'a> {
+    /// `None`: a new snapshot of the task.
+    pub(super) snapshot: Option<&'a str>,
+    pub(super) priority: i32,
+    pub(super) engine_options: &'a str,
+}
+
+/// The newest encoder of a task, or one of a single step where there is none and the scorer does not read it.
+pub(super) async fn newest(
+    context: &Context,
+    client: &Client,
+    task: &str,
+    settings: &Values,
+    from: From<'_>,
+) -> Result<String> {
+    if Family::Scorer.chosen(settings).is_none_or(|scorer| scorer.needs.encoder) {
+        return ids::newest(context, client, Kind::Encoder, Some(task)).await;
+    }
+    if let Some(newest) = ids::newest_if_any(context, client, Kind::Encoder, task).await? {
+        return Ok(newest);
+    }
+    let spec = PretrainSpec {
+        snapshot_id: from.snapshot.unwrap_or_default().to_owned(),
+        settings: Some(to_struct(&Values::from_iter([("steps".to_owned(), 1.into())]))),
+        ..PretrainSpec::default()
+    };
+    let request = SubmitJobRequest {
+        task: task.to_owned(),
+        spec: Some(JobSpec { spec: Some(Spec::Pretrain(spec)) }),
+        priority: from.priority,
+        engine_options: from.engine_options.to_owned(),
+        ..SubmitJobRequest::default()
+    };
+    let job = present(client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
+    let encoder = job.result_id;
+    context.output.note(format_args!("encoder {encoder} (of one step, because the scorer does not read it)"));
+    Ok(encoder)
+}
+
+/// Refuses a policy that begins with the encoder of a dataset if that encoder has one step.
+pub(super) async fn expect_trained(client: &Client, task: &str, dataset: &str, settings: &Values) -> Result<()> {
+    let Some(policy) = Family::Policy.chosen(settings).filter(|policy| policy.needs.encoder) else { return Ok(()) };
+    let request = GetDatasetRequest { dataset_id: dataset.to_owned() };
+    let found = present(client.datasets().get_dataset(request).await?.into_inner().dataset, "a dataset")?;
+    let request = GetScoreRunRequest { score_run_id: found.score_run_id };
+    let run = client.scores().get_score_run(request).await;
+    // The run may be unfinished; its encoder is then not known here.
+    let Some(run) = run.ok().and_then(|reply| reply.into_inner().score_run) else { return Ok(()) };
+    let encoders = ids::encoders(client, Some(task)).await?;
+    match encoders.iter().find(|encoder| encoder.id == run.encoder_id) {
+        Some(encoder) if !encoder.is_trained => Err(Failure::message(format!(
+            "{dataset} was scored with an encoder of one step, with which the policy {} would begin; train one that begins \
+             from scratch, such as --policy bc, or run `gleaner pretrain --wait` and score with its encoder",
+            policy.name
+        ))),
+        Some(_) | None => Ok(()),
+    }
+}
