@@ -26,7 +26,7 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     name: "blend",
     title: "Raw and progress",
     about: "The mean of two shares of expert segments: of those at least as far from other experts, as `raw` compares \
-            them, and of those that make at most as much progress, as `progress` estimates it; 0 for outliers.",
+            them, and of those that make at most as much progress, as `progress` estimates it; less for outliers.",
     needs: Needs { encoder: true, history: false, images: true, all_episodes: true },
     settings: || [SeedSpec::schema(), RawSpec::schema(), NearestSpec::schema(), ProgressSpec::schema()].concat(),
     open: |chosen| Ok(Scorer::Blend(raw::comparison(chosen)?, progress::trained(chosen)?)),
