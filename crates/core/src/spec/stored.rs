@@ -77,8 +77,7 @@ fn flat(values: Values) -> Values {
 
 /// Removes the settings that the chosen kind lacks and another kind has.
 fn used(family: Family, mut values: Values) -> Values {
-    let name = values.get(family.as_str()).and_then(Value::as_str).unwrap_or(family.default_name());
-    let Some(kind) = family.find(name) else { return values };
+    let Some(kind) = family.chosen(&values) else { return values };
     for (setting, _) in family.settings() {
         if kind.settings.iter().all(|own| own.name != setting.name) {
             values.remove(&setting.name);

@@ -49,8 +49,7 @@ pub(super) fn from_proto(at: &str, spec: v1::TrainSpec) -> Result<(Option<v1::tr
 pub(super) fn without_repeats(spec: v1::TrainSpec, pretrain: &PretrainSpec) -> v1::TrainSpec {
     let v1::TrainSpec { data, settings } = spec;
     let mut values = proto::from_struct(settings);
-    let name = values.get("policy").and_then(|name| name.as_str()).unwrap_or(Family::Policy.default_name());
-    if let Some(kind) = Family::Policy.find(name) {
+    if let Some(kind) = Family::Policy.chosen(&values) {
         let of_encoder: Values = pretrain.values();
         let own = |name: &str| kind.settings.iter().any(|setting| setting.name == name);
         for repeated in ["preset", "segment_length"].into_iter().filter(|name| !own(name)) {
