@@ -85,14 +85,20 @@ async fn a_store_that_hangs_keeps_uploads_and_the_server() {
     assert!(api.download(&second.id).await == recording.bytes);
 }
 
-#[tokio::test]
-async fn an_altered_object_is_an_error_of_check_and_is_never_sent() {
-    let Some(store) = TestStore::start().unwrap() else { return };
-    let server = start(&store, "one", &["--workers", "0"]).await;
+/// A server whose only recording is in the bucket alone, without a copy.
+async fn one_in_the_bucket(store: &TestStore) -> (TestServer, Api, Episode) {
+    let server = start(store, "one", &["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
     lab::create_task(&mut api).await;
     let episode = lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();
     forget_copies(server.data_dir());
+    (server, api, episode)
+}
+
+#[tokio::test]
+async fn an_altered_object_is_an_error_of_check_and_is_never_sent() {
+    let Some(store) = TestStore::start().unwrap() else { return };
+    let (server, mut api, episode) = one_in_the_bucket(&store).await;
     let altered = server.data_dir().join("altered");
     let mut bytes = RECORDINGS[0].bytes.to_vec();
     *bytes.last_mut().unwrap() ^= 1;
@@ -115,11 +121,7 @@ async fn an_altered_object_is_an_error_of_check_and_is_never_sent() {
 #[tokio::test]
 async fn clients_download_from_the_bucket_and_from_the_server_without_it() {
     let Some(store) = TestStore::moto().unwrap() else { return };
-    let server = start(&store, "one", &["--workers", "0"]).await;
-    let mut api = Api::connect(&server).await;
-    lab::create_task(&mut api).await;
-    let episode = lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();
-    forget_copies(server.data_dir());
+    let (server, mut api, episode) = one_in_the_bucket(&store).await;
     let out = tempfile::tempdir().unwrap();
     let download = async |name: &str| {
         let file = out.path().join(name);
