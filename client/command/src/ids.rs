@@ -127,7 +127,7 @@ pub(crate) async fn newest(context: &Context, client: &Client, kind: Kind, task:
     choose(kind, LATEST, &[]).map(Option::unwrap_or_default).map_err(Failure::message)
 }
 
-/// As [`newest`], for a command that has another way where there is none.
+/// The newest of a task, if the task has one; a note names it.
 pub(crate) async fn newest_if_any(
     context: &Context,
     client: &Client,

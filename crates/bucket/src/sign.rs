@@ -10,7 +10,7 @@ use super::{Bucket, wait::wait};
 
 impl Bucket {
     /// A URL that reads a file by GET for `lifetime`, at most seven days. It is signed here: the store is not asked, and
-    /// the file may be missing. A secret, because anyone who has it can read the file.
+    /// the file may be missing. It is a secret, because it grants access to the file without a token.
     ///
     /// # Errors
     /// Unavailable when there are no credentials.

@@ -40,7 +40,7 @@ pub struct BlobStoreConfig {
     #[arg(long, env = "GLEANER_BLOB_CACHE_BYTES", default_value_t = 50 << 30, value_name = "BYTES")]
     pub blob_cache_bytes: u64,
     /// Give clients that download a file a URL of the bucket that is valid for this many seconds, at most 604800, instead
-    /// of sending the bytes through the server. Anyone who has the URL can read the file until then, also after the
+    /// of sending the bytes through the server. The URL grants access to the file without a token, also after the
     /// caller's token is revoked; clients that cannot reach the bucket read through the server (0: always through the
     /// server).
     #[arg(long, env = "GLEANER_BLOB_STORE_URL_SECONDS", default_value_t = 300, value_name = "SECONDS")]

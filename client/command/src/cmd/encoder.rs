@@ -20,7 +20,7 @@ pub(super) struct From<'a> {
     pub(super) engine_options: &'a str,
 }
 
-/// The newest encoder of a task, or one of a single step where there is none and the scorer does not read it.
+/// The newest encoder of a task. In a task without one, a scorer that reads no encoder gets one of a single step.
 pub(super) async fn newest(
     context: &Context,
     client: &Client,
