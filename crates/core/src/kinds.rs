@@ -222,7 +222,7 @@ mod tests {
     fn a_default_of_a_later_kind_is_described() {
         let (similarity, kinds) =
             Family::Scorer.settings().into_iter().find(|(setting, _)| setting.name == "similarity").unwrap();
-        assert_eq!((kinds, similarity.default), (vec!["raw", "ssdf", "blend"], "segment_l2".into()));
+        assert_eq!((kinds, similarity.default), (vec!["raw", "ssdf"], "segment_l2".into()));
         let about = "Similarity of the features of two segments. Default of ssdf: \"last_l2\".";
         assert_eq!(similarity.about, about);
     }

@@ -63,9 +63,9 @@ pub struct EpisodeScores<Id = EpisodeId> {
     /// Its role in the run's snapshot.
     pub role: Role,
     /// The highest similarity to an expert segment, at most 0; the classifier's log p; the information of `deminf`;
-    /// the gain of `progress`; the share of `vote`; the mean of `blend`; the imported q before it was rounded.
+    /// the gain of `progress`; the share of `vote`; the imported q before it was rounded.
     pub w: Vec<f64>,
-    /// w normalised to [0, 1].
+    /// w, with a lookahead also the progress of later matches, normalised to [0, 1].
     pub q: Vec<f32>,
     /// Index into the run's `expert_ids`.
     pub match_episode: Vec<u32>,
@@ -82,7 +82,7 @@ pub struct SegmentScored {
     pub stamp_ns: i64,
     /// The highest similarity to an expert segment, at most 0.
     pub w: f64,
-    /// w normalised to [0, 1].
+    /// w, with a lookahead also the progress of later matches, normalised to [0, 1].
     pub q: f32,
     /// The expert episode that matched.
     pub match_episode: EpisodeId,

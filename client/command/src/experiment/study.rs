@@ -75,24 +75,30 @@ impl TableKind {
 }
 
 // The paper's score with its features scaled and to the letter; the nearest neighbour of raw observations, of the last
-// step and of whole segments, without and with the local scale, the last of which is the default; the classifier; mutual
-// information; progress; its blend with the default; and the vote.
+// step and of whole segments, without and with the local scale, and the last with the progress of matches, which is the
+// default; the classifier; mutual information; progress; and the vote.
 fn scorings() -> Vec<Draft> {
-    let cell = |label: &str, set: &[(&str, &str)]| {
+    let cell = |label: &str, set: &[(&str, &str)]| -> Draft {
         let flag = |text: &str| text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from);
         (label.to_owned(), set.iter().map(|(key, value)| ((*key).to_owned(), flag(value))).collect())
+    };
+    let raw = |label: &str, similarity: &str, local_scale: &str| -> Draft {
+        let (label, mut set) =
+            cell(label, &[("scorer", "raw"), ("local_scale", local_scale), ("similarity", similarity)]);
+        set.push(("lookahead".to_owned(), 0.0.into()));
+        (label, set)
     };
     vec![
         cell("ssdf", &[("scorer", "ssdf")]),
         cell("ssdf to the letter", &[("scorer", "ssdf"), ("feature_scale", "plain"), ("local_scale", "false")]),
-        cell("raw", &[("scorer", "raw"), ("local_scale", "false"), ("similarity", "last_l2")]),
-        cell("raw + local scale", &[("scorer", "raw"), ("local_scale", "true"), ("similarity", "last_l2")]),
-        cell("raw segments", &[("scorer", "raw"), ("local_scale", "false"), ("similarity", "segment_l2")]),
-        cell("raw segments + local scale", &[("scorer", "raw"), ("local_scale", "true"), ("similarity", "segment_l2")]),
+        raw("raw", "last_l2", "false"),
+        raw("raw + local scale", "last_l2", "true"),
+        raw("raw segments", "segment_l2", "false"),
+        raw("raw segments + local scale", "segment_l2", "true"),
+        cell("raw segments + local scale + lookahead", &[("scorer", "raw")]),
         cell("classifier", &[("scorer", "classifier")]),
         cell("deminf", &[("scorer", "deminf")]),
         cell("progress", &[("scorer", "progress")]),
-        cell("blend", &[("scorer", "blend")]),
         cell("vote", &[("scorer", "vote")]),
     ]
 }
@@ -218,10 +224,10 @@ mod tests {
                 "raw + local scale",
                 "raw segments",
                 "raw segments + local scale",
+                "raw segments + local scale + lookahead",
                 "classifier",
                 "deminf",
                 "progress",
-                "blend",
                 "vote"
             ]
         );

@@ -29,7 +29,7 @@ class EpisodeScores:
     role: str  # expert or imperfect; experts' scores leave their own episode out; unspecified when it is not stored
     q: NDArray[np.float32]  # quality in [0, 1]
     # The highest similarity to an expert segment; log p of classifier, information of deminf, gain of progress, share
-    # of vote, mean of blend, imported q.
+    # of vote, imported q.
     w: NDArray[np.float64]
     # The expert episode matched; empty for classifier, deminf, progress, vote and imports, as are the rest.
     match_episode: NDArray[np.str_]

@@ -79,10 +79,21 @@ pub(crate) struct Comparison {
     pub(super) local_scale: bool,
     /// Factors of the distances of o, m and a.
     pub(super) scale: [f64; 3],
+    /// Share of a mean expert episode within which later matches count as progress; 0: similarity alone.
+    pub(super) lookahead: f64,
 }
 
 impl Comparison {
-    pub(super) fn new(source: Source, similarity: Similarity, NearestSpec { local_scale, scale }: NearestSpec) -> Self {
-        Self { source, similarity, local_scale, scale }
+    pub(super) fn new(
+        source: Source,
+        (similarity, lookahead): (Similarity, f64),
+        NearestSpec { local_scale, scale }: NearestSpec,
+    ) -> Self {
+        Self { source, similarity, local_scale, scale, lookahead }
+    }
+
+    /// Whether q depends on how experts compare with each other, so that a single one is scored otherwise.
+    pub(super) fn scaled_by_experts(&self) -> bool {
+        self.local_scale || self.lookahead > 0.0
     }
 }

@@ -10,10 +10,11 @@ use tch::no_grad_guard;
 use super::comparison::Comparison;
 use super::features::{Features, embed_frames, embedding_width, episode_features, newest_features};
 use super::local::Spread;
+use super::measure::Measure;
 use super::normaliser::Normaliser;
-use super::run::sound;
+use super::run::{described, sound, w_of};
 use super::similarity::metric;
-use super::{EpisodeScores, Opened, scorer};
+use super::{EpisodeScores, Opened, placed, scorer};
 use crate::error::{LearnError, guard};
 use crate::history::{Embedding, History, Layout};
 use crate::shape::TaskShape;
@@ -45,8 +46,7 @@ pub struct LiveScorer {
     places: Vec<u32>,
     /// Per number, the expert.
     experts: Vec<Expert>,
-    /// Per number and step, the local scale of experts; `None` if w is not scaled.
-    local: Option<Vec<Vec<f64>>>,
+    measure: Measure,
     normaliser: Normaliser,
 }
 
@@ -97,13 +97,24 @@ impl LiveScorer {
             let metric = metric(comparison.similarity, comparison.scale);
             let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
             let index = Index::new(&numbered, metric)?;
-            let local = if comparison.local_scale { local_scale(&features, &index, metric)? } else { None };
             let known = |(_, expert): &(u32, &Trajectory)| {
                 Ok::<_, LearnError>(Expert { id: expert.id.clone(), content: expert.content()? })
             };
-            let experts = sorted.iter().map(known).collect::<Result<_, _>>()?;
-            let places = sorted.into_iter().map(|(place, _)| place).collect();
-            Ok(Self { opened, comparison, index, places, experts, local, normaliser })
+            let known: Vec<Expert> = sorted.iter().map(known).collect::<Result<_, _>>()?;
+            let places: Vec<u32> = sorted.into_iter().map(|(place, _)| place).collect();
+            let (mut local, mut alone) = (None, Vec::new());
+            if comparison.scaled_by_experts()
+                && let Some(matches) = against_others(&features, &index)?
+            {
+                if comparison.local_scale {
+                    local = Some(placed(&places, local_scale(&features, metric, &matches)));
+                }
+                let of =
+                    |(expert, matches): (&Expert, Vec<Match>)| described((&expert.id, Role::Expert), &places, &matches);
+                alone = placed(&places, known.iter().zip(matches).map(of).collect());
+            }
+            let measure = Measure::new(local, (experts, comparison.lookahead), &alone);
+            Ok(Self { opened, comparison, index, places, experts: known, measure, normaliser })
         })
     }
 
@@ -126,7 +137,8 @@ impl LiveScorer {
     }
 
     /// The score of the newest segment of each history; one pass for all. Its last action must be set, because a
-    /// segment is scored by the executed actions.
+    /// segment is scored by the executed actions. Where q depends on later steps, which are unknown, the segment's progress
+    /// counts as its similarity does.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a history is empty, of another segment length, holds values that do not fit the
@@ -146,7 +158,8 @@ impl LiveScorer {
             let _no_grad = no_grad_guard();
             let stacked = self.layout().stack(histories);
             let features = newest_features(self.opened.encoder(), &stacked, &self.comparison);
-            self.judge(&sound(features, "now running")?, None)
+            let found = self.matches(&sound(features, "now running")?, None)?;
+            Ok(found.iter().map(|found| self.segment(found)).collect())
         })
     }
 
@@ -162,40 +175,30 @@ impl LiveScorer {
             let content = episode.content()?;
             let own = (0..).zip(&self.experts).find(|(_, expert)| expert.content == content);
             let features = sound(episode_features(self.opened.encoder(), episode, &self.comparison)?, &episode.id)?;
-            let scores = self.judge(&features, own.map(|(number, _)| number))?;
+            let matches = self.matches(&features, own.map(|(number, _)| number))?;
             let (id, role) = own.map_or((&episode.id, Role::Imperfect), |(_, expert)| (&expert.id, Role::Expert));
-            Ok(EpisodeScores {
-                episode_id: id.clone(),
-                role,
-                w: scores.iter().map(|score| score.w).collect(),
-                q: scores.iter().map(|score| score.q).collect(),
-                match_episode: scores.iter().map(|score| score.match_episode).collect(),
-                match_step: scores.iter().map(|score| score.match_step).collect(),
-                distances: scores.iter().map(|score| score.distances).collect(),
-            })
+            let mut scores = described((id, role), &self.places, &matches);
+            scores.q = self.measure.of(&scores).into_iter().map(|value| self.normaliser.q(value)).collect();
+            Ok(scores)
         })
     }
 
-    /// The scores of `features`; `own` is the number of the expert that they are of, which no segment may match.
-    fn judge(&self, features: &Features, own: Option<u32>) -> Result<Vec<SegmentScore>, LearnError> {
-        let matches = self.index.nearest(features, own)?.ok_or_else(|| {
+    /// The matches of `features`; `own` is the number of the expert that they are of, which no segment may match.
+    fn matches(&self, features: &Features, own: Option<u32>) -> Result<Vec<Match>, LearnError> {
+        self.index.nearest(features, own)?.ok_or_else(|| {
             LearnError::invalid(
                 "recording",
                 "has the steps of the run's only expert, and an episode never matches itself; score with more experts",
             )
-        })?;
-        Ok(matches.iter().map(|found| self.segment(found)).collect())
+        })
     }
 
     fn segment(&self, found: &Match) -> SegmentScore {
-        let (episode, step) = (found.group as usize, found.row as usize);
-        // Not −distance, which would make −0 of the best w.
-        let w = 0.0 - found.distance;
-        let measured = self.local.as_ref().map_or(w, |local| w / local[episode][step]);
+        let (w, expert) = (w_of(found), self.places[found.group as usize]);
         SegmentScore {
             w,
-            q: self.normaliser.q(measured),
-            match_episode: self.places[episode],
+            q: self.normaliser.q(self.measure.now(w, (expert as usize, found.row as usize))),
+            match_episode: expert,
             match_step: found.row,
             distances: found.parts,
         }
@@ -211,17 +214,17 @@ impl LiveScorer {
     }
 }
 
-/// The local scale around each segment of the experts; `None` with a single expert.
-fn local_scale(experts: &[Features], index: &Index, metric: Metric) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
-    let alone = |(number, features): (u32, &Features)| {
-        let matches = index.nearest(features, Some(number))?;
-        Ok(matches.map(|matches| matches.iter().map(|found| 0.0 - found.distance).collect::<Vec<f64>>()))
-    };
-    let alone: Option<Vec<_>> = (0..).zip(experts).map(alone).collect::<Result<_, LearnError>>()?;
-    let Some(alone) = alone else { return Ok(None) };
+/// The matches of every expert among the others; `None` with a single expert.
+fn against_others(experts: &[Features], index: &Index) -> Result<Option<Vec<Vec<Match>>>, LearnError> {
+    (0..).zip(experts).map(|(number, features)| Ok(index.nearest(features, Some(number))?)).collect()
+}
+
+/// The local scale around each segment of the experts, by the matches of each among the others.
+fn local_scale(experts: &[Features], metric: Metric, matches: &[Vec<Match>]) -> Vec<Vec<f64>> {
+    let alone: Vec<Vec<f64>> = matches.iter().map(|matches| matches.iter().map(w_of).collect()).collect();
     let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
     let spread = Spread::new(experts, metric, &alone);
-    Ok(Some((0..alone.len()).map(|expert| spread.around(expert)).collect()))
+    (0..alone.len()).map(|expert| spread.around(expert)).collect()
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Step two of SSDF: the quality of each imperfect segment, by its similarity to the nearest expert segment.
 //!
 //! w(τ_imp) = max over τ_exp ∈ D_e of sim(τ_imp, τ_exp), q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1]. The paper leaves norm
-//! open; [`local`] defines the scale of similarities before they are normalised.
+//! open; [`local`] defines the scale of similarities, and [`measure`] the value that norm is applied to.
 
 mod base;
 mod comparison;
@@ -10,6 +10,7 @@ mod features;
 mod form;
 mod live;
 mod local;
+mod measure;
 mod normaliser;
 mod opened;
 mod progress;
@@ -37,16 +38,16 @@ use base::Known;
 use comparison::Comparison;
 use features::Encoder;
 use gleaner_core::{NormaliserKind, ScoreSpec};
+use measure::Measure;
 use opened::Opened;
 use progress::{Progress, count};
 use run::{Found, Run};
 use scorer::Scorer;
-use scorer::blend::{self, Half};
 use shards::Shards;
 
 /// The scores of one episode's segments, by the episode's name; entry t is the segment that ends at step t. w is the
-/// classifier's log p(expert), DemInf's information, the gain of `progress`, the share of `vote` or the mean of `blend` if
-/// that is the scorer, and q is in 0 … 1. `match_episode` is an index into the given experts. Distances are before any modality scale.
+/// classifier's log p(expert), DemInf's information, the gain of `progress` or the share of `vote` if that is the scorer,
+/// and q is in 0 … 1. `match_episode` is an index into the given experts. Distances are before any modality scale.
 pub type EpisodeScores = gleaner_core::score::EpisodeScores<String>;
 
 /// The result of a score run.
@@ -143,9 +144,8 @@ pub fn score_with(
     match (scorer.comparison(), base) {
         (None, Some(_)) => return Err(of_all("score without extends")),
         (None, None) if peers.several() => return Err(of_all("score it in one process")),
-        (Some(comparison), Some(base)) if comparison.local_scale && base.experts.len() == 1 => {
-            let message =
-                "is one alone, so its run had no local scale that its normaliser was fitted to; score without extends";
+        (Some(comparison), Some(base)) if comparison.scaled_by_experts() && base.experts.len() == 1 => {
+            let message = "is one alone, so its run had no scale among experts that its normaliser was fitted to; score without extends";
             return Err(LearnError::invalid("base.experts", message));
         }
         (Some(_) | None, Some(_) | None) => {}
@@ -181,22 +181,16 @@ impl Call<'_> {
                     let (imperfect, experts) = (trained.scores)(opened.encoder(), episodes, monitor)?;
                     Some(Found { imperfect, experts, local: None })
                 }
-                Scorer::Blend(comparison, trained) => {
-                    let mut half = Half { monitor, is_second: false };
-                    let found = self.by_nearest(opened.encoder(), comparison, None, (peers, &mut half))?;
-                    half.is_second = true;
-                    let episodes = (self.inputs.experts, self.inputs.imperfect);
-                    let gains = (trained.scores)(opened.encoder(), episodes, &mut half)?;
-                    found.map(|found| blend::mean(found, gains))
-                }
             };
             let Some(Found { mut imperfect, mut experts, local }) = found else { return Ok(None) };
+            let lookahead = self.scorer.comparison().map_or(0.0, |comparison| comparison.lookahead);
+            let measure = Measure::new(local, (self.inputs.experts, lookahead), &experts);
             let normaliser = match base {
                 Some(base) => base.normaliser.clone(),
-                None => self.normaliser(&imperfect, &experts, local.as_ref()),
+                None => self.normaliser(&imperfect, &experts, &measure),
             };
             for episode in imperfect.iter_mut().chain(&mut experts) {
-                episode.q = local::relative(local.as_ref(), episode).map(|w| normaliser.q(w)).collect();
+                episode.q = measure.of(episode).into_iter().map(|value| normaliser.q(value)).collect();
             }
             Ok(Some(Scores { imperfect, experts, normaliser }))
         })
@@ -222,18 +216,13 @@ impl Call<'_> {
     }
 
     /// The normaliser of a run from the start.
-    fn normaliser(
-        &self,
-        imperfect: &[EpisodeScores],
-        experts: &[EpisodeScores],
-        local: Option<&Vec<Vec<f64>>>,
-    ) -> Normaliser {
+    fn normaliser(&self, imperfect: &[EpisodeScores], experts: &[EpisodeScores], measure: &Measure) -> Normaliser {
         let kind = self.spec.normaliser;
         let scale = match kind {
             NormaliserKind::MinMax | NormaliserKind::Quantile => imperfect,
             NormaliserKind::Calibrated => experts,
         };
-        Normaliser::fit(kind, scale.iter().flat_map(|episode| local::relative(local, episode)).collect())
+        Normaliser::fit(kind, scale.iter().flat_map(|episode| measure.of(episode)).collect())
     }
 
     /// The scores by nearest expert segments, without q, in the given orders; `None` at a rank that does not lead.

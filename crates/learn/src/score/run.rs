@@ -263,15 +263,24 @@ impl Run<'_> {
     }
 
     fn describe(&self, episode: &Trajectory, role: Role, matches: &[Match]) -> EpisodeScores {
-        EpisodeScores {
-            episode_id: episode.id.clone(),
-            role,
-            // Not −distance, which would make −0 of the best w.
-            w: matches.iter().map(|found| 0.0 - found.distance).collect(),
-            q: Vec::new(),
-            match_episode: matches.iter().map(|found| self.places[found.group as usize]).collect(),
-            match_step: matches.iter().map(|found| found.row).collect(),
-            distances: matches.iter().map(|found| found.parts).collect(),
-        }
+        described((&episode.id, role), self.places, matches)
     }
+}
+
+/// The scores of an episode by its matches, without q. `places` has the index of every expert in the given order.
+pub(super) fn described((id, role): (&str, Role), places: &[u32], matches: &[Match]) -> EpisodeScores {
+    EpisodeScores {
+        episode_id: id.to_owned(),
+        role,
+        w: matches.iter().map(w_of).collect(),
+        q: Vec::new(),
+        match_episode: matches.iter().map(|found| places[found.group as usize]).collect(),
+        match_step: matches.iter().map(|found| found.row).collect(),
+        distances: matches.iter().map(|found| found.parts).collect(),
+    }
+}
+
+/// w of a match. Not −distance, which would make −0 of the best w.
+pub(super) fn w_of(found: &Match) -> f64 {
+    0.0 - found.distance
 }

@@ -1,6 +1,5 @@
 //! The scorers: one file each, and the list of them.
 
-pub(super) mod blend;
 mod classifier;
 mod deminf;
 mod kind;

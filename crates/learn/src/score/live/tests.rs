@@ -2,7 +2,7 @@
 
 use super::super::tests::encoder;
 use super::*;
-use crate::score::tests::{score_anew, spec_of};
+use crate::score::tests::{score_anew, spec_of, without_lookahead};
 use crate::toy;
 use crate::train::Silent;
 use gleaner_core::{NormaliserKind, ScoreSpec, kinds::Family};
@@ -57,7 +57,7 @@ fn an_expert_s_steps_are_compared_with_the_other_experts() {
 fn a_session_scores_step_by_step_as_the_episode_does() {
     let (experts, failure) = episodes();
     let shape = toy::shape();
-    for spec in specs() {
+    for spec in specs().into_iter().map(without_lookahead) {
         let run = score_anew(&experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
         let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser).unwrap();
         let mut history = History::new(live.segment_length());
@@ -73,6 +73,29 @@ fn a_session_scores_step_by_step_as_the_episode_does() {
             assert!((now[0].w - w).abs() < 1e-3 * w.abs().max(1.0), "{spec:?} {step}: {} {w}", now[0].w);
             assert!((now[0].q - q).abs() < 5e-3, "{spec:?} {step}: {} {q}", now[0].q);
         }
+    }
+}
+
+#[test]
+fn a_segment_of_a_session_is_judged_without_later_steps() {
+    let (experts, failure) = episodes();
+    let spec = ScoreSpec::default();
+    let run = score_anew(&experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
+    let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser).unwrap();
+    let arrays = experts[0].arrays();
+    let mut history = History::new(live.segment_length());
+    for step in 0..8 {
+        let frames = toy::shape().frame_bytes();
+        history
+            .push(
+                live.embed(&[&arrays.frames[step * frames..][..frames]]).unwrap().remove(0),
+                arrays.proprioception[step * 3..][..3].to_vec(),
+            )
+            .unwrap();
+        history.set_executed(arrays.action[step * 2..][..2].to_vec()).unwrap();
+        let now = live.score(&[&history]).unwrap()[0];
+        assert_eq!((now.match_episode, now.match_step as usize), (0, step), "an expert's own steps");
+        assert_eq!((now.q, now.w.abs() < 1e-3), (1.0, true), "nothing else is known against them: {now:?}");
     }
 }
 

@@ -52,8 +52,6 @@ pub(in crate::score) enum Scorer {
     Nearest(Comparison),
     /// Scores by a model trained on all episodes at once.
     Trained(Trained),
-    /// Scores by the mean of both.
-    Blend(Comparison, Trained),
 }
 
 /// A scorer whose every score depends on all episodes.
@@ -109,14 +107,14 @@ impl Scorer {
     pub(in crate::score) fn comparison(&self) -> Option<&Comparison> {
         match self {
             Self::Nearest(comparison) => Some(comparison),
-            Self::Trained(_) | Self::Blend(..) => None,
+            Self::Trained(_) => None,
         }
     }
 
     /// Scaling of the encoder's features; `None` for a scorer that does not use them.
     pub(in crate::score) fn feature_scale(&self) -> Option<FeatureScale> {
         match self {
-            Self::Nearest(comparison) | Self::Blend(comparison, _) => comparison.source.feature_scale(),
+            Self::Nearest(comparison) => comparison.source.feature_scale(),
             Self::Trained(trained) => trained.feature_scale,
         }
     }

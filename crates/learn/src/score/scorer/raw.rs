@@ -1,10 +1,10 @@
 //! The scorer `raw`, the default: the nearest expert segment in the observations and actions themselves.
 
 use gleaner_core::kinds::Needs;
-use gleaner_core::{Chosen, Group as _, Words as _};
+use gleaner_core::schema::number_in;
+use gleaner_core::{Group as _, Words as _};
 
 use super::{Scorer, ScorerKind};
-use crate::error::LearnError;
 use crate::score::comparison::{Comparison, NearestSpec, Similarity, Source};
 
 pub(super) const KIND: ScorerKind = ScorerKind {
@@ -13,19 +13,20 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     about: "The nearest expert segment in standardised images, proprioception and actions, without a network.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
     settings: || [RawSpec::schema(), NearestSpec::schema()].concat(),
-    open: |chosen| Ok(Scorer::Nearest(comparison(chosen)?)),
+    open: |chosen| {
+        let RawSpec { similarity, lookahead } = chosen.read()?;
+        Ok(Scorer::Nearest(Comparison::new(Source::Observations, (similarity, lookahead), chosen.read()?)))
+    },
 };
 
-/// The comparison of observations and actions by these settings.
-pub(super) fn comparison(chosen: &Chosen) -> Result<Comparison, LearnError> {
-    let RawSpec { similarity } = chosen.read()?;
-    Ok(Comparison::new(Source::Observations, similarity, chosen.read()?))
-}
-
 gleaner_core::settings! {
-    /// The observations and actions that are compared.
-    pub(super) struct RawSpec {
+    /// The comparison of observations and actions.
+    struct RawSpec {
         /// Similarity of the features of two segments.
         similarity: Similarity = Similarity::SegmentL2, Similarity::shape();
+        /// Share of a mean expert episode within which later steps show whether a segment brings the task forward: q then
+        /// counts also how far their matches get ahead. A larger share bridges longer pauses and locates a fault less
+        /// precisely; 0: similarity alone, as in the paper.
+        lookahead: f64 = 0.3, number_in(0.0, 1.0);
     }
 }

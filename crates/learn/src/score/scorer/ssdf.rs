@@ -3,6 +3,7 @@
 use gleaner_core::Group as _;
 use gleaner_core::Words as _;
 use gleaner_core::kinds::Needs;
+use gleaner_core::schema::number_in;
 
 use super::{Scorer, ScorerKind};
 use crate::score::comparison::{Comparison, FeatureScale, NearestSpec, Similarity, Source};
@@ -14,8 +15,9 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     needs: Needs { encoder: true, history: false, images: true, all_episodes: false },
     settings: || [FeatureSpec::schema(), NearestSpec::schema()].concat(),
     open: |chosen| {
-        let FeatureSpec { feature_scale, similarity } = chosen.read()?;
-        Ok(Scorer::Nearest(Comparison::new(Source::Features(feature_scale), similarity, chosen.read()?)))
+        let FeatureSpec { feature_scale, similarity, lookahead } = chosen.read()?;
+        let source = Source::Features(feature_scale);
+        Ok(Scorer::Nearest(Comparison::new(source, (similarity, lookahead), chosen.read()?)))
     },
 };
 
@@ -26,5 +28,9 @@ gleaner_core::settings! {
         feature_scale: FeatureScale = FeatureScale::Whitened, FeatureScale::shape();
         /// Similarity of the features of two segments.
         similarity: Similarity = Similarity::LastL2, Similarity::shape();
+        /// Share of a mean expert episode within which later steps show whether a segment brings the task forward: q then
+        /// counts also how far their matches get ahead. A larger share bridges longer pauses and locates a fault less
+        /// precisely; 0: similarity alone, as in the paper.
+        lookahead: f64 = 0.0, number_in(0.0, 1.0);
     }
 }

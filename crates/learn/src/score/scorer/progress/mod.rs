@@ -9,10 +9,10 @@
 mod clip;
 mod net;
 
+use gleaner_core::Group as _;
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::integer_in;
 use gleaner_core::snapshot::Role;
-use gleaner_core::{Chosen, Group as _};
 use tch::Tensor;
 
 use super::recordings::{Recordings, check_ids};
@@ -34,21 +34,20 @@ pub(super) const KIND: ScorerKind = ScorerKind {
             the task is done.",
     needs: Needs { encoder: true, history: false, images: true, all_episodes: true },
     settings: || [SeedSpec::schema(), ProgressSpec::schema()].concat(),
-    open: |chosen| Ok(Scorer::Trained(trained(chosen)?)),
+    open: |chosen| {
+        let (SeedSpec { seed }, spec): (_, ProgressSpec) = (chosen.read()?, chosen.read()?);
+        Ok(Scorer::Trained(Trained {
+            feature_scale: None,
+            scores: Box::new(move |encoder, episodes, monitor| {
+                scores(encoder.network, episodes, (&spec, seed), monitor)
+            }),
+        }))
+    },
 };
-
-/// The computation by these settings.
-pub(super) fn trained(chosen: &Chosen) -> Result<Trained, LearnError> {
-    let (SeedSpec { seed }, spec): (_, ProgressSpec) = (chosen.read()?, chosen.read()?);
-    Ok(Trained {
-        feature_scale: None,
-        scores: Box::new(move |encoder, episodes, monitor| scores(encoder.network, episodes, (&spec, seed), monitor)),
-    })
-}
 
 gleaner_core::settings! {
     /// Settings of the scorer `progress`.
-    pub(super) struct ProgressSpec {
+    struct ProgressSpec {
         /// Gradient steps of each of the two networks of `progress`. More steps fit the experts closer and take longer.
         progress_steps: u64 = 400, integer_in(1, 1_000_000);
         /// Steps ahead at which `progress` is compared with the present. More steps average over pauses; fewer locate a
