@@ -11,6 +11,7 @@ use gleaner_proto::v1::{
     score_steps_response::Message as StepReply, *,
 };
 use gleaner_recording::{EpisodeWriter, read_episode};
+use serde_json::json;
 use tonic::{Code, Status};
 
 use crate::support::{
@@ -92,8 +93,11 @@ async fn steps_score_like_the_stored_episode() {
     let mut api = Api::connect(&shared.server).await;
     let client = Client::connect(shared.server.url(), None).await.unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let stored = api.episode_scores(&shared.run, &shared.episodes[FAILURE].id).await;
-    let mut live = StepScorer::open(&client, &shared.run).await.unwrap();
+    // With a lookahead the q of the stored episode knows later steps.
+    let alone = lab::with(lab::score(&shared.encoder), json!({"lookahead": 0.0}));
+    let run = api.succeed(lab::TASK, alone).await.result_id;
+    let stored = api.episode_scores(&run, &shared.episodes[FAILURE].id).await;
+    let mut live = StepScorer::open(&client, &run).await.unwrap();
     let steps = steps(folder.path(), &RECORDINGS[FAILURE].bytes);
     assert_eq!(steps.len(), stored.w.len());
     let mut worst = 0.0_f64;

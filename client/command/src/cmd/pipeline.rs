@@ -5,7 +5,7 @@ use gleaner_core::arguments::{Given, Pipeline, TRAIN};
 use gleaner_core::kinds::{Family, Kind};
 use gleaner_core::proto::{selection::shape_to_proto, to_struct};
 use gleaner_core::selection::Rule;
-use gleaner_core::{Group as _, NormaliserKind, OptimSpec, Words as _};
+use gleaner_core::{Group as _, InitialWeights, NormaliserKind, OptimSpec, Words as _};
 use gleaner_proto::v1::{EvaluateSpec, Job, PipelineSpec, ScoreSpec, SubmitPipelineRequest, TrainSpec};
 use prost_types::Struct;
 
@@ -88,7 +88,9 @@ impl PipelineArgs {
         let (scoring, training) = (self.settings.of_job("score"), self.settings.of_job("train"));
         let reads = |family: Family, settings| family.chosen(settings).is_none_or(|kind| kind.needs.encoder);
         let (scorer, policy) = (reads(Family::Scorer, &scoring), reads(Family::Policy, &training));
-        let weights = self.settings.values.keys().any(|name| name.ends_with("initial_weights"));
+        let scratch = InitialWeights::Random.as_str();
+        let mut values = self.settings.values.iter();
+        let weights = values.any(|(name, word)| name.ends_with("initial_weights") && word.as_str() != Some(scratch));
         self.until < Until::Score || scorer || weights || (policy && self.until >= Until::Train)
     }
 
@@ -224,7 +226,9 @@ mod tests {
             let steps = steps(spec(&format!("--quick {read}")).pretrain.unwrap().settings);
             assert_eq!(steps, (Some(300), Some(32)), "{read}");
         }
-        assert_eq!(of("--quick --policy act").0, (Some(1), Some(32)));
+        for unread in ["--policy act", "--initial-weights random"] {
+            assert_eq!(of(&format!("--quick {unread}")).0, (Some(1), Some(32)), "{unread}");
+        }
         assert_eq!(of("--quick --steps 7 --train-batch 8"), ((Some(7), Some(32)), (Some(800), Some(8))));
         let policy = |options: &str| {
             let settings = gleaner_core::proto::from_struct(spec(options).train.unwrap().settings);

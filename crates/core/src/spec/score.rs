@@ -14,15 +14,14 @@ crate::words! {
         MinMax = "minmax",
         /// Rank: the share of the run's imperfect segments that are less similar.
         Quantile = "quantile",
-        /// Rank among experts: the share of expert segments that are at most as similar to the other experts. The
+        /// Rank among experts: the share of expert segments that are at most as good, compared with the other experts. The
         /// median expert segment has 0.5, whatever the task and the failures; needs two experts.
         Calibrated = "calibrated",
     }
 }
 
 impl NormaliserKind {
-    /// The default threshold β on q: 0.9 as in the paper; 0.8, the best fifth; 0.5, nearer to the experts than the median
-    /// expert segment.
+    /// The default threshold β on q: 0.9 as in the paper; 0.8, the best fifth; 0.5, better than the median expert segment.
     #[must_use]
     pub fn default_beta(self) -> f64 {
         match self {

@@ -135,7 +135,7 @@ impl Report {
         let q = match self.cell.score_spec(0).unwrap_or_default().normaliser {
             NormaliserKind::MinMax => "w from its lowest to its highest",
             NormaliserKind::Quantile => "the share of segments with a lower w",
-            NormaliserKind::Calibrated => "the share of expert steps that are at least as far from other experts",
+            NormaliserKind::Calibrated => "the share of expert steps that are at most as good",
         };
         line(
             text,
@@ -226,7 +226,7 @@ mod tests {
             "| all | 6 | 100 | 0 | 0.750 | - | - |",
             "| 0.9 | 25 | 25.0 % | 50.0 % | 12.5 % |",
             "| experts | 1 of 4, 25.0 % | 2.0 ms | 4.2 ms |",
-            "The same 4 episodes for each, none of them recorded; the dataset's β is 0.5, λ is 0.1, q is the share of expert steps that are at least as far from other experts.",
+            "The same 4 episodes for each, none of them recorded; the dataset's β is 0.5, λ is 0.1, q is the share of expert steps that are at most as good.",
             "| record | 1.5 | 10 episodes |",
             "| all | 1.8 | |",
         ] {

@@ -27,6 +27,6 @@ gleaner_core::settings! {
         /// Share of a mean expert episode within which later steps show whether a segment brings the task forward: q then
         /// counts also how far their matches get ahead. A larger share bridges longer pauses and locates a fault less
         /// precisely; 0: similarity alone, as in the paper.
-        lookahead: f64 = 0.3, number_in(0.0, 1.0);
+        lookahead: f64 = 0.5, number_in(0.0, 1.0);
     }
 }
