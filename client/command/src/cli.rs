@@ -252,6 +252,7 @@ mod tests {
             "gleaner train --dataset ds_1 --experts-in snap_1",
             "gleaner train --dataset ds_1 --policy gpt",
             "gleaner score --extends run_1 --similarity last_l2",
+            "gleaner score --extends run_1 --lookahead 0.5",
             "gleaner evaluate --task t",
             "gleaner evaluate --policy pol_1 --deployment a@b",
             "gleaner dataset create --run run_1 --beta 0.5 --top 0.1",

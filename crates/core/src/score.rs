@@ -40,11 +40,12 @@ pub struct ScoreRun {
     pub origin: Origin,
     /// The experts and imperfect episodes.
     pub snapshot_id: SnapshotId,
-    /// w, on the local scale if the scorer has one, that maps to q = 0, frozen.
+    /// What maps to q = 0, frozen: w, on the local scale if the scorer has one; with a lookahead the share, 0 to 1, that joins
+    /// similarity and progress.
     pub lo: f64,
-    /// The w that maps to q = 1, likewise.
+    /// What maps to q = 1, likewise.
     pub hi: f64,
-    /// The w of evenly spaced quantiles, low to high, likewise; for the quantile and calibrated normalisers only.
+    /// Evenly spaced quantiles of the same, low to high; for the quantile and calibrated normalisers only.
     pub quantiles: Vec<f64>,
     /// The run that it extends, if any.
     pub extends: Option<ScoreRunId>,
@@ -82,7 +83,7 @@ pub struct SegmentScored {
     pub stamp_ns: i64,
     /// The highest similarity to an expert segment, at most 0.
     pub w: f64,
-    /// w, with a lookahead also the progress of later matches, normalised to [0, 1].
+    /// w normalised to [0, 1].
     pub q: f32,
     /// The expert episode that matched.
     pub match_episode: EpisodeId,

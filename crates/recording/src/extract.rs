@@ -53,7 +53,7 @@ impl Kept {
 pub struct StepScore {
     /// q: from 0 to 1.
     pub q: f32,
-    /// w: the similarity that q was made from.
+    /// w: the similarity on which q rests.
     #[serde(with = "bits")]
     pub w: f64,
     /// Whether the segment that ends at the step is kept.

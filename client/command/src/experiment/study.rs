@@ -82,20 +82,27 @@ fn scorings() -> Vec<Draft> {
         let flag = |text: &str| text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from);
         (label.to_owned(), set.iter().map(|(key, value)| ((*key).to_owned(), flag(value))).collect())
     };
-    let raw = |label: &str, similarity: &str, local_scale: &str| -> Draft {
-        let (label, mut set) =
-            cell(label, &[("scorer", "raw"), ("local_scale", local_scale), ("similarity", similarity)]);
-        set.push(("lookahead".to_owned(), 0.0.into()));
+    let compared = |label: &str, set: &[(&str, &str)], lookahead: f64| -> Draft {
+        let (label, mut set) = cell(label, set);
+        set.push(("lookahead".to_owned(), lookahead.into()));
         (label, set)
+    };
+    let raw = |label: &str, (similarity, local_scale): (&str, &str), lookahead: f64| {
+        let set = [("scorer", "raw"), ("local_scale", local_scale), ("similarity", similarity)];
+        compared(label, &set, lookahead)
     };
     vec![
         cell("ssdf", &[("scorer", "ssdf")]),
-        cell("ssdf to the letter", &[("scorer", "ssdf"), ("feature_scale", "plain"), ("local_scale", "false")]),
-        raw("raw", "last_l2", "false"),
-        raw("raw + local scale", "last_l2", "true"),
-        raw("raw segments", "segment_l2", "false"),
-        raw("raw segments + local scale", "segment_l2", "true"),
-        cell("raw segments + local scale + lookahead", &[("scorer", "raw")]),
+        compared(
+            "ssdf to the letter",
+            &[("scorer", "ssdf"), ("feature_scale", "plain"), ("local_scale", "false")],
+            0.0,
+        ),
+        raw("raw", ("last_l2", "false"), 0.0),
+        raw("raw + local scale", ("last_l2", "true"), 0.0),
+        raw("raw segments", ("segment_l2", "false"), 0.0),
+        raw("raw segments + local scale", ("segment_l2", "true"), 0.0),
+        raw("raw segments + local scale + lookahead", ("segment_l2", "true"), 0.5),
         cell("classifier", &[("scorer", "classifier")]),
         cell("deminf", &[("scorer", "deminf")]),
         cell("progress", &[("scorer", "progress")]),
@@ -238,6 +245,14 @@ mod tests {
         assert_eq!(scales(0), (None, None));
         assert_eq!(scales(1), (Some(false.into()), Some("plain".into())));
         assert_eq!((scales(2).0, scales(3).0), (Some(false.into()), Some(true.into())));
+        let lookahead = |index: usize| scoring[index].settings.settings.get("lookahead").and_then(Json::as_f64);
+        assert_eq!([1, 2, 5, 6].map(lookahead), [0.0, 0.0, 0.0, 0.5].map(Some));
+        // The last is the default, whatever the base.
+        let default = gleaner_core::ScoreSpec::default().scorer.settings;
+        let here = &scoring[6].settings.settings;
+        for name in ["similarity", "local_scale", "lookahead"] {
+            assert_eq!(here.get(name), default.get(name), "{name}");
+        }
     }
 
     #[test]

@@ -10,9 +10,9 @@ use crate::settings::{Group as _, Words as _};
 crate::words! {
     /// Mapping of similarities to quality scores.
     pub enum NormaliserKind {
-        /// Linear: the smallest and largest similarity of the run's imperfect segments become 0 and 1.
+        /// Linear: the worst and the best of the run's imperfect segments become 0 and 1.
         MinMax = "minmax",
-        /// Rank: the share of the run's imperfect segments that are less similar.
+        /// Rank: the share of the run's imperfect segments that are worse.
         Quantile = "quantile",
         /// Rank among experts: the share of expert segments that are at most as good, compared with the other experts. The
         /// median expert segment has 0.5, whatever the task and the failures; needs two experts.

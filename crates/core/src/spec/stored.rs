@@ -58,12 +58,12 @@ pub(super) fn score(mut values: Values) -> Values {
     }
     // The only one of versions that stored none.
     values.entry("normaliser").or_insert_with(|| "minmax".into());
-    // Similarity alone, in versions without this setting. One of them had a scorer of its own for progress.
-    let blend = values.get(Family::Scorer.as_str()).is_some_and(|word| word == "blend");
-    if blend {
-        values.insert(Family::Scorer.as_str().to_owned(), "raw".into());
+    // Similarity alone, in versions without this setting.
+    values.entry("lookahead").or_insert(json!(0.0));
+    // One of them joined `raw` with `progress`, and like this one neither scored live nor was extended.
+    if values.get(Family::Scorer.as_str()).is_some_and(|word| word == "blend") {
+        values.insert(Family::Scorer.as_str().to_owned(), "progress".into());
     }
-    values.entry("lookahead").or_insert(json!(if blend { 0.5 } else { 0.0 }));
     used(Family::Scorer, flat(values))
 }
 

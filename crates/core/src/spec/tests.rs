@@ -79,11 +79,14 @@ fn specs_of_earlier_versions_are_read() {
     assert_eq!((Value::Object(score.scorer.settings), score.normaliser), (expected, NormaliserKind::MinMax));
     let first: ScoreSpec = serde_json::from_value(json!({"similarity": "last_l2"})).unwrap();
     assert_eq!((first.scorer.name.as_str(), &first.scorer.settings["similarity"]), ("ssdf", &json!("last_l2")));
-    for (scorer, lookahead) in [("raw", 0.0), ("blend", 0.5)] {
+    let of = |scorer: &str| -> ScoreSpec {
         let stored = json!({"scorer": scorer, "similarity": "segment_l2", "seed": 3, "progress_steps": 400});
-        let read: ScoreSpec = serde_json::from_value(stored).unwrap();
-        assert_eq!((read.scorer.name.as_str(), &read.scorer.settings["lookahead"]), ("raw", &json!(lookahead)));
-    }
+        serde_json::from_value(stored).unwrap()
+    };
+    assert_eq!(of("raw").scorer.settings["lookahead"], json!(0.0));
+    let blend = of("blend");
+    assert_eq!((blend.scorer.name.as_str(), &blend.scorer.settings["seed"]), ("progress", &json!(3)));
+    assert!(blend.needs_all_episodes(), "its runs neither score live nor are extended");
 }
 
 #[test]

@@ -27,7 +27,7 @@ const COLUMNS: &str = "
 | column | meaning |
 |---|---|
 | `gleaner.q` | quality of the segment that ends at the frame, from 0 to 1; 1 for experts |
-| `gleaner.w` | similarity that q was made from; 0 for experts |
+| `gleaner.w` | similarity to the nearest expert, on which q rests; 0 for experts |
 | `gleaner.weight` | weight in training: q of a kept frame, 1 for experts, 0 for a frame that is not kept |
 | `gleaner.match_episode`, `gleaner.match_step` | nearest expert: its `episode_index` and `frame_index`; -1 without a match |
 | `gleaner.step` | number of the frame in its recording |

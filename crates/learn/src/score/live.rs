@@ -137,8 +137,8 @@ impl LiveScorer {
     }
 
     /// The score of the newest segment of each history; one pass for all. Its last action must be set, because a
-    /// segment is scored by the executed actions. Where q depends on later steps, which are unknown, the segment's progress
-    /// counts as its similarity does.
+    /// segment is scored by the executed actions. Where q depends on later steps, which are unknown, it is
+    /// that of the similarity alone.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a history is empty, of another segment length, holds values that do not fit the

@@ -18,7 +18,7 @@ const NEIGHBOURS: usize = 10;
 const LEAST: f64 = 1e-3;
 
 /// w of every segment of `episode`, relative to the local scale of its match. `local` has one scale for each expert, in
-/// the order of match numbers, and step; without scales or matches the result is w itself.
+/// the given order, and step; without scales or matches the result is w itself.
 pub(super) fn relative(local: Option<&Vec<Vec<f64>>>, episode: &EpisodeScores) -> impl Iterator<Item = f64> {
     (0..episode.w.len()).map(move |at| match (local, episode.match_episode.get(at)) {
         (Some(local), Some(expert)) => episode.w[at] / local[*expert as usize][episode.match_step[at] as usize],

@@ -20,15 +20,16 @@ const OUTLIERS: f64 = 0.05;
 
 /// The measure of a run's segments.
 pub(super) struct Measure {
-    /// Per expert, in the order of match numbers, and step, the local scale; `None` if similarities are not scaled.
+    /// Per expert, in the given order, and step, the local scale; `None` if similarities are not scaled.
     local: Option<Vec<Vec<f64>>>,
     outlook: Option<Outlook>,
 }
 
-/// The scales of similarity and of progress.
+/// The scales of similarity and of progress, and that of both together.
 struct Outlook {
     near: Normaliser,
     ahead: Normaliser,
+    both: Normaliser,
     progress: Progress,
 }
 
@@ -38,7 +39,7 @@ struct Progress {
     delta: usize,
     /// The rise of p at each step of a mean expert.
     pace: f64,
-    /// The steps of every expert, in the order of match numbers.
+    /// The steps of every expert, in the given order.
     lengths: Vec<usize>,
 }
 
@@ -63,28 +64,39 @@ impl Measure {
         let share = |values: Vec<f64>| Normaliser::fit(NormaliserKind::Calibrated, values);
         let near = share(scores.iter().flat_map(|episode| alone.relative(episode)).collect());
         let ahead = share(scores.iter().flat_map(|episode| progress.gains(episode)).collect());
-        Self { outlook: Some(Outlook { near, ahead, progress }), ..alone }
+        let mut outlook = Outlook { near, ahead, both: share(Vec::new()), progress };
+        outlook.both = share(scores.iter().flat_map(|episode| outlook.of(alone.relative(episode), episode)).collect());
+        Self { outlook: Some(outlook), ..alone }
     }
 
     /// The measure of every segment of an episode, by the places of its matches.
     pub(super) fn of(&self, episode: &EpisodeScores) -> Vec<f64> {
         let relative = self.relative(episode);
-        let Some(Outlook { near, ahead, progress }) = &self.outlook else { return relative.collect() };
-        let both = relative.zip(progress.gains(episode));
-        both.map(|(w, gain)| blend(near.q(w).into(), ahead.q(gain).into())).collect()
+        match &self.outlook {
+            Some(outlook) => outlook.of(relative, episode),
+            None => relative.collect(),
+        }
     }
 
-    /// The measure of a segment whose later steps are unknown: its progress counts as its similarity does.
+    /// The measure of a segment whose later steps are unknown: the one that is as good among experts as its similarity is.
     pub(super) fn now(&self, w: f64, (expert, step): (usize, usize)) -> f64 {
         let relative = self.local.as_ref().map_or(w, |local| w / local[expert][step]);
-        self.outlook.as_ref().map_or(relative, |Outlook { near, .. }| {
-            let near = near.q(relative).into();
-            blend(near, near)
+        self.outlook.as_ref().map_or(relative, |outlook| match outlook.near.q(relative) {
+            0.0 => 0.0, // farther than every expert, as in `blend`
+            near => outlook.both.at_share(near),
         })
     }
 
     fn relative<'a>(&'a self, episode: &'a EpisodeScores) -> impl Iterator<Item = f64> + 'a {
         local::relative(self.local.as_ref(), episode)
+    }
+}
+
+impl Outlook {
+    /// The measure of every segment of an episode by its similarities, relative to the local scale, and its matches.
+    fn of(&self, relative: impl Iterator<Item = f64>, episode: &EpisodeScores) -> Vec<f64> {
+        let both = relative.zip(self.progress.gains(episode));
+        both.map(|(w, gain)| blend(self.near.q(w).into(), self.ahead.q(gain).into())).collect()
     }
 }
 

@@ -7,7 +7,7 @@ use gleaner_core::NormaliserKind;
 const QUANTILES: usize = 1001;
 
 /// q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1], frozen with a score run, so that later segments have the same scale. With a
-/// local scale ρ, w here is w / ρ.
+/// local scale ρ, w here is w / ρ, and with a lookahead it is the measure that joins it with progress.
 ///
 /// `minmax`: q = (w − lo) / (hi − lo), clamped to 0 … 1. `quantile`: the share of the run's imperfect segments with a
 /// smaller w. `calibrated`: the share of the run's expert segments, each compared with the other experts, with a w at
@@ -58,6 +58,17 @@ impl Normaliser {
         #[expect(clippy::cast_possible_truncation, reason = "between 0 and 1")]
         let q = q as f32;
         q
+    }
+
+    /// The similarity of this share, 0 … 1: the inverse of `q` for `quantile` and `calibrated`.
+    pub(super) fn at_share(&self, share: f32) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "about a thousand")]
+        let place = f64::from(share) * self.quantiles.len().saturating_sub(1) as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and a thousand")]
+        let below = place.floor() as usize;
+        let begin = self.quantiles.get(below).copied().unwrap_or(self.hi);
+        let next = self.quantiles.get(below + 1).copied().unwrap_or(begin);
+        begin + (next - begin) * place.fract()
     }
 
     /// The rank of `w` among the quantiles, 0 … 1, of which number `above` is the next one above. On a flat stretch it

@@ -172,8 +172,8 @@ fn facts(run: &ScoreRun, snapshot: &Snapshot) -> Markup {
                 Origin::Job { spec, .. } => {
                     @for (name, value) in settings::rows(&spec.scorer.settings) { dt { (name) } dd { (value) } }
                     dt { "Normaliser" }
-                    dd { (spec.normaliser.as_str()) "; with local scaling, " (format!("{:.3}", run.lo)) " is q = 0 and "
-                        (format!("{:.3}", run.hi)) " is q = 1" }
+                    dd { (spec.normaliser.as_str()) "; of what it is applied to, " (format!("{:.3}", run.lo))
+                        " is q = 0 and " (format!("{:.3}", run.hi)) " is q = 1" }
                 }
                 Origin::Import { source, .. } => { dt { "Source" } dd { (source) } }
             }

@@ -133,8 +133,8 @@ impl Report {
         let training = self.cell.train_spec(0).unwrap_or_default();
         let lambda = training.weighting.settings.get("lambda").unwrap_or(&Value::Null);
         let q = match self.cell.score_spec(0).unwrap_or_default().normaliser {
-            NormaliserKind::MinMax => "w from its lowest to its highest",
-            NormaliserKind::Quantile => "the share of segments with a lower w",
+            NormaliserKind::MinMax => "from the worst segment to the best",
+            NormaliserKind::Quantile => "the share of segments that are worse",
             NormaliserKind::Calibrated => "the share of expert steps that are at most as good",
         };
         line(

@@ -1,8 +1,8 @@
 //! The measure by similarity and progress, alone and in whole runs.
 
 use super::*;
-use crate::score::Scores;
-use crate::score::tests::{score_anew, spec_of};
+use crate::score::tests::{encoder, score_anew, spec_of};
+use crate::score::{Forgetful, LiveScorer, ScoreBase, ScoreInputs, Scores, extend_scores};
 use crate::toy;
 use crate::train::Silent;
 use gleaner_core::ScoreSpec;
@@ -55,38 +55,48 @@ fn an_episode_that_stands_still_has_half_the_measure_of_one_that_advances() {
     assert_eq!(advances, vec![1.0; 8], "to its very end");
     assert_eq!(stands[..6], [0.5; 6]);
     assert_eq!(stands[7], 1.0, "its recording ends, so nothing is known of what came next");
-    // Later steps are unknown, so both are as good as their similarity.
-    assert_eq!(measure.now(-1.0, (0, 3)), 1.0);
-    assert_eq!(measure.now(-2.0, (0, 3)), 0.0);
+    // Later steps are unknown, so the similarity decides.
+    assert_eq!([-1.0, -2.0].map(|w| measure.now(w, (0, 3))), [1.0, 0.0]);
     let without = Measure::new(None, (&experts, 0.0), &alone);
     assert_eq!((without.of(&alone[0]), without.now(-2.0, (0, 3))), (vec![-1.0; 8], -2.0));
 }
 
-fn run(lookahead: f64, normaliser: NormaliserKind) -> Scores {
-    let experts = toy::experts(5, 12);
+/// Experts of different lengths in another order than that of their ids, two failures, and an expert's copy.
+fn episodes() -> (Vec<Trajectory>, Vec<Trajectory>) {
+    let experts = [8, 14, 10, 12, 9].into_iter().zip(0..);
+    let experts = experts.map(|(steps, seed)| toy::episode(&format!("expert {}", 9 - seed), seed, steps, true));
+    let experts: Vec<Trajectory> = experts.collect();
     let mut frozen = experts[1].clone().changed(|arrays| {
         // The sixth step again and again.
-        let (frame, widths) = (arrays.frames.len() / 12, [arrays.proprioception.len() / 12, arrays.action.len() / 12]);
-        for step in 6..12 {
+        let (frame, widths) = (arrays.frames.len() / 14, [arrays.proprioception.len() / 14, arrays.action.len() / 14]);
+        for step in 6..14 {
             arrays.frames.copy_within(5 * frame..6 * frame, step * frame);
             arrays.proprioception.copy_within(5 * widths[0]..6 * widths[0], step * widths[0]);
             arrays.action.copy_within(5 * widths[1]..6 * widths[1], step * widths[1]);
         }
     });
     frozen.id = "frozen".into();
-    let spec = ScoreSpec { normaliser, ..spec_of("raw", &[("lookahead", lookahead.into())]) };
     let copy = Trajectory { id: "copy".into(), ..experts[1].clone() };
-    score_anew(&experts, &[frozen, copy], &spec, &mut Silent).unwrap()
+    (experts, vec![frozen, copy, toy::episode("failure", 50, 14, false)])
+}
+
+fn spec(lookahead: f64, normaliser: NormaliserKind) -> ScoreSpec {
+    ScoreSpec { normaliser, ..spec_of("raw", &[("lookahead", lookahead.into())]) }
+}
+
+fn run(spec: &ScoreSpec) -> Scores {
+    let (experts, imperfect) = episodes();
+    score_anew(&experts, &imperfect, spec, &mut Silent).unwrap()
 }
 
 #[test]
 fn later_steps_change_q_and_neither_w_nor_matches() {
-    let [with, without] = [0.5, 0.0].map(|lookahead| run(lookahead, NormaliserKind::Calibrated));
+    let [with, without] = [0.5, 0.0].map(|lookahead| run(&spec(lookahead, NormaliserKind::Calibrated)));
     for (with, without) in with.imperfect.iter().zip(&without.imperfect) {
         assert_eq!((&with.w, &with.match_step), (&without.w, &without.match_step));
     }
     // Both begin with the steps of an expert; one then stands still.
-    let mean = |scores: &Scores, episode: usize| scores.imperfect[episode].q[2..5].iter().sum::<f32>() / 3.0;
+    let mean = |scores: &Scores, episode: usize| scores.imperfect[episode].q[4..6].iter().sum::<f32>() / 2.0;
     assert_eq!([mean(&without, 0), mean(&without, 1)], [1.0, 1.0]);
     assert!(mean(&with, 0) < mean(&with, 1) - 0.1, "{} {}", mean(&with, 0), mean(&with, 1));
     let experts: Vec<f32> = with.experts.iter().flat_map(|expert| expert.q.clone()).collect();
@@ -95,8 +105,79 @@ fn later_steps_change_q_and_neither_w_nor_matches() {
 }
 
 #[test]
+fn progress_is_a_share_of_the_matched_expert_s_own_episode() {
+    let experts = [toy::episode("b", 1, 4, true), toy::episode("a", 2, 8, true)];
+    let alone = [scores("b", 1, vec![0, 2, 4, 6], -1.0), scores("a", 0, vec![0, 0, 1, 1, 2, 2, 3, 3], -1.0)];
+    let measure = Measure::new(None, (&experts, 0.34), &alone);
+    let progress = &measure.outlook.as_ref().unwrap().progress;
+    assert_eq!((progress.delta, &progress.lengths), (2, &vec![4, 8]));
+    assert_eq!(progress.gains(&alone[0])[..2], [0.5, 0.5], "four of eight steps");
+    assert_eq!(progress.gains(&alone[1])[..2], [0.25, 0.25], "one of four");
+}
+
+#[test]
 fn every_normaliser_applies_to_the_measure() {
-    let scores = run(0.5, NormaliserKind::MinMax);
-    assert!((0.0..=1.0).contains(&scores.normaliser.lo) && (0.0..=1.0).contains(&scores.normaliser.hi));
-    assert!(scores.imperfect.iter().any(|episode| episode.q.contains(&1.0)));
+    for kind in [NormaliserKind::MinMax, NormaliserKind::Quantile, NormaliserKind::Calibrated] {
+        let scores = run(&spec(0.5, kind));
+        let (lo, hi) = (scores.normaliser.lo, scores.normaliser.hi);
+        assert!((0.0..=1.0).contains(&lo) && (0.0..=1.0).contains(&hi) && lo < hi, "{kind:?}: {lo} {hi}");
+        let by_similarity = run(&spec(0.0, kind));
+        assert!(by_similarity.normaliser.hi <= 0.0, "{kind:?}: similarities are not shares");
+        assert_ne!(scores.imperfect[0].q, by_similarity.imperfect[0].q, "{kind:?}");
+    }
+}
+
+#[test]
+fn a_live_segment_is_as_good_among_experts_as_its_similarity() {
+    let (experts, _) = episodes();
+    let lone = run(&spec(0.0, NormaliserKind::Calibrated));
+    let whole = run(&spec(0.5, NormaliserKind::Calibrated));
+    // Unscaled, so that w alone decides.
+    let plain = Measure::new(None, (&experts, 0.5), &whole.experts);
+    let near = Normaliser::fit(NormaliserKind::Calibrated, lone.experts.iter().flat_map(|e| e.w.clone()).collect());
+    let both = Normaliser::fit(NormaliserKind::Calibrated, whole.experts.iter().flat_map(|e| plain.of(e)).collect());
+    let mut below = 0;
+    let all: Vec<f64> = lone.experts.iter().flat_map(|expert| expert.w.clone()).collect();
+    for w in &all {
+        let q = both.q(plain.now(*w, (0, 0)));
+        assert!((q - near.q(*w)).abs() < 0.02, "{w}: {q} {}", near.q(*w));
+        below += usize::from(q < 0.2);
+    }
+    assert!((all.len() / 5).abs_diff(below) <= 2, "a fifth of the experts: {below} of {}", all.len());
+}
+
+#[test]
+fn one_expert_has_no_shares() {
+    let (experts, imperfect) = episodes();
+    let of = |lookahead: f64| {
+        let local = ("local_scale", false.into());
+        let spec = spec_of("raw", &[("lookahead", lookahead.into()), local]);
+        let spec = ScoreSpec { normaliser: NormaliserKind::MinMax, ..spec };
+        (score_anew(&experts[..1], &imperfect, &spec, &mut Silent).unwrap(), spec)
+    };
+    let (with, spec) = of(0.5);
+    assert_eq!(with, of(0.0).0);
+    let live = LiveScorer::load(&encoder(), &experts[..1], &spec, with.normaliser.clone()).unwrap();
+    assert_eq!(live.score_episode(&imperfect[2]).unwrap(), with.imperfect[2]);
+    let ids = vec![experts[0].id.clone()];
+    let base = ScoreBase { normaliser: with.normaliser, experts: ids, scores: with.imperfect };
+    let inputs = ScoreInputs { encoder: &encoder(), experts: &experts[..2], imperfect: &imperfect, kept: &Forgetful };
+    let message = extend_scores(inputs, &base, &spec, &mut Silent).unwrap_err().to_string();
+    assert!(message.starts_with("base.experts: "), "{message}");
+}
+
+#[test]
+fn experts_of_different_lengths_in_any_order_are_measured_alike() {
+    let (experts, imperfect) = episodes();
+    let spec = spec(0.5, NormaliserKind::Calibrated);
+    let whole = run(&spec);
+    let live = LiveScorer::load(&encoder(), &experts, &spec, whole.normaliser.clone()).unwrap();
+    for (place, episode) in imperfect.iter().enumerate().filter(|(_, episode)| episode.id != "copy") {
+        assert_eq!(live.score_episode(episode).unwrap(), whole.imperfect[place]);
+    }
+    let reversed: Vec<Trajectory> = experts.into_iter().rev().collect();
+    let other = score_anew(&reversed, &imperfect, &spec, &mut Silent).unwrap();
+    for (one, other) in whole.imperfect.iter().zip(&other.imperfect) {
+        assert_eq!(one.q, other.q);
+    }
 }
