@@ -39,7 +39,7 @@ pub fn spearman(one: &[f64], other: &[f64]) -> Option<f64> {
         of_one += (a - middle).powi(2);
         of_other += (b - middle).powi(2);
     }
-    (of_one > 0.0 && of_other > 0.0).then(|| (both / (of_one.sqrt() * of_other.sqrt())).clamp(-1.0, 1.0))
+    (of_one > 0.0 && of_other > 0.0).then(|| (both / (of_one * of_other).sqrt()).clamp(-1.0, 1.0))
 }
 
 /// The overlap of two selections of the same items: the share of the items in either that are in both (Jaccard). `None`
@@ -78,6 +78,14 @@ mod tests {
         near(spearman(&[1.0, 2.0, 3.0, 4.0], &[10.0, 30.0, 20.0, 40.0]), 0.8);
         // Ranks 1.5, 1.5, 3 and 1, 2, 3: covariance 1.5, variances 1.5 and 2.
         near(spearman(&[0.0, 0.0, 7.0], &[1.0, 2.0, 3.0]), 1.5 / 3.0_f64.sqrt());
+    }
+
+    #[test]
+    fn values_correlate_with_themselves_exactly() {
+        for count in 2u8..200 {
+            let values: Vec<f64> = (0..count).map(|at| f64::from(at % 7)).collect();
+            assert_eq!(spearman(&values, &values), Some(1.0), "{count}");
+        }
     }
 
     #[test]
