@@ -79,13 +79,11 @@ impl Standard {
         }
     }
 
-    /// Statistics per dimension of rows of `width` values, in two passes.
-    pub(crate) fn of_rows<'a>(rows: impl Iterator<Item = &'a [f32]> + Clone, width: usize, device: Device) -> Self {
+    /// Statistics per dimension of rows of `width` values.
+    pub(crate) fn of_rows<'a>(rows: impl Iterator<Item = &'a [f32]>, width: usize, device: Device) -> Self {
         let mut moments = Moments::new(width);
-        rows.clone().for_each(|row| moments.add(row));
-        let mut spread = moments.spread();
-        rows.for_each(|row| spread.add(row));
-        spread.standard(device)
+        rows.for_each(|row| moments.add(row));
+        moments.standard(device)
     }
 
     fn name_into(&self, prefix: &str, named: &mut Vec<(String, Tensor)>) {
@@ -111,7 +109,7 @@ impl Standard {
 }
 
 impl Statistics {
-    /// Measures a sample. Images are down-sampled to at most `target` a side for H_o.
+    /// Measures a sample, whose numbers are read once. Images are down-sampled to at most `target` a side for H_o.
     ///
     /// # Errors
     /// [`LearnError::Steps`].
@@ -127,11 +125,6 @@ impl Statistics {
             m.add(proprioception);
             a.add(action);
             held.add(action);
-        })?;
-        let (mut m, mut a) = (m.spread(), a.spread());
-        sample.each(&mut |proprioception, action| {
-            m.add(proprioception);
-            a.add(action);
         })?;
         Ok(Self {
             held: held.tensor(shape.action, device),
@@ -227,9 +220,46 @@ impl Statistics {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::Range;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use super::*;
     use crate::batch::{rows, values};
+    use crate::error::SourceError;
+    use crate::steps::{Numbers, StepSource, StepWidths};
     use crate::trajectory::Trajectory;
+
+    /// Steps that count how many of their numbers are read.
+    struct Counted(Arc<dyn StepSource>, AtomicUsize);
+
+    impl StepSource for Counted {
+        fn steps(&self) -> usize {
+            self.0.steps()
+        }
+
+        fn widths(&self) -> StepWidths {
+            self.0.widths()
+        }
+
+        fn numbers(&self, steps: Range<usize>) -> Result<Numbers, SourceError> {
+            self.1.fetch_add(steps.len(), Ordering::Relaxed);
+            self.0.numbers(steps)
+        }
+
+        fn frames(&self, steps: Range<usize>, frames: &mut [u8]) -> Result<(), SourceError> {
+            self.0.frames(steps, frames)
+        }
+    }
+
+    #[test]
+    fn numbers_of_each_step_are_read_once() {
+        let episode = crate::toy::episode("e", 1, 6, true);
+        let counted = Arc::new(Counted(episode.source, AtomicUsize::new(0)));
+        let episode = Trajectory { id: "e".to_owned(), source: Arc::<Counted>::clone(&counted) };
+        Statistics::measure(&crate::toy::shape(), &Sample::every(&[&episode]), 8, Device::Cpu).unwrap();
+        assert_eq!(counted.1.load(Ordering::Relaxed), 6);
+    }
 
     #[test]
     fn a_constant_dimension_is_centred_and_keeps_its_scale() {

@@ -1,49 +1,38 @@
-//! Sums over rows of numbers, row by row: means, then deviations from them, and values that never change.
+//! Means and deviations of rows of numbers, and values that never change, in one pass over the rows.
 
 use tch::{Device, Tensor};
 
 use super::Standard;
 
-/// The first pass: sums of each dimension.
+/// The mean of each dimension and the squared distances from it, updated row by row (Welford 1962): unlike sums of
+/// squares, they lose nothing where a mean is large beside its deviation.
 pub(super) struct Moments {
     count: f64,
-    sums: Vec<f64>,
-}
-
-/// The second pass: squared distances from the means.
-pub(super) struct Spread {
-    count: f64,
     mean: Vec<f64>,
-    variance: Vec<f64>,
+    squares: Vec<f64>,
 }
 
 impl Moments {
     pub(super) fn new(width: usize) -> Self {
-        Self { count: 0.0, sums: vec![0.0; width] }
+        Self { count: 0.0, mean: vec![0.0; width], squares: vec![0.0; width] }
     }
 
     pub(super) fn add(&mut self, row: &[f32]) {
         self.count += 1.0;
-        self.sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += f64::from(*value));
+        let part = self.count.recip();
+        for ((mean, squares), value) in self.mean.iter_mut().zip(&mut self.squares).zip(row) {
+            let value = f64::from(*value);
+            let before = value - *mean;
+            *mean += before * part;
+            *squares += before * (value - *mean);
+        }
     }
 
-    /// The second pass, over the same rows.
-    pub(super) fn spread(self) -> Spread {
-        let Self { count, sums: mut mean } = self;
-        mean.iter_mut().for_each(|sum| *sum /= count.max(1.0));
-        Spread { count, variance: vec![0.0; mean.len()], mean }
-    }
-}
-
-impl Spread {
-    pub(super) fn add(&mut self, row: &[f32]) {
-        let each = self.variance.iter_mut().zip(&self.mean).zip(row);
-        each.for_each(|((sum, mean), value)| *sum += (f64::from(*value) - mean).powi(2) / self.count);
-    }
-
+    /// The statistics of the rows so far.
     pub(super) fn standard(self, device: Device) -> Standard {
-        let [mean, variance] = [self.mean, self.variance].map(|values| Tensor::from_slice(&values));
-        Standard::new(&mean, &variance.sqrt(), &mean, device)
+        let [mean, squares] = [self.mean, self.squares].map(|values| Tensor::from_slice(&values));
+        let deviation = (squares / self.count.max(1.0)).sqrt();
+        Standard::new(&mean, &deviation, &mean, device)
     }
 }
 
@@ -69,5 +58,33 @@ impl Held {
         let each = (0..width).map(|at| if self.moves.get(at) == Some(&true) { (1f32, 0.0) } else { (0.0, value[at]) });
         let (moves, value): (Vec<f32>, Vec<f32>) = each.unzip();
         Tensor::from_slice2(&[moves, value]).to_device(device)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::values;
+
+    #[test]
+    fn one_pass_gives_what_two_give_even_far_from_zero() {
+        let rows: Vec<[f32; 3]> = (0..1000u16)
+            .map(|at| {
+                let value = f32::from(at.wrapping_mul(7919) % 1000);
+                [value, 1.0e6 + value / 8.0, -3.25]
+            })
+            .collect();
+        let mut moments = Moments::new(3);
+        rows.iter().for_each(|row| moments.add(row));
+        let standard = moments.standard(Device::Cpu);
+        let column = |at: usize| rows.iter().map(move |row| f64::from(row[at]));
+        for at in [0, 1] {
+            let mean = column(at).sum::<f64>() / 1000.0;
+            let deviation = (column(at).map(|value| (value - mean).powi(2)).sum::<f64>() / 1000.0).sqrt();
+            let found = [&standard.mean, &standard.deviation].map(|tensor| f64::from(values(tensor)[at]));
+            assert!((found[0] / mean - 1.0).abs() < 1e-7, "{found:?} {mean}");
+            assert!((found[1] / deviation - 1.0).abs() < 1e-6, "{found:?} {deviation}");
+        }
+        assert_eq!([&standard.mean, &standard.deviation].map(|tensor| values(tensor)[2]), [-3.25, 1.0]);
     }
 }
