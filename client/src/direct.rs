@@ -1,9 +1,8 @@
 //! Files straight from the server's bucket, by the URLs that the server signs. What fails here is read through the server
 //! instead, so nothing here is an error of the caller.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
-use std::time::Duration;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use futures::Stream;
@@ -15,6 +14,8 @@ use crate::error::{ClientError, Result};
 const CONNECT: Duration = Duration::from_secs(3);
 // Without a byte for so long, the server is asked instead.
 const SILENCE: Duration = Duration::from_secs(20);
+// For so long after a failure, the server is asked at once: a bucket of another network costs `CONNECT` each time.
+const REST: Duration = Duration::from_secs(300);
 
 /// The way to the bucket. Clones share it, and its connections.
 #[derive(Clone, Debug)]
@@ -22,22 +23,31 @@ pub(crate) struct Direct {
     /// Whether the connection to the server is encrypted: then what the bucket sends must be, too.
     is_encrypted: bool,
     http: Arc<OnceLock<Option<reqwest::Client>>>,
-    has_failed: Arc<AtomicBool>,
+    rest: Duration,
+    /// When something from the bucket failed last.
+    failed: Arc<Mutex<Option<Instant>>>,
 }
 
 impl Direct {
     pub(crate) fn new(is_encrypted: bool) -> Self {
-        Self { is_encrypted, http: Arc::default(), has_failed: Arc::default() }
+        Self { is_encrypted, http: Arc::default(), rest: REST, failed: Arc::default() }
     }
 
-    /// Whether the bucket is worth a try: nothing from it has failed yet.
+    /// The same with another time for which a bucket that failed is not asked.
+    #[cfg(test)]
+    pub(crate) fn resting(self, rest: Duration) -> Self {
+        Self { rest, ..self }
+    }
+
+    /// Whether the bucket is worth a try: nothing from it has failed lately.
     pub(crate) fn is_open(&self) -> bool {
-        !self.has_failed.load(Ordering::Relaxed)
+        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        failed.is_none_or(|failed| failed.elapsed() >= self.rest)
     }
 
-    /// Reads everything through the server from now on.
+    /// Reads everything through the server for a while.
     pub(crate) fn close(&self) {
-        self.has_failed.store(true, Ordering::Relaxed);
+        *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
     }
 
     /// The bytes at a URL.

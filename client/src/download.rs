@@ -9,6 +9,7 @@ use gleaner_proto::v1::{DownloadEpisodeRequest, Episode, GetEpisodeRequest};
 use tokio::io::AsyncWriteExt as _;
 
 use crate::connection::Client;
+use crate::direct::Direct;
 use crate::error::{ClientError, Result};
 
 impl Client {
@@ -27,41 +28,55 @@ impl Client {
             let pieces = self.episodes().download_episode(request).await?.into_inner();
             Ok(pieces.map(|piece| piece.map(|piece| Piece { data: piece.data, url: piece.url })))
         };
-        self.download(open, path, &episode.blake3, progress).await?;
+        let expected = Expected { blake3: &episode.blake3, size_bytes: episode.size_bytes };
+        download(self.direct(), open, path, &expected, progress).await?;
         Ok(episode)
     }
+}
 
-    /// Saves what `open` begins to download, given whether a URL is accepted: from the bucket where the server gives a URL
-    /// and the bucket can be reached, or else from the server.
-    pub(crate) async fn download<S>(
-        &self,
-        open: impl AsyncFn(bool) -> Result<S>,
-        path: &Path,
-        blake3: &str,
-        progress: impl Fn(u64),
-    ) -> Result<()>
-    where
-        S: Stream<Item = std::result::Result<Piece, tonic::Status>> + Unpin,
-    {
-        let mut pieces = open(self.direct().is_open()).await?;
-        let first = pieces.next().await.transpose()?;
-        if let Some(Piece { url, .. }) = first.as_ref().filter(|first| !first.url.is_empty()) {
-            match self.save_from_bucket(url, path, blake3, &progress).await {
-                Ok(()) => return Ok(()),
-                Err(error @ ClientError::Io { .. }) => return Err(error),
-                Err(_) => self.direct().close(),
-            }
-            pieces = open(false).await?;
-            return save(pieces.map(|piece| Ok(piece?.data)), path, blake3, progress).await;
+/// What a file must be.
+pub(crate) struct Expected<'a> {
+    pub(crate) blake3: &'a str,
+    /// More bytes than these are not read.
+    pub(crate) size_bytes: u64,
+}
+
+/// Saves what `open` begins to download, given whether a URL is accepted: from the bucket where the server gives a URL
+/// and the bucket can be reached, or else from the server.
+pub(crate) async fn download<S>(
+    direct: &Direct,
+    open: impl AsyncFn(bool) -> Result<S>,
+    path: &Path,
+    expected: &Expected<'_>,
+    progress: impl Fn(u64),
+) -> Result<()>
+where
+    S: Stream<Item = std::result::Result<Piece, tonic::Status>> + Unpin,
+{
+    let mut pieces = open(direct.is_open()).await?;
+    let first = pieces.next().await.transpose()?;
+    if let Some(Piece { url, .. }) = first.as_ref().filter(|first| !first.url.is_empty()) {
+        match save_from_bucket(direct, url, path, expected, &progress).await {
+            Ok(()) => return Ok(()),
+            Err(error @ ClientError::Io { .. }) => return Err(error),
+            Err(_) => direct.close(),
         }
-        let all = futures::stream::iter(first.map(Ok)).chain(pieces);
-        save(all.map(|piece| Ok(piece?.data)), path, blake3, progress).await
+        pieces = open(false).await?;
+        return save(pieces.map(|piece| Ok(piece?.data)), path, expected, progress).await;
     }
+    let all = futures::stream::iter(first.map(Ok)).chain(pieces);
+    save(all.map(|piece| Ok(piece?.data)), path, expected, progress).await
+}
 
-    async fn save_from_bucket(&self, url: &str, path: &Path, blake3: &str, progress: impl Fn(u64)) -> Result<()> {
-        let bytes = self.direct().get(url).await?;
-        save(std::pin::pin!(bytes), path, blake3, progress).await
-    }
+async fn save_from_bucket(
+    direct: &Direct,
+    url: &str,
+    path: &Path,
+    expected: &Expected<'_>,
+    progress: impl Fn(u64),
+) -> Result<()> {
+    let bytes = direct.get(url).await?;
+    save(std::pin::pin!(bytes), path, expected, progress).await
 }
 
 /// A message of a download: the next bytes, or the URL of all of them.
@@ -82,11 +97,11 @@ pub(crate) fn relative(name: &str) -> Result<&Path> {
     )))
 }
 
-/// Writes a stream of bytes to a file, which appears under its name once it is whole and has this digest.
+/// Writes a stream of bytes to a file, which appears under its name once it is whole and has the expected digest.
 pub(crate) async fn save(
     mut pieces: impl Stream<Item = Result<Bytes>> + Unpin,
     path: &Path,
-    blake3: &str,
+    expected: &Expected<'_>,
     progress: impl Fn(u64),
 ) -> Result<()> {
     let folder = match path.parent() {
@@ -105,51 +120,21 @@ pub(crate) async fn save(
     while let Some(piece) = pieces.next().await {
         let piece = piece?;
         hasher.update(&piece);
+        if hasher.count() > expected.size_bytes {
+            break;
+        }
         file.write_all(&piece).await.map_err(ClientError::io(path))?;
         progress(hasher.count());
     }
     file.sync_all().await.map_err(ClientError::io(path))?;
     let found = hasher.finalize().to_hex().to_string();
-    if found != blake3 {
+    if found != expected.blake3 {
         let what = path.display().to_string();
-        return Err(ClientError::Damaged { what, expected: blake3.to_owned(), found });
+        return Err(ClientError::Damaged { what, expected: expected.blake3.to_owned(), found });
     }
     part.persist(path).map_err(|error| ClientError::Io { path: path.to_owned(), source: error.error })?;
     Ok(())
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn pieces(parts: &[&'static str]) -> impl Stream<Item = Result<Bytes>> + Unpin {
-        futures::stream::iter(parts.iter().map(|part| Ok(Bytes::from(*part))).collect::<Vec<_>>())
-    }
-
-    #[tokio::test]
-    async fn a_complete_download_is_renamed_and_a_damaged_one_is_not() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("deep/er/a.mcap");
-        let digest = blake3::hash(b"hello world").to_hex().to_string();
-        save(pieces(&["hello ", "world"]), &path, &digest, |_| {}).await.unwrap();
-        assert_eq!(std::fs::read(&path).unwrap(), b"hello world");
-        // As readable as a file that is made in the plain way.
-        std::fs::write(folder.path().join("plain"), b"").unwrap();
-        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode();
-        assert_eq!(mode(&path), mode(&folder.path().join("plain")));
-        std::fs::remove_file(folder.path().join("plain")).unwrap();
-
-        let other = folder.path().join("b.mcap");
-        let error = save(pieces(&["hello ", "word"]), &other, &digest, |_| {}).await.unwrap_err();
-        assert!(matches!(error, ClientError::Damaged { .. }), "{error}");
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "only the folder of the first is left");
-    }
-
-    #[test]
-    fn names_outside_the_folder_are_rejected() {
-        for name in ["", "/etc/passwd", "../up", "a/../../up"] {
-            assert!(relative(name).is_err(), "{name}");
-        }
-        assert!(relative("a/b.mcap").is_ok());
-    }
-}
+mod tests;

@@ -13,7 +13,7 @@ use gleaner_proto::v1::{
 use gleaner_recording::{Kept, RecordingError, WholeEpisode};
 
 use crate::connection::Client;
-use crate::download::{Piece, relative};
+use crate::download::{Expected, Piece, download, relative};
 use crate::error::{ClientError, Result};
 
 impl Client {
@@ -56,7 +56,8 @@ impl Client {
                 let pieces = self.datasets().download_export_file(request).await?.into_inner();
                 Ok(pieces.map(|piece| piece.map(|piece| Piece { data: piece.data, url: piece.url })))
             };
-            self.download(open, &path, &file.blake3, |bytes| progress(before + bytes)).await?;
+            let expected = Expected { blake3: &file.blake3, size_bytes: file.size_bytes };
+            download(self.direct(), open, &path, &expected, |bytes| progress(before + bytes)).await?;
             before += file.size_bytes;
         }
         // An empty folder of that name is replaced.

@@ -12,11 +12,18 @@ import pytest
 from blake3 import blake3
 
 import gleaner
-from gleaner._download import Downloads, Reply
+from gleaner._download import Downloads, Expected, Reply, save
 
 FILE = bytes(range(256)) * 10_000
-DIGEST = blake3(FILE).hexdigest()
-PATHS = {"/whole": FILE, "/altered": FILE[:-1] + b"?", "/short": FILE[:100]}
+PATHS = {"/whole": FILE, "/altered": FILE[:-1] + b"?", "/short": FILE[:100], "/long": FILE * 4}
+
+
+def expected(file: bytes) -> Expected:
+    """What a file with these bytes must be."""
+    return SimpleNamespace(blake3=blake3(file).hexdigest(), size_bytes=len(file))
+
+
+EXPECTED = expected(FILE)
 
 
 class Bucket(BaseHTTPRequestHandler):
@@ -61,40 +68,54 @@ class Sender:
 def test_file_comes_from_its_url(bucket: str, tmp_path: Path) -> None:
     sender, downloads = Sender(f"{bucket}/whole", b"not sent"), Downloads()
     for name in ("a", "b"):
-        assert downloads.save(sender, tmp_path / name, DIGEST).read_bytes() == FILE
+        assert downloads.save(sender, tmp_path / name, EXPECTED).read_bytes() == FILE
     assert sender.asked == [True, True]
 
 
-@pytest.mark.parametrize("path", ["/altered", "/short", "/absent", "/elsewhere"])
+@pytest.mark.parametrize("path", ["/altered", "/short", "/long", "/absent", "/elsewhere"])
 def test_file_that_its_url_does_not_give_comes_from_the_server(bucket: str, tmp_path: Path, path: str) -> None:
     sender, downloads = Sender(bucket + path), Downloads()
     for name in ("a", "b"):
-        assert downloads.save(sender, tmp_path / name, DIGEST).read_bytes() == FILE
-    assert sender.asked == [True, False, False], "a bucket that has failed is not asked again"
+        assert downloads.save(sender, tmp_path / name, EXPECTED).read_bytes() == FILE
+    assert sender.asked == [True, False, False], "a bucket that failed just now is not asked"
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a", "b"]
+
+
+def test_bucket_that_failed_is_asked_again_after_a_rest(bucket: str, tmp_path: Path) -> None:
+    downloads, failing, whole = Downloads(rest=0), Sender(f"{bucket}/absent"), Sender(f"{bucket}/whole", b"not sent")
+    for sender in (failing, whole):
+        assert downloads.save(sender, tmp_path / "a", EXPECTED).read_bytes() == FILE
+    assert (failing.asked, whole.asked) == ([True, False], [True])
+
+
+def test_more_bytes_than_a_file_has_are_not_read(tmp_path: Path) -> None:
+    endless = iter(lambda: b"x" * 1000, None)
+    with pytest.raises(gleaner.Damaged):
+        save(endless, tmp_path / "a", expected(b"y" * 2500))
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("url", ["http://127.0.0.1:1/x", f"file://{__file__}", "http://[", "nonsense"])
 def test_unusable_url_is_no_error(tmp_path: Path, url: str) -> None:
-    assert Downloads().save(Sender(url), tmp_path / "a", DIGEST).read_bytes() == FILE
+    assert Downloads().save(Sender(url), tmp_path / "a", EXPECTED).read_bytes() == FILE
 
 
 def test_bucket_without_encryption_is_not_asked_behind_a_server_with_it(bucket: str, tmp_path: Path) -> None:
     sender = Sender(f"{bucket}/whole")
-    assert Downloads(encrypted=True).save(sender, tmp_path / "a", DIGEST).read_bytes() == FILE
+    assert Downloads(encrypted=True).save(sender, tmp_path / "a", EXPECTED).read_bytes() == FILE
     assert sender.asked == [True, False]
 
 
 def test_server_without_a_bucket_sends_the_bytes(tmp_path: Path) -> None:
     sender = Sender("")
-    assert Downloads().save(sender, tmp_path / "a", DIGEST).read_bytes() == FILE
-    assert Downloads().save(Sender("", b""), tmp_path / "b", blake3(b"").hexdigest()).read_bytes() == b""
+    assert Downloads().save(sender, tmp_path / "a", EXPECTED).read_bytes() == FILE
+    assert Downloads().save(Sender("", b""), tmp_path / "b", expected(b"")).read_bytes() == b""
     with pytest.raises(gleaner.Damaged):
-        Downloads().save(Sender("", b"other"), tmp_path / "c", DIGEST)
+        Downloads().save(Sender("", b"other"), tmp_path / "c", EXPECTED)
     assert sender.asked == [True]
 
 
 def test_damage_at_both_is_an_error(bucket: str, tmp_path: Path) -> None:
     with pytest.raises(gleaner.Damaged):
-        Downloads().save(Sender(f"{bucket}/altered", b"other"), tmp_path / "a", DIGEST)
+        Downloads().save(Sender(f"{bucket}/altered", b"other"), tmp_path / "a", EXPECTED)
     assert list(tmp_path.iterdir()) == []

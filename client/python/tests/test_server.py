@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -281,7 +282,7 @@ def test_export_is_downloaded_completely(client: gleaner.Client, lab: Lab, tmp_p
 
 def test_damaged_download_is_removed(tmp_path: Path) -> None:
     with pytest.raises(gleaner.Damaged, match="download it again"):
-        save([b"some", b"thing"], tmp_path / "x.mcap", "0" * 64)
+        save([b"some", b"thing"], tmp_path / "x.mcap", SimpleNamespace(blake3="0" * 64, size_bytes=9))
     assert list(tmp_path.iterdir()) == []
     assert inside(tmp_path, "../..", "y") == tmp_path / "y"
     assert inside(tmp_path, "../../etc/passwd", "y") == tmp_path / "passwd"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from http import HTTPStatus
@@ -18,6 +20,8 @@ from gleaner.errors import Damaged
 # Seconds without a byte from the bucket after which the server is asked.
 _SILENCE = 10.0
 _PIECE = 1 << 20
+# Seconds after a failure for which the server is asked at once: a bucket of another network costs a silence each time.
+_REST = 300.0
 
 
 class Reply(Protocol):
@@ -27,16 +31,24 @@ class Reply(Protocol):
     url: str
 
 
+class Expected(Protocol):
+    """What a file must be: an episode, or a file of an export."""
+
+    blake3: str  # hex
+    size_bytes: int  # more bytes are not read
+
+
 class Downloads:
     """Files of one server: from its bucket where it gives a URL and the bucket can be reached, or else through it."""
 
-    def __init__(self, *, encrypted: bool = False) -> None:
+    def __init__(self, *, encrypted: bool = False, rest: float = _REST) -> None:
         """`encrypted`: the server is reached by TLS, so that what its bucket sends must be encrypted too."""
-        self._accept_url, self._schemes = True, ("https://",) if encrypted else ("http://", "https://")
+        self._schemes = ("https://",) if encrypted else ("http://", "https://")
+        self._rest, self._closed_until = rest, -math.inf
 
-    def save(self, start: Callable[[bool], Iterable[Reply]], path: Path, expected: str) -> Path:
+    def save(self, start: Callable[[bool], Iterable[Reply]], path: Path, expected: Expected) -> Path:
         """Saves what `start` begins to download, given whether a URL is accepted. Raises `Damaged`, as `save` does."""
-        replies = iter(start(self._accept_url))
+        replies = iter(start(time.monotonic() >= self._closed_until))
         first = next(replies, None)
         if first is None:
             return save((), path, expected)
@@ -44,7 +56,7 @@ class Downloads:
             return save((reply.data for reply in chain((first,), replies)), path, expected)
         with suppress(_Unread, Damaged):
             return save(_pieces(first.url, self._schemes), path, expected)
-        self._accept_url = False
+        self._closed_until = time.monotonic() + self._rest
         return save((reply.data for reply in start(False)), path, expected)
 
 
@@ -90,18 +102,22 @@ def below(folder: Path, name: str) -> Path:
     return folder.joinpath(*parts)
 
 
-def save(pieces: Iterable[bytes], path: Path, expected: str) -> Path:
-    """Writes the pieces to a file. Raises `Damaged` when their BLAKE3 (hex) is not the expected one."""
-    part = path.with_name(f"{path.name}.{expected[:16]}.part")
+def save(pieces: Iterable[bytes], path: Path, expected: Expected) -> Path:
+    """Writes the pieces to a file. Raises `Damaged` when their BLAKE3 is not the expected one."""
+    part, left = path.with_name(f"{path.name}.{expected.blake3[:16]}.part"), expected.size_bytes
     hasher = blake3()
     try:
         with part.open("wb") as file:
             for piece in pieces:
                 hasher.update(piece)
+                left -= len(piece)
+                if left < 0:
+                    break
                 file.write(piece)
         found = hasher.hexdigest()
-        if found != expected:
-            raise Damaged(f"{path}: expected BLAKE3 {expected}, got {found}; the file is damaged, download it again")
+        if found != expected.blake3:
+            wanted = f"expected BLAKE3 {expected.blake3}, got {found}"
+            raise Damaged(f"{path}: {wanted}; the file is damaged, download it again")
         part.replace(path)
     finally:
         with suppress(FileNotFoundError):

@@ -146,7 +146,7 @@ class Datasets:
 
         path = below(folder, file.name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        return self._downloads.save(start, path, file.blake3)
+        return self._downloads.save(start, path, file)
 
     def list(self, task: str) -> list[Dataset]:
         """A task's datasets, newest first."""

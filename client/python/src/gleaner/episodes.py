@@ -121,7 +121,7 @@ class Episodes:
             request = pb.DownloadEpisodeRequest(episode_id=episode_id, accept_url=accept_url)
             return self._rpc.stream("EpisodeService/DownloadEpisode", request, pb.DownloadEpisodeResponse)
 
-        return self._downloads.save(start, path, episode.blake3)
+        return self._downloads.save(start, path, episode)
 
     def list(
         self, task: str, *, outcome: str | None = None, cohort: str = "", deleted: bool = False
