@@ -20,8 +20,8 @@ class Observation:
 
     images: Mapping[str, NDArray[np.uint8] | bytes]  # camera → height × width × RGB, or JPEG or PNG bytes
     # The task's fields, one after the other, in physical units; or field → values, whose names are checked. Values of a
-    # field whose mapping names them, such as joints, may be name → value.
-    proprioception: ArrayLike | Mapping[str, ArrayLike | Mapping[str, float]]
+    # field whose mapping names them, such as joints, may be name → value; with several paths, path → name → value.
+    proprioception: ArrayLike | Mapping[str, ArrayLike | Mapping[str, Any]]
     depth: Mapping[str, NDArray[np.uint16] | bytes] = field(default_factory=dict)  # camera → height × width mm, or PNG
     stamp_ns: int | None = None  # None: from the start of the episode, by the control period
     executed_action: ArrayLike | None = None  # executed since the previous step; None: the policy's action
@@ -78,19 +78,50 @@ def _proprioception(given: ArrayLike | Mapping[str, Any], spec: TaskSpec) -> NDA
     for one in spec.proprioception:
         path, values = f"proprioception.{one.name}", given[one.name]
         if isinstance(values, Mapping):
-            sources = [source for mapping in spec.mappings for source in mapping.fields if source.field == one.name]
-            values = _by_name(path, values, [list(source.names) for source in sources if source.names])
+            values = _by_name(path, values, _names(one, spec))
         parts.append(vector(path, values, one.size))
     return np.concatenate(parts) if parts else np.empty(0, np.float32)
 
 
-def _by_name(path: str, values: Mapping[str, float], orders: Sequence[list[str]]) -> list[float]:
+def _names(one: FieldSpec, spec: TaskSpec) -> list[_Names]:
+    """The names of a field's values in each mapping that has them."""
+    sources = [source for mapping in spec.mappings for source in mapping.fields if source.field == one.name]
+    return [_Names(list(source.paths), list(source.names)) for source in sources if source.names]
+
+
+@dataclass(frozen=True)
+class _Names:
+    """What a mapping calls the values of a field: for each path, each name."""
+
+    paths: list[str]
+    names: list[str]
+
+    def are_those_of(self, values: Mapping[str, Any]) -> bool:
+        """Whether values are given by these names, in any order."""
+        return set(self.paths if len(self.paths) > 1 else self.names) == set(values)
+
+    def ordered(self, path: str, values: Mapping[str, Any]) -> list[float]:
+        """The values in the order of the task."""
+        if len(self.paths) == 1:
+            return self._of_path(path, values)
+        _check_names(path, values, self.paths)
+        return [value for inner in self.paths for value in self._of_path(f"{path}.{inner}", values[inner])]
+
+    def _of_path(self, path: str, values: Any) -> list[float]:
+        if not isinstance(values, Mapping):
+            return list(vector(path, values, len(self.names)))
+        _check_names(path, values, self.names)
+        return [values[name] for name in self.names]
+
+
+def _by_name(path: str, values: Mapping[str, Any], known: Sequence[_Names]) -> list[float]:
     # Mappings may name the values of a field differently, each in the order of the task.
-    if not orders:
+    if not known:
         raise invalid(path, "no mapping of the task names its values; send them in the order of the task")
-    order = next((names for names in orders if set(names) == set(values)), orders[0])
-    _check_names(path, values, order)
-    return [values[name] for name in order]
+    fitting = [names for names in known if names.are_those_of(values)]
+    if any(names != fitting[0] for names in fitting):
+        raise invalid(path, "the mappings of the task name these values in different orders; send them without names")
+    return (fitting or known)[0].ordered(path, values)
 
 
 def _check_names(path: str, given: Mapping[str, Any], names: Sequence[str]) -> None:
