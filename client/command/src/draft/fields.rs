@@ -4,9 +4,9 @@
 
 use gleaner_recording::{FieldSource, FieldSpec, ValueRange};
 
+use super::actions::Actions;
 use super::candidate::{Candidate, LeftOut, Order};
-use super::measured::meaning;
-use super::tokens::{self, Command};
+use super::tokens;
 use super::way::Way;
 
 /// Likeness of names and ranges together, from 0 to 2, from which two candidates are the same numbers.
@@ -41,28 +41,18 @@ struct Like {
     fits: bool,
 }
 
-/// Whether a candidate is a command.
-pub(super) type IsAction<'a> = &'a dyn Fn(&Candidate) -> bool;
-
-/// What is an action: what the caller named, else topics and paths with a word of commands.
-pub(super) fn certain(candidates: &[Vec<Candidate>]) -> Command {
-    // A way without a certain command has its commands by weaker words.
-    let strongest = |of_way: &Vec<Candidate>| of_way.iter().map(|candidate| candidate.command).max();
-    candidates.iter().filter_map(strongest).min().unwrap_or(Command::No)
-}
-
 /// The fields that all ways have: those of the first way, each with its like in the others.
 pub(super) fn fields(
     ways: &[Way],
     mut candidates: Vec<Vec<Candidate>>,
-    is_action: IsAction<'_>,
+    actions: &Actions<'_>,
     left_out: &mut Vec<LeftOut>,
 ) -> Vec<Field> {
     let Some(first) = candidates.first_mut().map(std::mem::take) else { return Vec::new() };
     // The likest pair of all comes first, so that a field does not lose its like to one before it.
     let mut matched: Vec<Vec<Option<Like>>> = Vec::new();
     for others in candidates.iter_mut().skip(1) {
-        matched.push(pairs(&first, others, is_action));
+        matched.push(pairs(&first, others, actions));
     }
     let mut fields: Vec<Field> = Vec::new();
     for (at, candidate) in first.iter().enumerate() {
@@ -73,7 +63,7 @@ pub(super) fn fields(
             continue;
         }
         let name = unique(candidate, &fields);
-        fields.push(field(name, candidate, &alike, is_action(candidate), ways));
+        fields.push(field(name, candidate, &alike, actions, ways));
     }
     for (way, rest) in ways.iter().zip(&candidates).skip(1) {
         left_out.extend(rest.iter().map(|candidate| LeftOut {
@@ -85,10 +75,10 @@ pub(super) fn fields(
 }
 
 /// For each candidate the like of another way, taken from there, with the orders in which both agree best.
-fn pairs(first: &[Candidate], others: &mut Vec<Candidate>, is_action: IsAction<'_>) -> Vec<Option<Like>> {
+fn pairs(first: &[Candidate], others: &mut Vec<Candidate>, actions: &Actions<'_>) -> Vec<Option<Like>> {
     let mut scored = Vec::new();
     for (at, one) in first.iter().enumerate() {
-        for (number, other) in others.iter().enumerate().filter(|(_, other)| is_action(one) == is_action(other)) {
+        for (number, other) in others.iter().enumerate().filter(|(_, other)| actions.has(one) == actions.has(other)) {
             if let Some((fit, own, its)) = best_orders(one, other) {
                 let names = tokens::likeness(&one.name, &other.name).max(tokens::likeness(&one.topic, &other.topic));
                 scored.push((names + fit, at, number, own, its, fit >= FITS));
@@ -167,7 +157,8 @@ fn unique(candidate: &Candidate, fields: &[Field]) -> String {
         .unwrap_or(own)
 }
 
-fn field(name: String, first: &Candidate, alike: &[Like], action: bool, ways: &[Way]) -> Field {
+fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>, ways: &[Way]) -> Field {
+    let action = actions.has(first);
     let own = alike.first().map_or(0, |like| like.own);
     let order = &first.orders[own];
     let mut reasons = Vec::new();
@@ -181,7 +172,7 @@ fn field(name: String, first: &Candidate, alike: &[Like], action: bool, ways: &[
     };
     let mut sources = vec![source(first, order)];
     reasons.push(format!("{} {}{}.", first.topic, shown_paths(order), shown_order(first, own)));
-    reasons.push(role(first, action));
+    reasons.push(actions.reason(first));
     for (Like { candidate, its, fits, .. }, way) in alike.iter().zip(ways.iter().skip(1)) {
         let reason = if *fits { "its ranges fit" } else { "but its ranges do not fit, so compare their meaning" };
         let theirs = &candidate.orders[*its];
@@ -212,23 +203,6 @@ fn field(name: String, first: &Candidate, alike: &[Like], action: bool, ways: &[
     }
     let stamped = std::iter::once(first.stamped).chain(alike.iter().map(|like| like.candidate.stamped));
     Field { spec, action, open: !action && first.open, stamped: stamped.collect(), sources, reasons }
-}
-
-/// Why a candidate is an action or proprioception.
-fn role(candidate: &Candidate, action: bool) -> String {
-    let Candidate { name, topic, path, beside, .. } = candidate;
-    if action {
-        return match beside {
-            Some(command) => format!("An action, because {command} of the same topic is one."),
-            None => "An action, by its name or its topic.".to_owned(),
-        };
-    }
-    match [path, name, topic].into_iter().find_map(|name| meaning(name)) {
-        Some(meaning) => format!("Proprioception, because it is named like {meaning}."),
-        None => {
-            "Proprioception, because it is not named like a command; remove it if a robot cannot send it.".to_owned()
-        }
-    }
 }
 
 /// Which numbers of an action never change.

@@ -2,6 +2,7 @@
 //!
 //! Pure code: it reads no recording and knows no server.
 
+mod actions;
 mod cameras;
 mod candidate;
 mod fields;
@@ -18,10 +19,10 @@ use gleaner_recording::{Mapping, Survey, TaskSpec};
 
 pub(crate) use intake::of_description;
 
+use actions::Actions;
 use cameras::Camera;
 use candidate::{Candidate, LeftOut};
 use fields::Field;
-use tokens::Command;
 use way::{Way, WayTopic};
 
 /// Commands faster than the slowest camera by more than this are sampled at its rate.
@@ -65,17 +66,13 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
             return Err(format!("--action {topic}: no recording has numbers on this topic; {}", topics(&candidates)));
         }
     }
-    let least = fields::certain(&candidates);
-    let is_action = |candidate: &Candidate| match known.action.as_slice() {
-        [] => least > Command::No && candidate.command >= least,
-        named => named.contains(&candidate.topic),
-    };
-    if !candidates.iter().all(|of_way| of_way.iter().any(&is_action)) {
+    let actions = Actions { named: &known.action, least: actions::certain(&candidates) };
+    if !candidates.iter().all(|of_way| of_way.iter().any(|candidate| actions.has(candidate))) {
         let problem = "no topic of every recording looks like the commands of the robot";
         return Err(format!("{problem}; name them with --action TOPIC: {}", topics(&candidates)));
     }
     let cameras = cameras::cameras(&ways, &mut left_out);
-    let fields = fields::fields(&ways, candidates, &is_action, &mut left_out);
+    let fields = fields::fields(&ways, candidates, &actions, &mut left_out);
     if !fields.iter().any(|field| field.action) {
         let problem = "the recordings have no commands in common: draft a task from recordings of one kind, and add the \
                        mapping of the other by hand";

@@ -1,0 +1,85 @@
+//! Actions: which candidates are the commands of the task, and the reasons for the roles of all.
+//!
+//! Works on candidates alone.
+
+use super::candidate::Candidate;
+use super::measured::meaning;
+use super::tokens::Command;
+
+/// How commands are told from observations.
+pub(super) struct Actions<'a> {
+    /// The topics that the caller named; empty: candidates are judged by their own words.
+    pub(super) named: &'a [String],
+    /// The least certain command that is an action, where nothing was named.
+    pub(super) least: Command,
+}
+
+impl Actions<'_> {
+    /// Whether a candidate is a command.
+    pub(super) fn has(&self, candidate: &Candidate) -> bool {
+        match self.named {
+            [] => self.least > Command::No && candidate.command >= self.least,
+            named => named.contains(&candidate.topic),
+        }
+    }
+
+    /// Why a candidate is an action or proprioception.
+    pub(super) fn reason(&self, candidate: &Candidate) -> String {
+        let Candidate { name, topic, path, beside, command, .. } = candidate;
+        let named = !self.named.is_empty();
+        if self.has(candidate) {
+            return match beside {
+                _ if named => "An action, because `--action` names its topic.".to_owned(),
+                Some(command) => format!("An action, because {command} of the same topic is one."),
+                None => "An action, by its name or its topic.".to_owned(),
+            };
+        }
+        if named && *command > Command::No {
+            return "Proprioception, because `--action` names other topics, although it is named like a command; remove it \
+                    if a robot cannot send it."
+                .to_owned();
+        }
+        match [path, name, topic].into_iter().find_map(|name| meaning(name)) {
+            Some(meaning) => format!("Proprioception, because it is named like {meaning}."),
+            None => "Proprioception, because it is not named like a command; remove it if a robot cannot send it."
+                .to_owned(),
+        }
+    }
+}
+
+/// The least certain command that is an action: every way has commands that are as certain.
+pub(super) fn certain(candidates: &[Vec<Candidate>]) -> Command {
+    // A way without a certain command has its commands by weaker words.
+    let strongest = |of_way: &Vec<Candidate>| of_way.iter().map(|candidate| candidate.command).max();
+    candidates.iter().filter_map(strongest).min().unwrap_or(Command::No)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn candidate(topic: &str, path: &str, command: Command) -> Candidate {
+        let (name, topic, path) = (path.to_owned(), topic.to_owned(), path.to_owned());
+        let (orders, values) = (Vec::new(), Vec::new());
+        Candidate { name, topic, path, stamped: false, command, beside: None, open: false, orders, values }
+    }
+
+    #[test]
+    fn reason_is_that_of_the_caller_where_topics_are_named() {
+        let named = ["/teleop".to_owned()];
+        let actions = Actions { named: &named, least: Command::Yes };
+        let of = |topic, path, command| actions.reason(&candidate(topic, path, command));
+        assert_eq!(of("/teleop", "target", Command::Yes), "An action, because `--action` names its topic.");
+        assert_eq!(of("/teleop", "x", Command::No), "An action, because `--action` names its topic.");
+        assert!(
+            of("/cmd", "target", Command::Yes).starts_with("Proprioception, because `--action` names other topics")
+        );
+        assert_eq!(
+            of("/state", "joint_position", Command::No),
+            "Proprioception, because it is named like joint positions."
+        );
+        let guessed = Actions { named: &[], least: Command::Yes };
+        let action = guessed.reason(&candidate("/cmd", "target", Command::Yes));
+        assert_eq!(action, "An action, by its name or its topic.");
+    }
+}
