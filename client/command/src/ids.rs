@@ -1,5 +1,5 @@
-//! Ids as people give them: a unique beginning, `latest`, for a policy the name of a deployment, and for an episode the
-//! file name of its recording.
+//! Ids as people give them: a unique beginning, `latest`, for a policy the name of a deployment, and for an episode, deleted
+//! or not, the file name of its recording.
 //!
 //! The arguments of the process are completed before a command sees them, so that every command takes full ids only. An
 //! id that nothing begins with is left as it is, and the server rejects it by name.
@@ -75,8 +75,9 @@ pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
             let kind = if kind == Kind::Encoder && text.starts_with("snap_") { Kind::Snapshot } else { kind };
             let rest = text.strip_prefix(kind.prefix());
             let begins = rest.is_some_and(|rest| rest.len() < ULID);
-            // What is deleted is named by its id.
-            let file = kind == Kind::Episode && command != "delete" && rest.is_none_or(|rest| rest.len() != ULID);
+            // What is to be deleted is named by its id.
+            let recording = matches!(kind, Kind::Episode | Kind::Deleted) && command != "delete";
+            let file = recording && !rest.is_some_and(is_ulid);
             let named = file || (kind == Kind::Policy && text.contains('@'));
             if begins || named || text == LATEST {
                 found.push(Given { index, kind, text: text.to_owned() });
@@ -99,15 +100,18 @@ pub(crate) async fn complete(
 ) -> Result<Vec<OsString>> {
     let client = context.client().await?;
     let (mut full, task) = (Vec::with_capacity(given.len()), task.as_deref());
-    let episodes = match given.iter().any(|given| given.kind == Kind::Episode) {
-        true => listed::episodes(&client, task, false).await?,
-        false => Vec::new(),
-    };
+    let mut episodes = None;
     for Given { kind, text, .. } in &given {
-        let id = if *kind == Kind::Episode {
-            file_name::choose(text, &episodes)
-        } else {
-            choose(*kind, text, &listed::ids(&client, *kind, task, text).await?)
+        let id = match kind {
+            Kind::Episode | Kind::Deleted => {
+                // A command names episodes of one kind.
+                let listed = match episodes.take() {
+                    Some(listed) => listed,
+                    None => listed::episodes(&client, task, *kind == Kind::Deleted).await?,
+                };
+                file_name::choose(*kind, text, episodes.insert(listed))
+            }
+            _ => choose(*kind, text, &listed::ids(&client, *kind, task, text).await?),
         };
         let id = id.map_err(Failure::message)?;
         if let (Some(id), LATEST) = (&id, text.as_str()) {
@@ -170,6 +174,12 @@ fn choose(kind: Kind, text: &str, ids: &[String]) -> std::result::Result<Option<
     }
 }
 
+/// Whether this can be what follows the prefix of an id.
+fn is_ulid(rest: &str) -> bool {
+    rest.len() == ULID
+        && rest.bytes().all(|byte| byte.is_ascii_digit() || (byte.is_ascii_uppercase() && !b"ILOU".contains(&byte)))
+}
+
 /// The words of a command line with the given texts replaced in their order.
 fn replaced(words: Vec<OsString>, given: &[Given], full: &[String]) -> Vec<OsString> {
     let mut rest = given.iter().zip(full).peekable();
@@ -206,6 +216,12 @@ mod tests {
         assert_eq!(found("gleaner deploy a@b --policy=c@d"), [(Kind::Policy, "c@d".into())]);
         assert_eq!(found(&format!("gleaner scores {full} dir/a.mcap")), [(Kind::Episode, "dir/a.mcap".into())]);
         assert_eq!(found(&full.replace("run_", "gleaner episode ep_")), []);
+        assert_eq!(found(&full.replace("run_", "gleaner restore ep_")), []);
+        assert_eq!(found("gleaner restore a.mcap"), [(Kind::Deleted, "a.mcap".into())]);
+        assert_eq!(found("gleaner delete a.mcap"), []);
+        // As long as an id, and none.
+        let name = "ep_of_the_second_afternoon_01";
+        assert_eq!(found(&format!("gleaner episode {name}")), [(Kind::Episode, name.into())]);
         assert_eq!(found("gleaner dataset show latest"), [(Kind::Dataset, "latest".into())]);
         assert_eq!(found("gleaner compare-scorers snap_1"), [(Kind::Snapshot, "snap_1".into())]);
         assert_eq!(found("gleaner episodes --task latest"), []);

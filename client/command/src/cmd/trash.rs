@@ -30,7 +30,7 @@ impl DeleteArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct RestoreArgs {
-    /// Ids of the episodes; either all are restored or none.
+    /// Ids of the episodes, or the file names of their recordings; either all are restored or none.
     #[arg(required = true)]
     ids: Vec<String>,
 }

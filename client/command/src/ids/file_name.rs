@@ -4,7 +4,7 @@
 
 use gleaner_proto::v1::Episode;
 
-use super::{Kind, SHOWN};
+use super::{Kind, LATEST, SHOWN};
 use crate::words;
 
 /// A file name as people and episodes have it in common.
@@ -14,27 +14,33 @@ pub(crate) fn stem(name: &str) -> &str {
 
 /// The id of the episode that a text names: by its beginning, as the newest, or by the file name of its recording. `None`
 /// for the beginning of an id that no episode has, which the server rejects. A path is refused, because recordings in
-/// several folders often share a name.
-pub(super) fn choose(text: &str, episodes: &[Episode]) -> Result<Option<String>, String> {
+/// several folders often share a name. `kind` is that of episodes, or of deleted ones.
+pub(super) fn choose(kind: Kind, text: &str, episodes: &[Episode]) -> Result<Option<String>, String> {
     let ids: Vec<String> = episodes.iter().map(|episode| episode.id.clone()).collect();
-    if let Some(id) = super::choose(Kind::Episode, text, &ids)? {
-        return Ok(Some(id));
-    }
-    if text.contains('/') {
-        return Err(format!("{text}: give the file name without its folder, or an id; `gleaner episodes` lists both"));
-    }
     let name = stem(text);
     let named: Vec<&Episode> = episodes.iter().filter(|episode| stem(&episode.file_name) == name).collect();
+    match (super::choose(kind, text, &ids), named.as_slice()) {
+        (Ok(Some(id)), _) => return Ok(Some(id)),
+        // Several ids begin so, and one recording has just this name.
+        (Err(_), [one]) if text != LATEST => return Ok(Some(one.id.clone())),
+        (Err(problem), _) => return Err(problem),
+        (Ok(None), _) => {}
+    }
+    let lists = if kind == Kind::Deleted { "gleaner episodes --deleted" } else { "gleaner episodes" };
+    let noun = kind.words().0;
+    if text.contains('/') {
+        return Err(format!("{text}: give the file name without its folder, or an id; `{lists}` lists both"));
+    }
     match named.as_slice() {
-        [] if text.starts_with(Kind::Episode.prefix()) => Ok(None),
-        [] => Err(format!("{text}: no episode has this id or file name; `gleaner episodes` lists them")),
+        [] if text.starts_with(kind.prefix()) => Ok(None),
+        [] => Err(format!("{text}: no {noun} has this id or file name; `{lists}` lists them")),
         [one] => Ok(Some(one.id.clone())),
         many => {
             let shown = |episode: &&Episode| format!("{} ({})", episode.id, words::outcome(episode.outcome()));
             let ids: Vec<String> = many.iter().take(SHOWN).map(shown).collect();
             let more = if many.len() > SHOWN { ", …" } else { "" };
             let count = many.len();
-            Err(format!("{text}: {count} episodes have this file name: {}{more}; give an id", ids.join(", ")))
+            Err(format!("{text}: {count} {noun}s have this file name: {}{more}; give an id", ids.join(", ")))
         }
     }
 }
@@ -44,6 +50,10 @@ mod tests {
     use gleaner_proto::v1::Outcome;
 
     use super::*;
+
+    fn choose(text: &str, episodes: &[Episode]) -> Result<Option<String>, String> {
+        super::choose(Kind::Episode, text, episodes)
+    }
 
     fn episode(id: &str, file_name: &str) -> Episode {
         let outcome = Outcome::Failure.into();
@@ -56,6 +66,23 @@ mod tests {
         for (text, id) in [("ep_1", "ep_1"), ("latest", "ep_2"), ("ep_1.mcap", "ep_2")] {
             assert_eq!(choose(text, &episodes), Ok(Some(id.into())), "{text}");
         }
+    }
+
+    #[test]
+    fn a_file_name_is_found_although_several_ids_begin_so() {
+        let episodes = [episode("ep_01A", "ep_01.mcap"), episode("ep_01B", "b.mcap")];
+        assert_eq!(choose("ep_01", &episodes), Ok(Some("ep_01A".into())));
+        assert!(choose("ep_0", &episodes).unwrap_err().contains("2 ids begin so"));
+    }
+
+    #[test]
+    fn a_deleted_episode_is_named_by_its_file_name_too() {
+        let episodes = [episode("ep_1", "a.mcap"), episode("ep_2", "b.mcap"), episode("ep_3", "b.mcap")];
+        let deleted = |text| super::choose(Kind::Deleted, text, &episodes);
+        assert_eq!(deleted("a.mcap"), Ok(Some("ep_1".into())));
+        assert!(deleted("b").unwrap_err().starts_with("b: 2 deleted episodes have this file name: ep_2"));
+        let missing = "c.mcap: no deleted episode has this id or file name; `gleaner episodes --deleted` lists them";
+        assert_eq!(deleted("c.mcap"), Err(missing.into()));
     }
 
     #[test]

@@ -99,7 +99,7 @@ fn document(rows: &[Row]) -> Result<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gleaner_proto::v1::Episode;
+    use gleaner_proto::v1::{Episode, Outcome};
     use gleaner_recording::RecordingSummary;
 
     fn rows() -> Vec<Row> {
@@ -111,7 +111,8 @@ mod tests {
             ..Default::default()
         };
         let known = Checked { size_bytes: 3_000_000, summary: Some(summary), estimate: Some(estimate), existing: None };
-        let episode = Episode { id: "ep_1".into(), ..Episode::default() };
+        let outcome = Outcome::Failure.into();
+        let episode = Episode { id: "ep_1".into(), outcome, ..Episode::default() };
         let unknown = Checked { size_bytes: 5, summary: None, estimate: None, existing: Some(episode) };
         let refused = ClientError::Invalid("summary.messages: too many\nof them".into());
         vec![("a.mcap".into(), Ok(known)), ("b.mcap".into(), Ok(unknown)), ("c.mcap".into(), Err(refused))]
@@ -125,7 +126,7 @@ mod tests {
         for part in ["3.0 MB", "1 min 30 s", "905", "1.0 to 8.0 MB", "accepted for upload"] {
             assert!(lines[1].contains(part), "{part}: {text}");
         }
-        assert!(lines[2].contains("stored as ep_1 (") && lines[3].contains("rejected"), "{text}");
+        assert!(lines[2].ends_with("  stored as ep_1 (failure)") && lines[3].ends_with("  rejected"), "{text}");
         assert_eq!(lines[4], "rejected: c.mcap: summary.messages: too many\\nof them");
     }
 
