@@ -11,6 +11,7 @@ from typing import Any
 
 import messages
 import numpy as np
+from transforms import Tree
 
 import gleaner
 
@@ -31,12 +32,31 @@ class Scene:
         self.observed = {source.topic for source in self.mapping.fields if source.field in seen}
         self.observed |= {topic for source in self.mapping.cameras for topic in (source.color, source.depth) if topic}
         self.acted = {self.fields[field.name].topic for field in spec.action}
+        for field in spec.action:
+            if self.fields[field.name].HasField("transform"):
+                raise gleaner.InvalidArgument(f"action {field.name}: a pose from transforms cannot be published")
+        poses = [self.fields[name] for name in seen if self.fields[name].HasField("transform")]
+        self._trees = {source.topic: Tree() for source in poses}
+        # Topics of transforms that never change, with those that use them; a robot may have none.
+        self.fixed = {source.transform.static_topic: set[str]() for source in poses if source.transform.static_topic}
+        for source in poses:
+            if source.transform.static_topic:
+                self.fixed[source.transform.static_topic].add(source.topic)
         self._newest: dict[str, tuple[float, Any]] = {}
         self._lock = threading.Lock()
+
+    @property
+    def transforms(self) -> set[str]:
+        """The topics of transforms that change."""
+        return set(self._trees)
 
     def arrived(self, topic: str, message: Any, now: float) -> None:
         """Keeps a message; `now` in seconds of a clock that never jumps."""
         with self._lock:
+            for of in self.fixed.get(topic, ()):
+                self._trees[of].update(message, None)
+            if topic in self._trees:
+                self._trees[topic].update(message, now)
             self._newest[topic] = (now, message)
 
     def stale(self, now: float, most: float) -> str:
@@ -48,6 +68,17 @@ class Scene:
                 return f"no message on {topic} yet"
             if now - newest[topic][0] > most:
                 return f"the newest message on {topic} is {now - newest[topic][0]:.2f} s old"
+        for field in self.spec.proprioception:
+            source = self.fields[field.name]
+            if source.HasField("transform"):
+                parent, child = source.transform.parent, source.transform.child
+                try:
+                    with self._lock:
+                        age = now - self._trees[source.topic].pose(parent, child)[1]
+                except messages.Unfit as problem:
+                    return str(problem)
+                if age > most:
+                    return f"the newest transform of {child} in {parent} is {age:.2f} s old"
         return ""
 
     def observation(self, stamp_ns: int) -> gleaner.Observation:
@@ -62,7 +93,11 @@ class Scene:
         values: list[float] = []
         for field in self.spec.proprioception:
             source = self.fields[field.name]
-            values += messages.read(newest[source.topic], source.paths, source.names)
+            if source.HasField("transform"):
+                with self._lock:
+                    values += self._trees[source.topic].pose(source.transform.parent, source.transform.child)[0]
+            else:
+                values += messages.read(newest[source.topic], source.paths, source.names)
         return gleaner.Observation(images=images, depth=depth, proprioception=values, stamp_ns=stamp_ns)
 
     def commands(self, action: np.ndarray, made: Callable[[str], Any]) -> Mapping[str, Any]:

@@ -20,7 +20,7 @@ from control import Scene, Watchdog
 from messages import Unfit
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rosidl_runtime_py.utilities import get_message
 from std_msgs.msg import Bool
 
@@ -28,6 +28,9 @@ import gleaner
 
 # Seconds between looks for the types of topics that are not known yet.
 DISCOVERY = 0.5
+# Transforms come in many small messages, of which none may be missed.
+TRANSFORMS = 100
+TRANSFORM_TYPE = "tf2_msgs/msg/TFMessage"
 
 
 class GleanerNode(Node):
@@ -70,6 +73,11 @@ class GleanerNode(Node):
         self._ticks = self.create_timer(period, self._due.set)
         self._checks = self.create_timer(min(period, 0.1), self.check)
         self._thread = threading.Thread(target=self._run, daemon=True)
+        # Transforms that never change are published once, and kept for those who come later.
+        kept = QoSProfile(depth=TRANSFORMS, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        for topic in self._scene.fixed:
+            kind = get_message(self._types.get(topic, TRANSFORM_TYPE))
+            self.create_subscription(kind, topic, partial(self._arrived, topic), kept)
 
     def start(self) -> None:
         """Begins to act."""
@@ -84,7 +92,8 @@ class GleanerNode(Node):
                 continue
             self._classes[topic] = kind = get_message(known[topic])
             if topic in self._scene.observed:
-                self.create_subscription(kind, topic, partial(self._arrived, topic), qos_profile_sensor_data)
+                quality = QoSProfile(depth=TRANSFORMS) if topic in self._scene.transforms else qos_profile_sensor_data
+                self.create_subscription(kind, topic, partial(self._arrived, topic), quality)
             if topic in self._scene.acted:
                 self._command[topic] = self.create_publisher(kind, topic, 1)
         missing = (self._scene.observed | self._scene.acted) - self._classes.keys()

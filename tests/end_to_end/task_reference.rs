@@ -139,7 +139,7 @@ fn words(choice: &ItemEnum) -> String {
     choice.variants.iter().map(word).collect::<Vec<_>>().join(" or ")
 }
 
-/// The number that a function without arguments returns.
+/// The number or text that a function without arguments returns.
 fn returned(items: &[Item], function: &str) -> String {
     let body = items.iter().find_map(|item| match item {
         Item::Fn(found) if found.sig.ident == function => found.block.stmts.first(),
@@ -149,7 +149,11 @@ fn returned(items: &[Item], function: &str) -> String {
         Some(syn::Stmt::Expr(syn::Expr::Lit(syn::ExprLit { lit: syn::Lit::Float(number), .. }), _)) => {
             number.to_string()
         }
-        _ => panic!("{function} does not return a number"),
+        Some(syn::Stmt::Expr(syn::Expr::MethodCall(call), _)) => match &*call.receiver {
+            syn::Expr::Lit(syn::ExprLit { lit: syn::Lit::Str(text), .. }) => format!("`{}`", text.value()),
+            _ => panic!("{function} does not return a text"),
+        },
+        _ => panic!("{function} does not return a number or a text"),
     }
 }
 

@@ -17,6 +17,7 @@ class Graph:
     def __init__(self, types: dict[str, str], classes: dict[str, type], parameters: dict[str, Any]) -> None:
         self.types, self.classes, self.parameters = types, classes, parameters
         self.subscribers: dict[str, Callable[[Any], None]] = {}
+        self.qualities: dict[str, Any] = {}
         self.published: list[tuple[str, Any]] = []
         self.log: list[str] = []
         self.now_ns = 1_700_000_000_000_000_000
@@ -42,6 +43,7 @@ class Graph:
             def create_subscription(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any) -> None:
                 assert kind is graph.classes[graph.types[topic]]
                 graph.subscribers[topic] = callback
+                graph.qualities[topic] = qos
 
             def create_publisher(self, kind: type, topic: str, qos: Any) -> SimpleNamespace:
                 return SimpleNamespace(publish=lambda message: graph.published.append((topic, message)))
@@ -61,7 +63,11 @@ class Graph:
             "rclpy": {"init": lambda: None, "spin": lambda node: None},
             "rclpy.executors": {"ExternalShutdownException": type("ExternalShutdownException", (Exception,), {})},
             "rclpy.node": {"Node": Node},
-            "rclpy.qos": {"qos_profile_sensor_data": object()},
+            "rclpy.qos": {
+                "qos_profile_sensor_data": SimpleNamespace(depth=5),
+                "QoSProfile": SimpleNamespace,
+                "DurabilityPolicy": SimpleNamespace(TRANSIENT_LOCAL="kept"),
+            },
             "rosidl_runtime_py": {},
             "rosidl_runtime_py.utilities": {"get_message": self.classes.__getitem__},
             "std_msgs": {},

@@ -16,13 +16,14 @@ import pytest
 import gleaner
 from conftest import DEPLOYMENT
 from fake_ros import Graph
-from gleaner._proto.v1.task_pb2 import CameraSource, FieldSource, Mapping
+from gleaner._proto.v1.task_pb2 import CameraSource, FieldSource, FieldSpec, Mapping, TaskSpec, Transform
 from gleaner.observation import size
 from programs import ROOT
 from test_policy import observation
 
 EXAMPLE = ROOT / "examples" / "ros2"
 JOINTS = [f"joint{number}" for number in range(64)]
+TF = "tf2_msgs/msg/TFMessage"
 
 
 class JointState:
@@ -44,7 +45,7 @@ class Image:
 def modules(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, ModuleType]]:
     """The example's own modules."""
     monkeypatch.syspath_prepend(str(EXAMPLE))
-    names = ("messages", "control")
+    names = ("messages", "transforms", "control")
     yield {name: importlib.import_module(name) for name in names}
     for name in (*names, "gleaner_node"):
         sys.modules.pop(name, None)
@@ -221,6 +222,105 @@ def test_ticks_are_served_by_a_thread_until_the_end(
     robot.node.end()
     assert len(robot.commands()) == 1
     assert not robot.node._thread.is_alive()
+
+
+def transform(parent: str, child: str, place: tuple[float, ...], turn: tuple[float, ...]) -> SimpleNamespace:
+    vector, quaternion = (dict(zip(names, of, strict=True)) for names, of in (("xyz", place), ("xyzw", turn)))
+    moved = SimpleNamespace(translation=SimpleNamespace(**vector), rotation=SimpleNamespace(**quaternion))
+    return SimpleNamespace(header=SimpleNamespace(frame_id=parent), child_frame_id=child, transform=moved)
+
+
+def transforms(*of: SimpleNamespace) -> SimpleNamespace:
+    return SimpleNamespace(transforms=[*of])
+
+
+ARM = transform("/root", "arm", (0.1, 0.2, 0.3), (1, 2, 3, 4))
+TOOL = transform("arm", "/tool", (0.5, -0.4, 0.2), (-2, 1, 0, 3))
+CAMERA = transform("root", "camera", (-0.3, 0.6, 0.9), (0, 1, 1, 5))
+# As in the tests of the reader of recordings, computed apart by products of matrices.
+IN_ROOT = [0.58, 0.56, 0.0, -0.390360029, 0.195180015, 0.683130051, 0.585540044]
+IN_CAMERA = [1.068148148, -0.42962963, -0.51037037, -0.469530142, 0.150249645, 0.469530142, 0.732467021]
+
+
+def test_poses_of_frames_are_those_of_recordings(modules: dict[str, ModuleType]) -> None:
+    tree = modules["transforms"].Tree()
+    tree.update(transforms(ARM, CAMERA), 3.0)
+    tree.update(TOOL, None)
+    for parent, pose in {"root": IN_ROOT, "/camera": IN_CAMERA}.items():
+        found, time = tree.pose(parent, "tool")
+        np.testing.assert_allclose(found, pose, atol=1e-8)
+        assert time == 3.0
+    tree.update(transforms(ARM), 4.0)
+    assert tree.pose("root", "tool")[1] == 4.0
+    assert tree.pose("arm", "tool")[1] == -np.inf, "it never changes"
+    tree.update(transform("arm", "tool", (0, 0, 0), (0, 0, 0, 0)), 5.0)
+    assert tree.pose("root", "tool")[1] == 4.0, "a transform without a rotation is none"
+    with pytest.raises(modules["messages"].Unfit, match="no transforms connect hand with root"):
+        tree.pose("root", "hand")
+    for parent, child in (("a", "b"), ("b", "a")):
+        tree.update(transform(parent, child, (0, 0, 0), (0, 0, 0, 1)), 1.0)
+    with pytest.raises(modules["messages"].Unfit):
+        tree.pose("root", "a")
+
+
+class Posed:
+    """A policy of a task with the pose of a frame, which keeps what it sees."""
+
+    rate_hz = 10.0
+
+    def __init__(self, field: str = "tool") -> None:
+        frames = Transform(parent="root", child="tool", static_topic="/tf_static")
+        other = {"tool": "command", "command": "tool"}[field]
+        self.spec = TaskSpec(
+            proprioception=[FieldSpec(name="tool", size=7)],
+            action=[FieldSpec(name="command", size=7)],
+            mappings=[
+                Mapping(
+                    name="ros",
+                    fields=[
+                        FieldSource(field=field, topic="/tf", transform=frames),
+                        FieldSource(field=other, topic="/command", paths=["data"]),
+                    ],
+                )
+            ],
+        )
+        self.seen: list[gleaner.Observation] = []
+
+    def __call__(self, observation: gleaner.Observation) -> np.ndarray[Any, Any]:
+        self.seen.append(observation)
+        return np.zeros(7, np.float32)
+
+    def close(self, outcome: str) -> str:
+        return outcome
+
+
+def test_node_feeds_poses_from_transforms(monotonic: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    types = {"/tf": TF, "/tf_static": TF, "/command": "Array"}
+    graph = Graph(types, {TF: SimpleNamespace, "Array": Array}, {"max_age": 0.5})
+    graph.install(monkeypatch)
+    policy = Posed()
+    node = importlib.import_module("gleaner_node").GleanerNode(policy)
+    assert graph.qualities["/tf_static"].durability == "kept", "published before the node began"
+    node.discover()
+    assert graph.qualities["/tf"].depth == 100
+    graph.send("/tf", transforms(ARM))
+    node.step()
+    assert graph.log[-1] == "no action: no transforms connect tool with root"
+    graph.send("/tf_static", transforms(TOOL))
+    node.step()
+    assert graph.log[-1] == "acting"
+    np.testing.assert_allclose(np.asarray(policy.seen[0].proprioception, np.float64), IN_ROOT, atol=1e-8)
+    monotonic[0] += 0.6
+    graph.send("/tf", transforms(CAMERA))
+    node.step()
+    assert graph.log[-1] == "no action: the newest transform of tool in root is 0.60 s old"
+    assert len(policy.seen) == 1
+    node.end()
+
+
+def test_action_that_is_a_pose_from_transforms_is_refused(modules: dict[str, ModuleType]) -> None:
+    with pytest.raises(gleaner.InvalidArgument, match="command: a pose from transforms cannot be published"):
+        modules["control"].Scene(Posed("command").spec)
 
 
 def test_values_and_pictures_of_messages(modules: dict[str, ModuleType]) -> None:

@@ -1,3 +1,5 @@
+//! Tests of the parent module.
+
 use std::cell::RefCell;
 use std::net::SocketAddr;
 use std::path::PathBuf;

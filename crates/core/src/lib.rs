@@ -93,7 +93,7 @@ pub use spec::{
     PretrainSpec, RateSchedule, RunSpec, ScoreSpec, TrainSpec, job_kinds, jobs, schema_of,
 };
 pub use survey::{FieldKind, Survey, SurveyedCamera, SurveyedField, SurveyedTopic, ValueRange};
-pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
+pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec, Transform};
 
 #[doc(hidden)]
 pub mod private {

@@ -132,16 +132,43 @@ pub struct FieldSource {
     pub field: String,
     /// Topic of the messages.
     pub topic: String,
-    /// Paths into the message (`a.b`, `a.b[2]`, `a.b[0:9]`); their values are concatenated.
+    /// Paths into the message (`a.b`, `a.b[2]`, `a.b[0:9]`); their values are concatenated. None with a `transform`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub paths: Vec<String>,
     /// If set, each path is an array parallel to the message's `name` array, and its values are picked
     /// by these names, in this order, whatever the order in the message.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub names: Vec<String>,
+    /// If set, the field is the pose of a frame, from the transforms on this topic, such as `/tf`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub transform: Option<Transform>,
+}
+
+/// The pose of a frame in another, from the transforms between frames that a robot publishes (`tf2_msgs/TFMessage`,
+/// `foxglove.FrameTransforms`): the position x, y, z and the quaternion x, y, z, w, seven values.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub struct Transform {
+    /// Frame in which the pose is, such as `base_link`.
+    pub parent: String,
+    /// Frame whose pose it is, such as `tool0`.
+    pub child: String,
+    /// Topic of the transforms that never change; empty if there is none.
+    #[serde(default = "default_static_topic")]
+    pub static_topic: String,
+}
+
+impl Transform {
+    /// Number of values of a pose.
+    pub const SIZE: u32 = 7;
 }
 
 fn default_tolerance() -> f64 {
     0.25
+}
+
+fn default_static_topic() -> String {
+    "/tf_static".to_owned()
 }
 
 impl FieldSpec {
@@ -182,6 +209,17 @@ impl Mapping {
         let cameras = self.cameras.iter().flat_map(|source| [Some(source.color.as_str()), source.depth.as_deref()]);
         let fields = self.fields.iter().map(|source| Some(source.topic.as_str()));
         cameras.chain(fields).chain([self.clock_topic(spec)]).flatten().collect()
+    }
+
+    /// The topics with transforms of poses that this mapping reads, once. Each of their messages depends on earlier ones.
+    pub fn transform_topics(&self) -> BTreeSet<&str> {
+        self.fields.iter().filter(|source| source.transform.is_some()).map(|source| source.topic.as_str()).collect()
+    }
+
+    /// The topics with transforms that never change, once. A recording may lack them.
+    pub fn static_topics(&self) -> BTreeSet<&str> {
+        let transforms = self.fields.iter().filter_map(|source| source.transform.as_ref());
+        transforms.map(|transform| transform.static_topic.as_str()).filter(|topic| !topic.is_empty()).collect()
     }
 }
 

@@ -84,7 +84,8 @@ mod bits {
 ///
 /// The copy has, for each topic of the task, the messages that the steps use and those between them; for each other topic,
 /// the messages logged during the stretch. Video also has the messages from the key frame before the stretch, on which its
-/// pictures depend. The copy of a whole episode has every message of the recording. Attachments are not copied.
+/// pictures depend, and transforms of frames have those from the recording's beginning on. The copy of a whole episode has
+/// every message of the recording. Attachments are not copied.
 ///
 /// # Errors
 /// Like [`crate::read_episode`], and [`RecordingError::Step`] if the stretch is not in the episode.
@@ -93,11 +94,13 @@ pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<
     let plan = plan(path, spec, &Limits::ADMITTED)?;
     let steps = check(kept, plan.stamps.len())?;
     let whole = steps.clone().count() == plan.stamps.len();
-    if !whole && plan.reels.contains_key(&plan.clock_topic) {
+    let (video, transforms) = (plan.reels.contains_key(&plan.clock_topic), plan.cumulative.contains(&plan.clock_topic));
+    if !whole && (video || transforms) {
         let problem = format!(
-            "the clock is {}, a topic of video, whose messages before a stretch would be steps of its copy; set `clock` to a \
-             topic of numbers",
-            plan.clock_topic
+            "the clock is {}, a topic of {}, whose messages before a stretch would be steps of its copy; set `clock` to \
+             another topic",
+            plan.clock_topic,
+            if video { "video" } else { "transforms" }
         );
         return Err(RecordingError::Spec { field: format!("mapping {}", plan.report.mapping), problem });
     }
@@ -165,6 +168,13 @@ fn keep(plan: &Plan, steps: &RangeInclusive<usize>) -> HashMap<String, BTreeSet<
             // Pictures before the stretch are there for decoding only: no step uses them.
             *messages = reel.needed(messages);
         }
+    }
+    for topic in &plan.cumulative {
+        let count = plan.report.topics.iter().find(|known| known.topic == *topic).map_or(0, |known| known.messages);
+        // Those of a topic that never changes, whenever they come; of others up to the stretch's last one.
+        let last = keep.get(topic).and_then(|messages: &BTreeSet<usize>| messages.last()).map(|last| last + 1);
+        let last = last.unwrap_or_else(|| usize::try_from(count).unwrap_or(usize::MAX));
+        keep.insert(topic.clone(), (0..last).collect());
     }
     keep
 }

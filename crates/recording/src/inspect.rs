@@ -34,14 +34,15 @@ pub(crate) fn failures(tracks: &Tracks, spec: &TaskSpec, mapping: usize, report:
         }
         for field in track.fields.iter().filter(|field| field.mapping == mapping) {
             let source = &used.fields[field.source];
-            let place = format!("topic {topic}, path {}", source.paths.join(" "));
+            let place = match &source.transform {
+                Some(transform) => format!("topic {topic}, frame {} in {}", transform.child, transform.parent),
+                None => format!("topic {topic}, path {}", source.paths.join(" ")),
+            };
             if let Some(Failure { code, first, count }) = &field.failure {
                 let detail = format!("{place}: {first} ({count} messages alike); correct the mapping or the recording");
                 report.add(Severity::Error, *code, &source.field, None, detail);
             } else if let (true, Some(absent)) = (field.messages.is_empty(), &field.absent) {
-                let detail = format!(
-                    "{place}: no message has all the names of the mapping: {absent}; correct the mapping's names"
-                );
+                let detail = format!("{place}: {absent}");
                 report.add(Severity::Error, FindingCode::MissingField, &source.field, None, detail);
             } else if field.messages.is_empty() && track.failure.is_none() {
                 let detail = format!("{place}: no message has this field; correct the mapping or the recording");

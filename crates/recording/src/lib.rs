@@ -77,6 +77,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 mod tracks;
+mod transforms;
 mod validate;
 mod video;
 mod whole_file;
@@ -86,7 +87,7 @@ mod write;
 pub use gleaner_core::{
     Alignment, CameraSource, CameraSpec, Crop, FieldKind, FieldSource, FieldSpec, Finding, FindingCode,
     InspectionEstimate, Mapping, PictureSizes, RecordedSize, RecordingSummary, Report, Severity, Survey,
-    SurveyedCamera, SurveyedField, SurveyedTopic, TaskSpec, TopicReport, ValueRange,
+    SurveyedCamera, SurveyedField, SurveyedTopic, TaskSpec, TopicReport, Transform, ValueRange,
 };
 
 pub use cache::{FrameCache, Numbers};

@@ -7,7 +7,7 @@ pub(crate) mod clocks;
 mod steps;
 pub(crate) mod streams;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::channels::Channels;
 use crate::picture::Channel;
@@ -33,6 +33,8 @@ pub(crate) struct Plan {
     pub(crate) images: Vec<ImageStream>,
     /// The topics of video.
     pub(crate) reels: BTreeMap<String, Reel>,
+    /// The topics of transforms, on each of whose messages all later poses may depend.
+    pub(crate) cumulative: BTreeSet<String>,
     /// For each topic, the messages that the steps use, by their index in the topic: one row a stream.
     pub(crate) used: BTreeMap<String, Vec<Vec<usize>>>,
     /// T×M, row-major.

@@ -25,9 +25,9 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan
     let mut report = begin_report(&tracks);
     let at = choice::choose_mapping(&tracks, spec, own, &mut report)?;
     let mapping = &spec.mappings[at];
-    let topics = mapping.topics(spec);
+    let (topics, fixed) = (mapping.topics(spec), mapping.static_topics());
     for entry in &mut report.topics {
-        entry.used = topics.contains(entry.topic.as_str());
+        entry.used = topics.contains(entry.topic.as_str()) || fixed.contains(entry.topic.as_str());
     }
     inspect::failures(&tracks, spec, at, &mut report);
     inspect::key_frames(&tracks, spec, at, &mut report);
@@ -50,6 +50,7 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan
         stamps,
         declared_late: tracks.undeclared.iter().any(|(_, _, topic)| topic.is_some()),
         reels: reels(tracks.tracks),
+        cumulative: mapping.transform_topics().union(&fixed).map(|topic| (*topic).to_owned()).collect(),
         clock: uses.clock,
         log_times: uses.log_times,
         images: uses.images,

@@ -9,6 +9,7 @@ pub(crate) fn arm() -> TaskSpec {
         topic: topic.into(),
         paths: vec![path.into()],
         names: Vec::new(),
+        transform: None,
     };
     TaskSpec {
         name: "arm".into(),

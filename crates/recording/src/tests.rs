@@ -9,6 +9,7 @@ mod fuzz_corpus;
 mod golden;
 mod images;
 mod integrity;
+mod poses;
 mod rollouts;
 pub(crate) mod scene;
 mod steps;

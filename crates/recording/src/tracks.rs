@@ -3,23 +3,25 @@
 //! Images are only stamped here; decoding them waits until it is known which ones a step uses, so memory
 //! follows the episode and not the recording. This module does not depend on alignment.
 
+mod field;
+
 use std::collections::BTreeMap;
 use std::path::Path as FilePath;
 
 use crate::channels::Channels;
 use crate::container::{Record, Scanned, scan};
-use crate::dialect::{Decoder, Value};
+use crate::dialect::Decoder;
 use crate::error::RecordingError;
 use crate::limits::Limits;
-use crate::path::{Missing, Path};
+use crate::transforms::{self, Tree};
 use crate::video::Reel;
-use gleaner_core::{FieldSource, TaskSpec};
+use gleaner_core::TaskSpec;
 use gleaner_core::{FindingCode, TopicReport};
+
+pub(crate) use field::FieldTrack;
 
 /// Most messages of one topic.
 pub const MAX_MESSAGES: usize = 10_000_000;
-/// Most numbers of one field over the recording.
-const MAX_NUMBERS: usize = 500_000_000;
 
 /// The result of the first pass.
 #[derive(Debug)]
@@ -48,6 +50,8 @@ pub(crate) struct Track {
     pub(crate) failure: Option<Failure>,
     /// Which messages have a picture, if the topic is the color of a camera.
     pub(crate) reel: Option<Reel>,
+    /// The newest transforms, if a field is a pose from them.
+    tree: Option<Tree>,
 }
 
 /// The times at which a message was made and logged, in nanoseconds.
@@ -55,23 +59,6 @@ pub(crate) struct Track {
 pub(crate) struct Stamp {
     pub(crate) header: Option<i64>,
     pub(crate) log: i64,
-}
-
-/// The numbers of one field source.
-#[derive(Debug)]
-pub(crate) struct FieldTrack {
-    pub(crate) mapping: usize,
-    pub(crate) source: usize,
-    pub(crate) size: usize,
-    /// Which messages of the topic carry the field.
-    pub(crate) messages: Vec<usize>,
-    /// `size` numbers of each of them.
-    pub(crate) values: Vec<f32>,
-    pub(crate) failure: Option<Failure>,
-    /// The missing names of the first message without them.
-    pub(crate) absent: Option<String>,
-    paths: Vec<Path>,
-    names: Vec<String>,
 }
 
 /// The first of several failures alike.
@@ -86,11 +73,11 @@ pub(crate) struct Failure {
 /// reader that begins with the summary section does; that takes a second pass over the file.
 pub(crate) fn collect(path: &FilePath, spec: &TaskSpec, limits: &Limits) -> Result<Tracks, RecordingError> {
     let mut channels = Channels::new(limits);
-    let mut pass = Pass::run(path, wanted_tracks(spec)?, limits, &mut channels)?;
+    let mut pass = Pass::run(path, spec, limits, &mut channels)?;
     let undeclared = channels.undeclared();
     if undeclared.iter().any(|(_, _, topic)| topic.is_some()) {
         channels.rewind();
-        pass = Pass::run(path, wanted_tracks(spec)?, limits, &mut channels)?;
+        pass = Pass::run(path, spec, limits, &mut channels)?;
     }
     let mut topics = channels.topics().to_vec();
     topics.sort_by(|a, b| a.topic.cmp(&b.topic));
@@ -108,16 +95,14 @@ struct Pass {
 }
 
 impl Pass {
-    fn run(
-        path: &FilePath,
-        mut wanted: BTreeMap<String, Track>,
-        limits: &Limits,
-        channels: &mut Channels,
-    ) -> Result<Self, RecordingError> {
-        let mut profile = String::new();
+    fn run(path: &FilePath, spec: &TaskSpec, limits: &Limits, channels: &mut Channels) -> Result<Self, RecordingError> {
+        let (mut profile, mut wanted, fixed) = (String::new(), wanted_tracks(spec)?, static_topics(spec));
         let scanned = scan(path, limits, &mut |record| match record {
             Record::Message { header, data } => {
                 let Some((topic, _, decoder)) = channels.next(header.channel_id) else { return Ok(()) };
+                for of in fixed.get(topic).into_iter().flatten() {
+                    wanted.get_mut(*of).into_iter().for_each(|track| track.fix(decoder, data));
+                }
                 match wanted.get_mut(topic) {
                     Some(track) => track.push(decoder, header.log_time, data, topic),
                     None => Ok(()),
@@ -129,9 +114,10 @@ impl Pass {
             }
             Record::Attachment { .. } => Ok(()),
             Record::Schema { .. } | Record::Channel { .. } | Record::Metadata { .. } => {
-                channels.declare(&record, &|topic| wanted.contains_key(topic))
+                channels.declare(&record, &|topic| wanted.contains_key(topic) || fixed.contains_key(topic))
             }
         })?;
+        wanted.values_mut().for_each(Track::explain);
         Ok(Self { scanned, profile, wanted })
     }
 }
@@ -149,10 +135,28 @@ fn wanted_tracks(spec: &TaskSpec) -> Result<BTreeMap<String, Track>, RecordingEr
         for (source_at, source) in mapping.fields.iter().enumerate() {
             let size = spec.field_size(&source.field);
             let field = FieldTrack::new(source, (at, source_at), size)?;
-            wanted.entry(source.topic.clone()).or_default().fields.push(field);
+            let track = wanted.entry(source.topic.clone()).or_default();
+            if source.transform.is_some() {
+                track.tree = Some(Tree::default());
+            }
+            track.fields.push(field);
         }
     }
     Ok(wanted)
+}
+
+/// For each topic of transforms that never change, the topics of those that do.
+fn static_topics(spec: &TaskSpec) -> BTreeMap<&str, Vec<&str>> {
+    let mut found: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for source in spec.mappings.iter().flat_map(|mapping| &mapping.fields) {
+        let Some(transform) = &source.transform else { continue };
+        let of = found.entry(&transform.static_topic).or_default();
+        // Of one topic each transform counts once.
+        if transform.static_topic != source.topic && !of.contains(&source.topic.as_str()) {
+            of.push(&source.topic);
+        }
+    }
+    found
 }
 
 impl Track {
@@ -179,8 +183,16 @@ impl Track {
         }
         match value {
             Ok(value) => {
-                self.stamps.push(Stamp { header: value.stamp(), log });
-                self.fields.iter_mut().try_for_each(|field| field.push(at, &value))
+                let Some(tree) = &mut self.tree else {
+                    self.stamps.push(Stamp { header: value.stamp(), log });
+                    return self.fields.iter_mut().try_for_each(|field| field.push(at, &value));
+                };
+                self.stamps.push(Stamp { header: transforms::stamp(&value), log });
+                let updated = tree.update(&value);
+                self.fields.iter_mut().try_for_each(|field| match field.is_pose() {
+                    true => field.push_pose(at, tree, &updated),
+                    false => field.push(at, &value),
+                })
             }
             Err((code, problem)) => {
                 // The message keeps its place, so that the second pass counts alike.
@@ -190,80 +202,26 @@ impl Track {
             }
         }
     }
-}
 
-impl FieldTrack {
-    fn new(source: &FieldSource, (mapping, at): (usize, usize), size: usize) -> Result<Self, RecordingError> {
-        let paths = source.paths.iter().map(|path| {
-            Path::parse(path).map_err(|problem| RecordingError::Field {
-                topic: source.topic.clone(),
-                path: path.clone(),
-                problem,
-            })
-        });
-        Ok(Self {
-            mapping,
-            source: at,
-            size,
-            messages: Vec::new(),
-            values: Vec::new(),
-            failure: None,
-            absent: None,
-            paths: paths.collect::<Result<_, _>>()?,
-            names: source.names.clone(),
-        })
+    /// Takes transforms that never change, of another topic. What cannot be read is missed as a frame.
+    fn fix(&mut self, decoder: &Result<Decoder, String>, data: &[u8]) {
+        if let (Some(tree), Ok(decoder)) = (&mut self.tree, decoder)
+            && let Ok(value) = decoder.decode(data)
+        {
+            let _ = tree.update(&value);
+        }
     }
 
-    fn push(&mut self, at: usize, message: &Value<'_>) -> Result<(), RecordingError> {
-        let mut numbers = Vec::with_capacity(self.size);
-        for path in &self.paths {
-            let found = if self.names.is_empty() {
-                path.numbers(message, &mut numbers)
-            } else {
-                path.numbers_by_name(message, &self.names, &mut numbers)
-            };
-            match found {
-                Ok(()) => {}
-                // Arm and gripper often alternate on one topic: these joints are in another message.
-                Err(Missing::Names(problem)) => {
-                    self.absent.get_or_insert(problem);
-                    return Ok(());
-                }
-                Err(Missing::Path(problem)) => {
-                    Failure::record(&mut self.failure, FindingCode::MissingField, || {
-                        format!("message {at}: {problem}")
-                    });
-                    return Ok(());
-                }
-            }
+    /// Names what is missing for the poses of which no message has any.
+    fn explain(&mut self) {
+        if let Some(tree) = &self.tree {
+            self.fields.iter_mut().for_each(|field| field.explain(tree));
         }
-        if numbers.len() != self.size {
-            let found = numbers.len();
-            Failure::record(&mut self.failure, FindingCode::WrongSize, || {
-                format!(
-                    "message {at} gives {found} values, the task expects {}; correct the paths or the size",
-                    self.size
-                )
-            });
-            return Ok(());
-        }
-        if self.values.len() >= MAX_NUMBERS {
-            return Err(RecordingError::TooLarge {
-                problem: format!("a field has more than {MAX_NUMBERS} values; split the recording"),
-            });
-        }
-        self.messages.push(at);
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "steps hold 32-bit floats; beyond them is infinite and found"
-        )]
-        self.values.extend(numbers.into_iter().map(|number| number as f32));
-        Ok(())
     }
 }
 
 impl Failure {
-    fn record(slot: &mut Option<Self>, code: FindingCode, first: impl FnOnce() -> String) {
+    pub(crate) fn record(slot: &mut Option<Self>, code: FindingCode, first: impl FnOnce() -> String) {
         match slot {
             Some(failure) => failure.count += 1,
             None => *slot = Some(Self { code, first: first(), count: 1 }),

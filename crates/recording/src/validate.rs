@@ -2,13 +2,14 @@
 //!
 //! This module does not depend on the reader.
 
+mod source;
+
 use std::collections::BTreeSet;
 
 use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
 use crate::limits::Limits;
-use crate::path::Path;
-use gleaner_core::{CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
+use gleaner_core::{CameraSpec, FieldSpec, Mapping, TaskSpec};
 
 /// Most cameras, fields of one kind, and mappings.
 const MAX_CAMERAS: usize = 16;
@@ -203,38 +204,12 @@ fn check_mapping(spec: &TaskSpec, mapping: &Mapping, at: &str) -> Result<(), Rec
         }
     }
     for (i, source) in mapping.fields.iter().enumerate() {
-        check_source(spec, source, &format!("{at}.fields[{i}]"))?;
+        source::check(spec, source, &format!("{at}.fields[{i}]"))?;
     }
     let cameras = spec.cameras.iter().map(|camera| &camera.name);
     each_once(cameras, mapping.cameras.iter().map(|source| &source.camera), &format!("{at}.cameras"))?;
     let fields = spec.proprioception.iter().chain(&spec.action).map(|field| &field.name);
     each_once(fields, mapping.fields.iter().map(|source| &source.field), &format!("{at}.fields"))
-}
-
-fn check_source(spec: &TaskSpec, source: &FieldSource, at: &str) -> Result<(), RecordingError> {
-    let Some(field) = spec.proprioception.iter().chain(&spec.action).find(|field| field.name == source.field) else {
-        return wrong(format!("{at}.field"), format!("the task has no field `{}`", source.field));
-    };
-    topic(&format!("{at}.topic"), &source.topic, "topic of the messages")?;
-    if source.paths.is_empty() {
-        return wrong(format!("{at}.paths"), "give at least one path into the message");
-    }
-    // Each path gives a value or more.
-    few(&format!("{at}.paths"), source.paths.len(), field.size as usize)?;
-    few(&format!("{at}.names"), source.names.len(), field.size as usize)?;
-    for (i, path) in source.paths.iter().enumerate() {
-        if let Err(problem) = Path::parse(path) {
-            return wrong(format!("{at}.paths[{i}]"), problem);
-        }
-    }
-    let picked = source.names.len() * source.paths.len();
-    if picked != 0 && picked != field.size as usize {
-        return wrong(
-            format!("{at}.names"),
-            format!("{picked} values are picked by name but `{}` holds {}; make them agree", field.name, field.size),
-        );
-    }
-    Ok(())
 }
 
 /// Checks the length of a list.

@@ -74,6 +74,7 @@ fn task_spec() -> v1::TaskSpec {
         topic: "/state".into(),
         paths: vec!["position".into()],
         names: Vec::new(),
+        transform: None,
     };
     let fields = |name: &str| vec![v1::FieldSpec { name: name.into(), size: 1, ..v1::FieldSpec::default() }];
     let mapping =

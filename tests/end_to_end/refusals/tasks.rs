@@ -74,7 +74,27 @@ const CASES: &[Case] = &[
     ("spec.mappings[0].fields[0].names: ", |s| {
         s.mappings[0].fields[0].names = vec!["a".into(); s.proprioception[0].size as usize + 1];
     }),
+    ("spec.mappings[0].fields[0].paths: a field with a `transform`", |s| {
+        posed(s, "base", "tool", "");
+        s.mappings[0].fields[0].paths.push("x".into());
+    }),
+    ("spec.mappings[0].fields[0].transform: a pose has 7", |s| {
+        posed(s, "base", "tool", "");
+        s.proprioception[0].size = 6;
+    }),
+    ("spec.mappings[0].fields[0].transform.parent: ", |s| posed(s, "", "tool", "")),
+    ("spec.mappings[0].fields[0].transform.child: ", |s| posed(s, "base", "base", "")),
+    ("spec.mappings[0].fields[0].transform.static_topic: ", |s| posed(s, "base", "tool", "\u{7}")),
 ];
+
+/// Makes the first field the pose of a frame.
+fn posed(spec: &mut TaskSpec, parent: &str, child: &str, static_topic: &str) {
+    spec.proprioception[0].size = 7;
+    let source = &mut spec.mappings[0].fields[0];
+    (source.paths, source.names) = (Vec::new(), Vec::new());
+    let [parent, child, static_topic] = [parent, child, static_topic].map(Into::into);
+    source.transform = Some(Transform { parent, child, static_topic });
+}
 
 /// A recorded size; the crop is top, left, height and width.
 fn recorded(height: u32, width: u32, crop: Option<[u32; 4]>) -> Option<RecordedSize> {

@@ -6,11 +6,11 @@ use super::candidate::Candidate;
 use super::measured::meaning;
 use super::tokens::Command;
 
-/// How commands are told from observations.
+/// The rule by which a candidate is a command.
 pub(super) struct Actions<'a> {
     /// The topics that the caller named; empty: candidates are judged by their own words.
     pub(super) named: &'a [String],
-    /// The least certain command that is an action, where nothing was named.
+    /// The least certain command that is an action, if the caller named none.
     pub(super) least: Command,
 }
 

@@ -169,6 +169,7 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
         topic: candidate.topic.clone(),
         paths: order.paths.clone(),
         names: order.names.clone(),
+        transform: None,
     };
     let mut sources = vec![source(first, order)];
     reasons.push(format!("{} {}{}.", first.topic, shown_paths(order), shown_order(first, own)));

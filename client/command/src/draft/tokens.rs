@@ -20,13 +20,12 @@ const COUNTERS: &[&str] =
     &["index", "idx", "seq", "sequence", "count", "counter", "id", "time", "timestamp", "stamp", "step", "episode"];
 /// Parts of times and headers of messages.
 const TIMES: &[&str] = &["header", "timestamp", "stamp"];
+/// Message types with the poses of frames in each other.
+const TRANSFORMS: &[&str] = &["TFMessage", "TransformStamped", "FrameTransform", "FrameTransforms"];
 /// Message types that describe the scene or the recorder rather than the robot.
 const FOREIGN: &[&str] = &[
     "CameraInfo",
     "CameraCalibration",
-    "TFMessage",
-    "FrameTransform",
-    "FrameTransforms",
     "DiagnosticArray",
     "Log",
     "ParameterEvent",
@@ -149,7 +148,17 @@ pub(super) fn is_aside(path: &str) -> bool {
 
 /// Whether messages of this schema describe something beside the robot.
 pub(super) fn is_foreign(schema: &str) -> bool {
-    FOREIGN.contains(&schema.rsplit(['/', '.']).next().unwrap_or_default())
+    FOREIGN.contains(&kind(schema))
+}
+
+/// Whether messages of this schema have the poses of frames in each other.
+pub(super) fn has_transforms(schema: &str) -> bool {
+    TRANSFORMS.contains(&kind(schema))
+}
+
+/// A schema without its package.
+fn kind(schema: &str) -> &str {
+    schema.rsplit(['/', '.']).next().unwrap_or_default()
 }
 
 /// The name of a camera: the words of its topic that are not common to cameras.
@@ -229,7 +238,8 @@ mod tests {
         assert_eq!(command_word("/joint_states"), Command::No);
         assert!(is_outcome("/episode", "next.success") && !is_outcome("/goal", "point"));
         assert!(is_counter("frame_index") && !is_counter("index_finger"));
-        assert!(is_foreign("sensor_msgs/msg/CameraInfo") && is_foreign("foxglove.FrameTransform"));
+        assert!(is_foreign("sensor_msgs/msg/CameraInfo") && !is_foreign("sensor_msgs/msg/JointState"));
+        assert!(has_transforms("tf2_msgs/msg/TFMessage") && has_transforms("foxglove.FrameTransform"));
         assert!(is_aside("header.stamp.sec") && is_aside("pose.covariance") && !is_aside("pose.position.x"));
         assert!(is_aside("layout.data_offset") && !is_aside("data"));
     }

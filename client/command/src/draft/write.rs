@@ -3,7 +3,7 @@
 use std::fmt::{self, Display, Formatter};
 
 use gleaner_recording::printable;
-use gleaner_recording::{CameraSource, CameraSpec, FieldSource, FieldSpec};
+use gleaner_recording::{CameraSource, CameraSpec, FieldSource, FieldSpec, Transform};
 
 use super::Draft;
 use super::candidate::LeftOut;
@@ -116,8 +116,12 @@ fn camera_source(out: &mut Formatter<'_>, source: &CameraSource) -> fmt::Result 
 }
 
 fn field_source(out: &mut Formatter<'_>, source: &FieldSource) -> fmt::Result {
-    let FieldSource { field, topic, paths, names } = source;
+    let FieldSource { field, topic, paths, names, transform } = source;
     writeln!(out, "\n[[mappings.fields]]\nfield = {}\ntopic = {}", text(field), text(topic))?;
+    if let Some(Transform { parent, child, static_topic }) = transform {
+        let [parent, child, static_topic] = [parent, child, static_topic].map(|part| text(part));
+        return writeln!(out, "transform = {{ parent = {parent}, child = {child}, static_topic = {static_topic} }}");
+    }
     writeln!(out, "paths = {}", list(paths))?;
     if names.is_empty() { Ok(()) } else { writeln!(out, "names = {}", list(names)) }
 }

@@ -4,7 +4,7 @@ use gleaner_proto::v1;
 
 use super::field;
 use crate::{
-    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Mapping, RecordedSize, TaskSpec,
+    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Mapping, RecordedSize, TaskSpec, Transform,
     error::{Error, Result},
     task::{OutcomeCounts, Task},
 };
@@ -63,8 +63,12 @@ fn mapping_from(mapping: v1::Mapping) -> Mapping {
         CameraSource { camera, color, depth: not_empty(depth) }
     };
     let field = |source| {
-        let v1::FieldSource { field, topic, paths, names } = source;
-        FieldSource { field, topic, paths, names }
+        let v1::FieldSource { field, topic, paths, names, transform } = source;
+        let transform = transform.map(|transform| {
+            let v1::Transform { parent, child, static_topic } = transform;
+            Transform { parent, child, static_topic }
+        });
+        FieldSource { field, topic, paths, names, transform }
     };
     Mapping {
         name,
@@ -136,8 +140,12 @@ fn mapping_to(mapping: Mapping) -> v1::Mapping {
         v1::CameraSource { camera, color, depth: depth.unwrap_or_default() }
     };
     let field = |source| {
-        let FieldSource { field, topic, paths, names } = source;
-        v1::FieldSource { field, topic, paths, names }
+        let FieldSource { field, topic, paths, names, transform } = source;
+        let transform = transform.map(|transform| {
+            let Transform { parent, child, static_topic } = transform;
+            v1::Transform { parent, child, static_topic }
+        });
+        v1::FieldSource { field, topic, paths, names, transform }
     };
     v1::Mapping {
         name,
@@ -158,7 +166,10 @@ pub(crate) mod tests {
             topic: "/state".into(),
             paths: vec!["position".into()],
             names: names.iter().map(|&name| name.into()).collect(),
+            transform: None,
         };
+        let transform = Transform { parent: "base".into(), child: "tool".into(), static_topic: "/fixed".into() };
+        let tool = FieldSource { paths: Vec::new(), transform: Some(transform), ..source("tool", &[]) };
         TaskSpec {
             name: "reach".into(),
             instruction: "reach the cube".into(),
@@ -174,7 +185,7 @@ pub(crate) mod tests {
                     crop: Some(Crop { top: 1, left: 2, height: 6, width: 12 }),
                 }),
             }],
-            proprioception: vec![FieldSpec::new("joint_position", 2)],
+            proprioception: vec![FieldSpec::new("joint_position", 2), FieldSpec::new("tool", Transform::SIZE)],
             action: vec![FieldSpec {
                 minimum: Some(-1.0),
                 maximum: Some(1.0),
@@ -186,7 +197,7 @@ pub(crate) mod tests {
             mappings: vec![Mapping {
                 name: "ros".into(),
                 cameras: vec![CameraSource { camera: "front".into(), color: "/c".into(), depth: Some("/d".into()) }],
-                fields: vec![source("joint_position", &["a", "b"]), source("target", &[])],
+                fields: vec![source("joint_position", &["a", "b"]), tool, source("target", &[])],
                 clock: Some("/state".into()),
             }],
         }

@@ -54,6 +54,18 @@ impl Scene {
         self
     }
 
+    /// Without a topic.
+    pub(super) fn without(mut self, topic: &str) -> Self {
+        self.messages.retain(|(of, ..)| *of != topic);
+        self
+    }
+
+    /// Changes the content of each message of a topic.
+    pub(super) fn change_all(mut self, topic: &str, change: impl Fn(&mut Value)) -> Self {
+        self.messages.iter_mut().filter(|(of, ..)| *of == topic).for_each(|(.., content)| change(content));
+        self
+    }
+
     pub(crate) fn mcap(&self) -> Vec<u8> {
         self.written(mcap::WriteOptions::new().use_chunks(false))
     }

@@ -15,6 +15,7 @@ pub fn written_mapping(spec: &TaskSpec) -> Mapping {
             topic: topic.to_owned(),
             paths: vec![field.name.clone()],
             names: Vec::new(),
+            transform: None,
         };
         specs.iter().map(source).collect()
     };

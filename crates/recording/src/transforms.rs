@@ -1,0 +1,208 @@
+//! Poses of frames: the tree of transforms that a robot publishes, link by link.
+//!
+//! Works on [`Value`] alone, so it is the same for every dialect: `tf2_msgs/TFMessage` and `geometry_msgs/TransformStamped`
+//! of ROS, `foxglove.FrameTransforms` and `foxglove.FrameTransform`.
+
+use std::collections::HashMap;
+
+use crate::dialect::Value;
+
+/// Most frames of a recording.
+const MAX_FRAMES: usize = 10_000;
+/// Most frames from one to the root of its tree.
+const MAX_DEPTH: usize = 256;
+/// Frames that an error lists.
+const SHOWN: usize = 24;
+/// A quaternion shorter than this has no direction.
+const SHORTEST: f64 = 1e-6;
+
+/// Where a frame is in another, and how it is turned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pose {
+    place: [f64; 3],
+    /// x, y, z, w.
+    turn: [f64; 4],
+}
+
+impl Pose {
+    const SAME: Self = Self { place: [0.0; 3], turn: [0.0, 0.0, 0.0, 1.0] };
+
+    /// The position and the quaternion x, y, z, w.
+    pub(crate) fn numbers(&self) -> [f64; 7] {
+        let ([x, y, z], [qx, qy, qz, qw]) = (self.place, self.turn);
+        [x, y, z, qx, qy, qz, qw]
+    }
+
+    /// The pose in this one's frame of what has the pose `inner` in this one.
+    fn then(&self, inner: &Self) -> Self {
+        let moved = rotated(self.turn, inner.place);
+        let place = [0, 1, 2].map(|axis| self.place[axis] + moved[axis]);
+        Self { place, turn: product(self.turn, inner.turn) }
+    }
+
+    fn inverse(&self) -> Self {
+        let [x, y, z, w] = self.turn;
+        let turn = [-x, -y, -z, w];
+        Self { place: rotated(turn, self.place).map(|value| -value), turn }
+    }
+
+    /// A transform of a message. Numbers that a message leaves out are zero, and a rotation that it leaves out is none.
+    fn of(transform: &Value<'_>) -> Result<Self, String> {
+        let part = |name: &str, axis: &str| transform.field(name).and_then(|part| part.number(axis)).unwrap_or(0.0);
+        let place = ["x", "y", "z"].map(|axis| part("translation", axis));
+        let Some(rotation) = transform.field("rotation") else { return Ok(Self { place, ..Self::SAME }) };
+        let turn = ["x", "y", "z", "w"].map(|axis| rotation.number(axis).unwrap_or(0.0));
+        let length = turn.iter().map(|value| value * value).sum::<f64>().sqrt();
+        if length < SHORTEST {
+            return Err("its quaternion is zero".to_owned());
+        }
+        Ok(Self { place, turn: turn.map(|value| value / length) })
+    }
+}
+
+/// The product of two quaternions.
+fn product([ax, ay, az, aw]: [f64; 4], [bx, by, bz, bw]: [f64; 4]) -> [f64; 4] {
+    [
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    ]
+}
+
+fn rotated(turn: [f64; 4], [x, y, z]: [f64; 3]) -> [f64; 3] {
+    let [tx, ty, tz, tw] = turn;
+    let [x, y, z, _] = product(product(turn, [x, y, z, 0.0]), [-tx, -ty, -tz, tw]);
+    [x, y, z]
+}
+
+/// The newest transform of each frame in its parent.
+#[derive(Debug, Default)]
+pub(crate) struct Tree {
+    frames: HashMap<String, Link>,
+    /// Transforms so far.
+    count: u64,
+}
+
+#[derive(Debug)]
+struct Link {
+    parent: String,
+    /// The reason why it has none.
+    pose: Result<Pose, String>,
+    /// The number of its transform among all.
+    at: u64,
+}
+
+/// Why a message has no pose.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Missing {
+    /// No chain of transforms leads from one frame to the other so far.
+    Chain(String),
+    /// The message changes no transform between them.
+    Unchanged,
+    /// A transform between them is not one.
+    Broken(String),
+}
+
+impl Tree {
+    /// Takes the transforms of a message. Returns the number of transforms before it.
+    ///
+    /// # Errors
+    /// The reason why the message has no transforms, or one too many.
+    pub(crate) fn update(&mut self, message: &Value<'_>) -> Result<u64, String> {
+        let before = self.count;
+        match message.field("transforms") {
+            Some(Value::List(transforms)) => transforms.iter().try_for_each(|transform| self.add(transform))?,
+            // An empty list of messages.
+            Some(Value::Numbers(none)) if none.is_empty() => {}
+            Some(other) => return Err(format!("`transforms` is {}, not a list of transforms", other.kind())),
+            None => self.add(message)?,
+        }
+        Ok(before)
+    }
+
+    fn add(&mut self, transform: &Value<'_>) -> Result<(), String> {
+        let child = transform.text("child_frame_id");
+        let parent = transform
+            .text("parent_frame_id")
+            .or_else(|| transform.field("header").and_then(|head| head.text("frame_id")));
+        let (Some(child), Some(parent)) = (child, parent) else {
+            return Err(format!("{} has no `child_frame_id` or no frame of its parent", transform.kind()));
+        };
+        let pose = Pose::of(transform.field("transform").unwrap_or(transform));
+        let pose = pose.map_err(|problem| format!("the transform from `{parent}` to `{child}`: {problem}"));
+        let (child, parent) = (bare(child).to_owned(), bare(parent).to_owned());
+        self.count += 1;
+        if self.frames.len() >= MAX_FRAMES && !self.frames.contains_key(&child) {
+            return Err(format!("there are more than {MAX_FRAMES} frames"));
+        }
+        self.frames.insert(child, Link { parent, pose, at: self.count });
+        Ok(())
+    }
+
+    /// The pose of `child` in `parent`, if a transform between them came after the first `before`.
+    pub(crate) fn pose(&self, parent: &str, child: &str, before: u64) -> Result<Pose, Missing> {
+        let (own, others) = (self.ancestors(bare(child)), self.ancestors(bare(parent)));
+        let Some(up) = own.iter().position(|frame| others.contains(frame)) else {
+            return Err(Missing::Chain(self.gap(parent, child)));
+        };
+        let down = others.iter().position(|frame| *frame == own[up]).unwrap_or_default();
+        let (own, others) = (&own[..up], &others[..down]);
+        let newest = own.iter().chain(others).filter_map(|frame| self.frames.get(*frame)).map(|link| link.at).max();
+        if newest.is_none_or(|newest| newest <= before) {
+            return Err(Missing::Unchanged);
+        }
+        Ok(self.among(others)?.inverse().then(&self.among(own)?))
+    }
+
+    /// The pose of the first of these frames, each the child of the next, in the parent of the last.
+    fn among(&self, frames: &[&str]) -> Result<Pose, Missing> {
+        frames.iter().filter_map(|frame| self.frames.get(*frame)).try_fold(Pose::SAME, |inner, link| {
+            let outer = link.pose.as_ref().map_err(|problem| Missing::Broken(problem.clone()))?;
+            Ok(outer.then(&inner))
+        })
+    }
+
+    /// A frame, its parent, and so on.
+    fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
+        let mut found = vec![frame];
+        while let Some(link) = found.last().and_then(|frame| self.frames.get(*frame)) {
+            // Frames in a circle have no root.
+            if found.len() > MAX_DEPTH || found.contains(&link.parent.as_str()) {
+                break;
+            }
+            found.push(&link.parent);
+        }
+        found
+    }
+
+    /// Why no chain leads from one frame to the other.
+    fn gap(&self, parent: &str, child: &str) -> String {
+        let mut frames: Vec<&str> =
+            self.frames.iter().flat_map(|(frame, link)| [frame.as_str(), link.parent.as_str()]).collect();
+        frames.sort_unstable();
+        frames.dedup();
+        let more = if frames.len() > SHOWN { ", …" } else { "" };
+        let shown = frames.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", ");
+        match [child, parent].into_iter().find(|frame| !frames.contains(&bare(frame))) {
+            Some(frame) => format!("there is no frame `{frame}`; the frames are {shown}{more}"),
+            None => format!("no transforms connect `{child}` with `{parent}`; the frames are {shown}{more}"),
+        }
+    }
+}
+
+/// The stamp of a message of transforms: that of its first one.
+pub(crate) fn stamp(message: &Value<'_>) -> Option<i64> {
+    match message.field("transforms") {
+        Some(Value::List(transforms)) => transforms.first()?.stamp(),
+        Some(_) | None => message.stamp(),
+    }
+}
+
+/// A frame's name; those of old recorders begin with a slash.
+fn bare(frame: &str) -> &str {
+    frame.strip_prefix('/').unwrap_or(frame)
+}
+
+#[cfg(test)]
+mod tests;
