@@ -35,6 +35,8 @@ class Worker:
 
     process: subprocess.Popen
     parameters: int = 0
+    # The port at which further ranks find this one.
+    meeting: int = 0
     ms: list[list[float]] = field(default_factory=list)
     cpu_ms: list[float] = field(default_factory=list)
     waited_ms: list[float] = field(default_factory=list)
@@ -45,10 +47,13 @@ class Worker:
             sys.exit(f"peers: {self.process.args[0]} ended early, with {self.process.wait()}")
         return json.loads(line)
 
-    def take(self, count: int) -> dict:
-        before = self.cpu()
+    def ask(self, count: int) -> None:
         self.process.stdin.write(f"{count}\n")
         self.process.stdin.flush()
+
+    def take(self, count: int) -> dict:
+        before = self.cpu()
+        self.ask(count)
         taken = self.answer()
         for all_blocks, now, then in zip((self.cpu_ms, self.waited_ms), self.cpu(), before):
             all_blocks.append((now - then) / count)
@@ -76,11 +81,13 @@ class Worker:
 
 
 @contextlib.contextmanager
-def worker(command: list[str]) -> Iterator[Worker]:
+def worker(command: list[str], reports_size: bool = True) -> Iterator[Worker]:
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         started = Worker(process)
-        started.parameters = started.answer()["parameters"]
+        if reports_size:
+            said = started.answer()
+            started.parameters, started.meeting = said["parameters"], said.get("meeting", 0)
         yield started
     finally:
         process.kill()
@@ -91,14 +98,15 @@ def ours(program: Path, job: dict) -> contextlib.AbstractContextManager[Worker]:
     return worker([str(program), json.dumps(job, default=str)])
 
 
-def eager(job: dict, encode: str, precision: str) -> contextlib.AbstractContextManager[Worker]:
+def eager(job: dict, encode: str, precision: str) -> list[str]:
+    """The command of a peer."""
     words = []
     for name, value in {**job, "precision": precision}.items():
         if value is True:
             words.append(f"--{name}")
         elif value is not False:
             words.append(f"--{name}={','.join(value) if isinstance(value, list) else value}")
-    return worker([sys.executable, str(HERE / "pretrain_step.py"), "--paced", f"--encode={encode}", *words])
+    return [sys.executable, str(HERE / "pretrain_step.py"), "--paced", f"--encode={encode}", *words]
 
 
 def check_same(program: Path, case: dict) -> float:
@@ -109,7 +117,7 @@ def check_same(program: Path, case: dict) -> float:
         losses = first.take(5)["loss"]
         worst = 0.0
         for encode, precision in TARGETS["f32"]:
-            peer = stack.enter_context(eager(job, encode, precision))
+            peer = stack.enter_context(worker(eager(job, encode, precision)))
             if peer.parameters != first.parameters:
                 sys.exit(f"peers: {first.parameters} parameters, the peer has {peer.parameters}")
             found = peer.take(5)["loss"]
@@ -124,7 +132,7 @@ def measure(program: Path, case: dict, precision: str, threads: int, rounds: int
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         job = {**case, "precision": precision, "threads": threads, "share": Path(folder)}
         workers = {"ours": stack.enter_context(ours(program, job))}
-        workers |= {peer: stack.enter_context(eager(job, *peer)) for peer in TARGETS[precision]}
+        workers |= {peer: stack.enter_context(worker(eager(job, *peer))) for peer in TARGETS[precision]}
         sizes = {one.parameters for one in workers.values()}
         if len(sizes) != 1:
             sys.exit(f"peers: the models have different numbers of parameters: {sizes}")

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import torch
 from safetensors.torch import load_file
+from torch import distributed, nn
 
-from batches import Episodes
+from batches import Batch, Episodes
 from model import SIZES, Shape
 from objective import Learner
 
@@ -38,14 +39,28 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--share", type=Path, help="folder with episodes and a checkpoint to begin from")
     parser.add_argument("--steps", type=int, default=20, help="steps to take the median of, after 3 to warm up")
     parser.add_argument("--paced", action="store_true")
+    parser.add_argument("--ranks", type=int, default=1, help="processes that share each batch, by DistributedDataParallel")
+    parser.add_argument("--rank", type=int, default=0)
+    parser.add_argument("--meeting", type=Path, help="a file that does not exist, the same for every rank")
     return parser.parse_args()
+
+
+class Loss(nn.Module):
+    """The loss of a batch as a module's output, which is what DistributedDataParallel wraps."""
+
+    def __init__(self, learner: Learner, objectives: tuple[str, ...]):
+        super().__init__()
+        self.learner, self.objectives = learner, objectives
+
+    def forward(self, batch: Batch) -> torch.Tensor:
+        return self.learner.loss(batch, self.objectives)
 
 
 class Run:
     """A model, its optimiser and its data."""
 
     def __init__(self, options: argparse.Namespace):
-        torch.manual_seed(0)
+        torch.manual_seed(options.rank)
         self.options, self.window = options, options.segment_length + 1
         self.objectives = tuple(options.objectives.split(","))
         shape, size = Shape(options.side, options.depth), SIZES[options.preset]
@@ -62,6 +77,12 @@ class Run:
         self.done = 0
         if options.share is not None:
             self.load(load_file(options.share / "checkpoint"), named)
+        self.loss = Loss(self.learner, self.objectives)
+        if options.ranks > 1:
+            # Each rank draws its part of the batch; the gradients are averaged during the backward pass.
+            meeting = f"file://{options.meeting}"
+            distributed.init_process_group("gloo", meeting, rank=options.rank, world_size=options.ranks)
+            self.loss = nn.parallel.DistributedDataParallel(self.loss)
 
     def load(self, stored: dict[str, torch.Tensor], named: dict[str, torch.nn.Parameter]) -> None:
         """Resumes after the first step of another program; every name and size must be equal."""
@@ -82,7 +103,8 @@ class Run:
         """Takes steps; what each took in ms, and its loss. Segments and masks are drawn before the clock runs."""
         options = self.options
         every_window = options.encode == "window"
-        draw = lambda: self.episodes.draw(options.batch, options.stretch, self.window, every_window)
+        batch = options.batch // options.ranks
+        draw = lambda: self.episodes.draw(batch, options.stretch, self.window, every_window)
         layouts = [draw() for _ in range(count)]
         taken: dict[str, list[float]] = {"ms": [], "loss": []}
         for layout in layouts:
@@ -91,7 +113,7 @@ class Run:
                 group["lr"] = RATE * min((self.done + 1) / WARM_UP, 1.0)
             self.optimizer.zero_grad()
             with torch.autocast("cpu", torch.bfloat16, enabled=options.precision == "bf16"):
-                loss = self.learner.loss(self.episodes.collect(layout), self.objectives)
+                loss = self.loss(self.episodes.collect(layout))
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self.parameters, CLIP)
             self.optimizer.step()

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Our pretraining step beside eager PyTorch's, in one run. Arguments go to compare.py; see README.md.
+# Our pretraining step beside eager PyTorch's, in one run. Arguments go to the script; see README.md.
 #
-# BENCH_PROFILE is cargo's profile (bench), PEERS_VENV where the virtual environment is or shall be.
+# BENCH_PROFILE is cargo's profile (bench), PEERS_VENV where the virtual environment is or shall be, PEERS_SCRIPT the script
+# (compare.py).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -15,4 +16,4 @@ print([path for path in made if path][-1])')
 
 # What else the machine does matters to the clock, less to the ratios.
 uptime
-exec "$python" -B benches/peers/compare.py "$program" "$@"
+exec "$python" -B "benches/peers/${PEERS_SCRIPT:-compare.py}" "$program" "$@"

@@ -14,6 +14,8 @@ from torch.nn import functional as F
 from model import ImageEncoder, Shape, Size, Statistics, Transformer
 
 MEMORY = 2
+# Width of the perceptron's hidden layers, in widths of an embedding.
+WIDER = 8
 PERIODS = (4e-3, 4.0)
 # The first chunks of a session, whose noise is gleaner's own, so that actions can be compared.
 CHECKED = 16
@@ -28,23 +30,57 @@ class Transformers(Transformer):
         return self.norm(x)
 
 
-class Network(nn.Module):
-    """The network of a checkpoint, in its names."""
+class Time(nn.Module):
+    """The layers that embed a time in 0 … 1, which a network has among its own."""
+
+    def __init__(self, width: int):
+        super().__init__()
+        self.time_hidden, self.time_out = nn.Linear(width, width), nn.Linear(width, width)
+        shortest, longest = (math.log(period) for period in PERIODS)
+        periods = torch.linspace(shortest, longest, width // 2, dtype=torch.float64).exp()
+        self.register_buffer("frequencies", (2 * math.pi / periods).float(), persistent=False)
+
+    def embedded(self, time: float) -> Tensor:
+        """[d]."""
+        angle = time * self.frequencies
+        waves = torch.cat([angle.sin(), angle.cos()])
+        return self.time_out(F.silu(self.time_hidden(waves)))
+
+
+class Numbers(Time):
+    """The perceptron of a checkpoint, in its names."""
 
     def __init__(self, shape: Shape, size: Size, chunk: int):
-        super().__init__()
+        super().__init__(size.width)
+        numbers, wide = chunk * shape.action, WIDER * size.width
+        self.image = ImageEncoder(shape, size)
+        self.hidden_0 = nn.Linear(2 * size.width + shape.proprioception + numbers, wide)
+        self.hidden_1 = nn.Linear(wide, wide)
+        self.out = nn.Linear(wide, numbers)
+
+    def memory(self, images: list[Tensor], proprioception: Tensor) -> Tensor:
+        """[1, d + M] of one step."""
+        return torch.cat([self.image(images), proprioception], 1)
+
+    def forward(self, memory: Tensor, noisy: Tensor, time: float) -> Tensor:
+        """What the network predicts of a noisy chunk [1, k, A] at a time in 0 … 1."""
+        x = torch.cat([memory, self.embedded(time)[None], noisy.flatten(1)], 1)
+        return self.out(F.gelu(self.hidden_1(F.gelu(self.hidden_0(x))))).view_as(noisy)
+
+
+class Tokens(Time):
+    """The transformer of a checkpoint, in its names."""
+
+    def __init__(self, shape: Shape, size: Size, chunk: int):
         width = size.width
+        super().__init__(width)
         self.image = ImageEncoder(shape, size)
         self.proprioception = nn.Linear(shape.proprioception, width)
         self.action = nn.Linear(shape.action, width)
-        self.time_hidden, self.time_out = nn.Linear(width, width), nn.Linear(width, width)
         self.memory_embedding = nn.Parameter(torch.zeros(MEMORY, width))
         self.place_embedding = nn.Parameter(torch.zeros(chunk, width))
         self.transformer = Transformers(size)
         self.out = nn.Linear(width, shape.action)
-        shortest, longest = (math.log(period) for period in PERIODS)
-        periods = torch.linspace(shortest, longest, width // 2, dtype=torch.float64).exp()
-        self.register_buffer("frequencies", (2 * math.pi / periods).float(), persistent=False)
         mask = torch.ones(MEMORY + chunk, MEMORY + chunk, dtype=torch.bool)
         mask[:MEMORY, MEMORY:] = False
         self.register_buffer("mask", mask[None, None], persistent=False)
@@ -54,20 +90,20 @@ class Network(nn.Module):
         return torch.stack([self.image(images), self.proprioception(proprioception)], 1) + self.memory_embedding
 
     def forward(self, memory: Tensor, noisy: Tensor, time: float) -> Tensor:
-        """What to remove from a noisy chunk [1, k, A] at a time in 0 … 1."""
-        angle = time * self.frequencies
-        waves = torch.cat([angle.sin(), angle.cos()])
-        embedded = self.time_out(F.silu(self.time_hidden(waves)))
-        tokens = torch.cat([memory, self.action(noisy) + embedded + self.place_embedding], 1)
+        """What the network predicts of a noisy chunk [1, k, A] at a time in 0 … 1."""
+        tokens = torch.cat([memory, self.action(noisy) + self.embedded(time) + self.place_embedding], 1)
         return self.out(self.transformer(tokens, self.mask)[:, MEMORY:])
+
+
+NETWORKS = {"perceptron": Numbers, "transformer": Tokens}
 
 
 class ChunkLearner(nn.Module):
     """The network with its statistics."""
 
-    def __init__(self, shape: Shape, size: Size, chunk: int):
+    def __init__(self, network: nn.Module, shape: Shape, size: Size):
         super().__init__()
-        self.policy = Network(shape, size, chunk)
+        self.policy = network
         self.statistics = Statistics(shape, size)
 
 
@@ -78,9 +114,11 @@ class ChunkPolicy:
         settings = header["settings"]
         self.shape, self.passes = shape, settings["sampling_steps"]
         self.chunk, self.execute = settings["chunk_length"], settings["execute_length"]
+        self.whole = settings["prediction"] == "chunk"
         self.range = tensors.pop("statistics.action.range", None)
         self.left = cosine(settings["diffusion_steps"]) if self.range is not None else None
-        self.learner = ChunkLearner(shape, size, self.chunk).eval()
+        network = NETWORKS[settings["chunk_network"]](shape, size, self.chunk)
+        self.learner = ChunkLearner(network, shape, size).eval()
         self.learner.load_state_dict(tensors, strict=True)
 
     @torch.inference_mode()
@@ -97,7 +135,9 @@ class ChunkPolicy:
     def integrated(self, memory: Tensor, x: Tensor) -> Tensor:
         """Euler's method from noise at t = 1 to t = 0."""
         for at in range(self.passes):
-            x = x - self.learner.policy(memory, x, 1 - at / self.passes) / self.passes
+            time = 1 - at / self.passes
+            found = self.learner.policy(memory, x, time)
+            x = x - ((x - found) / time if self.whole else found) / self.passes
         return x
 
     def denoised(self, memory: Tensor, x: Tensor) -> Tensor:
@@ -108,6 +148,8 @@ class ChunkPolicy:
         for at in range(self.passes):
             now, then = left(at), left(at + 1)
             found = self.learner.policy(memory, x, step(at) / count)
+            if self.whole:
+                found = (x - found * math.sqrt(now)) / math.sqrt(1 - now)
             chunk = ((x - found * math.sqrt(1 - now)) / math.sqrt(now)).clamp(-1, 1)
             x = chunk * math.sqrt(then) + found * math.sqrt(1 - then)
         return x

@@ -2,7 +2,8 @@
 //! peer is `benches/peers`. Without a job it takes a few steps and says what one costs.
 //!
 //! The one argument is a [`Job`] as JSON. Each line read is a number of steps to take, each line written an
-//! object: first the model's size, then what the steps took and gave.
+//! object: first the model's size, then what the steps took and gave. Of several ranks, rank 0 is paced and also writes
+//! the port of their meeting; the others follow it.
 
 #![allow(clippy::unwrap_used, missing_docs)]
 
@@ -10,10 +11,15 @@ mod episodes;
 
 use std::fs;
 use std::io::{self, Write};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use gleaner_core::{OptimSpec, Precision, Preset, PretrainSpec, RunSpec};
-use gleaner_learn::{LearnError, Monitor, TaskShape, Trajectory, pretrain, set_threads};
+use gleaner_group::{Meeting, Place};
+use gleaner_learn::{
+    LearnError, Monitor, Participant, Peers, Silent, TaskShape, Trajectory, pretrain, pretrain_with, set_threads,
+};
 use serde::Deserialize;
 use serde_json::json;
 
@@ -22,6 +28,9 @@ const ENDLESS: u64 = 1_000_000;
 /// Steps without a job, the first of them to warm up.
 const STEPS: usize = 23;
 const WARM_UP: usize = 3;
+const LOCAL: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
+/// How long a rank waits for another, which includes the turns of other programs.
+const PATIENCE: Duration = Duration::from_secs(600);
 
 /// What to train on, and how.
 #[derive(Deserialize)]
@@ -37,6 +46,11 @@ struct Job {
     stretch: u32,
     threads: u32,
     precision: Precision,
+    /// Processes that share each batch, and the number of this one.
+    ranks: u32,
+    rank: u32,
+    /// The port of rank 0's meeting, for the other ranks.
+    meeting: u16,
     /// Where the peer finds the episodes and the weights after the first step.
     share: Option<PathBuf>,
 }
@@ -54,6 +68,9 @@ impl Default for Job {
             stretch: optim.stretch,
             threads: 1,
             precision: Precision::F32,
+            ranks: 1,
+            rank: 0,
+            meeting: 0,
             share: None,
         }
     }
@@ -143,18 +160,43 @@ fn asked() -> usize {
     line.trim().parse().unwrap_or(0)
 }
 
-/// One step, then as many as `next` asks for.
-fn run(
-    shape: &TaskShape,
-    data: &[Trajectory],
-    spec: &PretrainSpec,
-    first: &[u8],
-    next: &mut dyn FnMut(&Block) -> usize,
-) {
-    let left = next(&Block::default());
-    let mut paced = Paced { next, left, block: Block::default() };
-    let ended = pretrain(shape, data, spec, None, Some(first), &mut paced);
-    assert!(matches!(ended, Err(LearnError::Cancelled)), "the run ended early: {:?}", ended.err());
+/// The ranks of the job, once all have come; rank 0 says the model's size before.
+fn join(job: &Job, size: usize) -> Peers {
+    if job.ranks == 1 {
+        say(&json!({"parameters": size}));
+        return Peers::alone();
+    }
+    let meeting = if job.rank == 0 {
+        let meeting = Meeting::open(job.ranks, PATIENCE).unwrap();
+        say(&json!({"parameters": size, "meeting": meeting.port()}));
+        meeting
+    } else {
+        Meeting::find(SocketAddr::new(LOCAL, job.meeting), job.ranks, PATIENCE).unwrap()
+    };
+    Peers::of(meeting.join("steps", Place { rank: job.rank, ranks: job.ranks, address: LOCAL, gpu: false }).unwrap())
+}
+
+/// What every run of this program has.
+struct Run<'a> {
+    shape: &'a TaskShape,
+    data: &'a [Trajectory],
+    spec: &'a PretrainSpec,
+    first: &'a [u8],
+    peers: Peers,
+}
+
+impl Run<'_> {
+    /// As many steps as `next` asks for.
+    fn paced(self, next: &mut dyn FnMut(&Block) -> usize) {
+        let left = next(&Block::default());
+        self.ends(&mut Paced { next, left, block: Block::default() });
+    }
+
+    fn ends(mut self, monitor: &mut dyn Monitor) {
+        let participant = Participant { resume: Some(self.first), peers: &mut self.peers, monitor };
+        let ended = pretrain_with(self.shape, self.data, self.spec, None, participant);
+        assert!(matches!(ended, Err(LearnError::Cancelled)), "the run ended early: {:?}", ended.err());
+    }
 }
 
 fn main() {
@@ -165,7 +207,8 @@ fn main() {
     let (batch, stretch, precision) = (job.batch, job.stretch, job.precision);
     let optim = OptimSpec { steps: ENDLESS, batch, stretch, precision, ..OptimSpec::default() };
     let run_of = |checkpoint_every| RunSpec { checkpoint_every, ..RunSpec::default() };
-    let once = PretrainSpec { model, objectives: job.objectives, optim, run: run_of(1), ..PretrainSpec::default() };
+    let once =
+        PretrainSpec { model, objectives: job.objectives.clone(), optim, run: run_of(1), ..PretrainSpec::default() };
     set_threads(job.threads);
     let mut first = First::default();
     let ended = pretrain(&shape, &data, &once, None, None, &mut first);
@@ -178,16 +221,19 @@ fn main() {
     let size = parameters(&checkpoint);
     let spec = PretrainSpec { run: run_of(u32::MAX), ..once };
     if given.is_some() {
-        say(&json!({"parameters": size}));
-        let mut pace = |block: &Block| {
+        let run = Run { shape: &shape, data: &data, spec: &spec, first: &checkpoint, peers: join(&job, size) };
+        if job.rank > 0 {
+            return run.ends(&mut Silent);
+        }
+        return run.paced(&mut |block| {
             if !block.ms.is_empty() {
                 say(&json!({"ms": block.ms, "loss": block.loss}));
             }
             asked()
-        };
-        return run(&shape, &data, &spec, &checkpoint, &mut pace);
+        });
     }
-    let mut pace = |block: &Block| {
+    let run = Run { shape: &shape, data: &data, spec: &spec, first: &checkpoint, peers: Peers::alone() };
+    run.paced(&mut |block| {
         if block.ms.is_empty() {
             return STEPS;
         }
@@ -195,6 +241,5 @@ fn main() {
         ms.sort_by(f64::total_cmp);
         say(&json!({"parameters": size, "threads": job.threads, "median_ms": ms[ms.len() / 2]}));
         0
-    };
-    run(&shape, &data, &spec, &checkpoint, &mut pace);
+    });
 }
