@@ -1,16 +1,25 @@
 //! AdamW with clipping by the global norm, over plain tensors so that all its state can be saved.
 //! Independent of models and schedules.
+//!
+//! Parameters with the same rules lie side by side in memory, so that a step is a few operations on each block of them and
+//! not on each parameter: on a GPU every operation costs a launch, however small its tensor. On a processor a block is small
+//! enough for its caches.
 
 use std::collections::BTreeMap;
 
 use tch::{Kind, Tensor, no_grad_guard};
 
+use crate::batch::int;
 use crate::error::LearnError;
 use crate::model::IMAGES;
 use gleaner_core::OptimSpec;
 
 const BETA: [f64; 2] = [0.9, 0.999];
 const EPSILON: f64 = 1e-8;
+/// Values from which a block on a processor takes no further parameter: its tensors are then 256 KiB.
+const CACHED: usize = 1 << 16;
+/// A parameter begins at a multiple of so many values, 64 bytes, as one with memory of its own does.
+const ALIGNED: usize = 16;
 
 struct Slot {
     name: String,
@@ -27,9 +36,24 @@ struct Slot {
 /// The gradient of each parameter, in the optimiser's order; `None` for one that the loss does not depend on.
 pub(crate) type Gradients = Vec<Option<Tensor>>;
 
+/// Gradients side by side as their parameters are: one tensor `[N]` for each block.
+pub(crate) struct Gathered(Vec<Tensor>);
+
+/// Parameters with the same rules, each a view of a part of these tensors `[N]`.
+struct Block {
+    slots: Vec<usize>,
+    parameter: Tensor,
+    mean: Tensor,
+    square: Tensor,
+    decays: bool,
+    of_images: bool,
+}
+
 /// The optimiser of some parameters.
 pub(crate) struct AdamW {
     slots: Vec<Slot>,
+    /// The parameters with a gradient.
+    blocks: Vec<Block>,
 }
 
 impl AdamW {
@@ -46,7 +70,7 @@ impl AdamW {
                 parameter,
             })
             .collect();
-        Self { slots }
+        Self { slots, blocks: Vec::new() }
     }
 
     /// The state with its names in a checkpoint.
@@ -100,109 +124,131 @@ impl AdamW {
     /// Moves the parameters by their gradients as [`AdamW::apply`] does. Returns the global gradient norm before
     /// clipping; parameters stay unchanged if it is not finite.
     pub(crate) fn step(&mut self, step: u64, rate: f64, spec: &OptimSpec) -> f64 {
-        let gradients = self.gradients();
-        let norm = self.gradient_norm(&gradients, spec).map_or(0.0, |norm| norm.double_value(&[]));
+        let gathered = self.gather(&self.gradients());
+        let norm = self.gradient_norm(&gathered, spec).map_or(0.0, |norm| norm.double_value(&[]));
         if norm.is_finite() {
-            self.apply(&gradients, step, rate, norm, spec);
+            self.apply(&gathered, step, rate, norm, spec);
         }
         norm
     }
 
-    /// Moves the parameters by `gradients`, whose norm is `norm`, as step number `step` (from 0) at `rate`, those
+    /// Lays `gradients` side by side, and the parameters that have one.
+    pub(crate) fn gather(&mut self, gradients: &Gradients) -> Gathered {
+        let _no_grad = no_grad_guard();
+        let present: Vec<usize> = (0..self.slots.len()).filter(|at| gradients[*at].is_some()).collect();
+        let mut laid: Vec<usize> = self.blocks.iter().flat_map(|block| block.slots.iter().copied()).collect();
+        laid.sort_unstable();
+        if present != laid {
+            self.lay_out(&present);
+        }
+        let of_block = |block: &Block| beside(block.slots.iter().filter_map(|at| gradients[*at].as_ref()));
+        Gathered(self.blocks.iter().map(of_block).collect())
+    }
+
+    /// Moves these parameters and their state into blocks.
+    fn lay_out(&mut self, present: &[usize]) {
+        self.blocks.clear();
+        for (decays, of_images) in [(false, false), (false, true), (true, false), (true, true)] {
+            let alike = |at: &&usize| (self.slots[**at].decays, self.slots[**at].of_images) == (decays, of_images);
+            let slots: Vec<usize> = present.iter().filter(alike).copied().collect();
+            for slots in self.parts(&slots) {
+                let block = self.block(slots, decays, of_images);
+                self.blocks.push(block);
+            }
+        }
+    }
+
+    /// These parameters in parts, each for a block.
+    fn parts(&self, slots: &[usize]) -> Vec<Vec<usize>> {
+        let mut parts: Vec<Vec<usize>> = Vec::new();
+        let mut values = 0;
+        for at in slots {
+            let parameter = &self.slots[*at].parameter;
+            match parts.last_mut().filter(|_| values < CACHED || parameter.device().is_cuda()) {
+                Some(part) => part.push(*at),
+                None => {
+                    parts.push(vec![*at]);
+                    values = 0;
+                }
+            }
+            values += parameter.numel();
+        }
+        parts
+    }
+
+    /// Moves these parameters and their state into a block.
+    fn block(&mut self, slots: Vec<usize>, decays: bool, of_images: bool) -> Block {
+        let joined = |part: fn(&Slot) -> &Tensor| beside(slots.iter().map(|at| part(&self.slots[*at])));
+        let [parameter, mean, square] =
+            [joined(|slot| &slot.parameter), joined(|slot| &slot.mean), joined(|slot| &slot.square)];
+        let mut begin = 0;
+        for at in &slots {
+            let slot = &mut self.slots[*at];
+            let (count, size) = (slot.parameter.numel(), slot.parameter.size());
+            let view = |of: &Tensor| of.narrow(0, begin, int(count)).view(size.as_slice());
+            slot.parameter.set_data(&view(&parameter));
+            (slot.mean, slot.square) = (view(&mean), view(&square));
+            begin += int(count.next_multiple_of(ALIGNED));
+        }
+        Block { slots, parameter, mean, square, decays, of_images }
+    }
+
+    /// Moves the parameters by gathered gradients, whose norm is `norm`, as step number `step` (from 0) at `rate`, those
     /// of an image encoder at `image_rate_factor` times it.
-    pub(crate) fn apply(&mut self, gradients: &Gradients, step: u64, rate: f64, norm: f64, spec: &OptimSpec) {
+    pub(crate) fn apply(&mut self, gathered: &Gathered, step: u64, rate: f64, norm: f64, spec: &OptimSpec) {
         let _no_grad = no_grad_guard();
         let scale = (spec.clip_norm / norm.max(f64::MIN_POSITIVE)).min(1.0);
         let count = i32::try_from(step + 1).unwrap_or(i32::MAX);
         let [first, second] = BETA.map(|beta| 1.0 - beta.powi(count));
         let of_images = rate * spec.image_rate_factor;
-        for (slot, gradient) in self.slots.iter_mut().zip(gradients) {
-            if slot.of_images && spec.image_rate_factor == 0.0 {
+        for (block, gradient) in self.blocks.iter_mut().zip(&gathered.0) {
+            if block.of_images && spec.image_rate_factor == 0.0 {
                 continue;
             }
-            let rate = if slot.of_images { of_images } else { rate };
-            let Some(gradient) = gradient else { continue };
+            let rate = if block.of_images { of_images } else { rate };
             let gradient = gradient * scale;
-            let _ = slot.mean.g_mul_scalar_(BETA[0]);
-            let _ = slot.mean.g_add_(&(&gradient * (1.0 - BETA[0])));
-            let _ = slot.square.g_mul_scalar_(BETA[1]);
-            let _ = slot.square.g_add_(&(gradient.square() * (1.0 - BETA[1])));
-            if slot.decays {
-                let _ = slot.parameter.g_mul_scalar_(1.0 - rate * spec.weight_decay);
+            let _ = block.mean.g_mul_scalar_(BETA[0]);
+            let _ = block.mean.g_add_(&(&gradient * (1.0 - BETA[0])));
+            let _ = block.square.g_mul_scalar_(BETA[1]);
+            let _ = block.square.g_add_(&(gradient.square() * (1.0 - BETA[1])));
+            if block.decays {
+                let _ = block.parameter.g_mul_scalar_(1.0 - rate * spec.weight_decay);
             }
-            let spread = (&slot.square / second).sqrt() + EPSILON;
-            let _ = slot.parameter.g_sub_(&(&slot.mean * (rate / first) / spread));
+            let spread = (&block.square / second).sqrt() + EPSILON;
+            let _ = block.parameter.g_sub_(&(&block.mean * (rate / first) / spread));
         }
     }
 
-    /// The global norm of `gradients`, a scalar of doubles on the parameters' device, without the parameters of a frozen image
-    /// encoder; `None` if no parameter has a gradient.
-    pub(crate) fn gradient_norm(&self, gradients: &Gradients, spec: &OptimSpec) -> Option<Tensor> {
+    /// The global norm of gathered gradients, a scalar of doubles on the parameters' device, without the parameters of a
+    /// frozen image encoder; `None` if no parameter has a gradient.
+    pub(crate) fn gradient_norm(&self, gathered: &Gathered, spec: &OptimSpec) -> Option<Tensor> {
         let _no_grad = no_grad_guard();
         let with_images = spec.image_rate_factor > 0.0;
-        let squares: Vec<Tensor> = self
-            .slots
-            .iter()
-            .zip(gradients)
-            .filter(|(slot, _)| with_images || !slot.of_images)
-            .filter_map(|(_, gradient)| gradient.as_ref())
-            .map(|gradient| gradient.square().sum(Kind::Double))
-            .collect();
+        let counted = self.blocks.iter().zip(&gathered.0).filter(|(block, _)| with_images || !block.of_images);
+        let squares: Vec<Tensor> = counted.map(|(_, gradient)| gradient.square().sum(Kind::Double)).collect();
         (!squares.is_empty()).then(|| Tensor::stack(&squares, 0).sum(Kind::Double).sqrt())
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::batch::values;
-
-    fn spec(weight_decay: f64, clip_norm: f64) -> OptimSpec {
-        OptimSpec { weight_decay, clip_norm, ..OptimSpec::default() }
-    }
-
-    /// Steps `[x]` under the loss `slope * x`.
-    fn run(spec: &OptimSpec, slope: f64, steps: u64) -> (f32, f64) {
-        let x = Tensor::from_slice(&[1.0f32]).view([1, 1]).set_requires_grad(true);
-        let mut adam = AdamW::new(vec![("x".into(), x.shallow_clone())]);
-        let mut norm = 0.0;
-        for step in 0..steps {
-            adam.zero_grad();
-            (&x * slope).sum(Kind::Float).backward();
-            norm = adam.step(step, 0.1, spec);
+/// Tensors of any size side by side, each at a multiple of [`ALIGNED`] values; zeros fill the gaps. A tensor alone is not
+/// copied.
+fn beside<'a>(tensors: impl Iterator<Item = &'a Tensor>) -> Tensor {
+    let mut parts = Vec::new();
+    for tensor in tensors {
+        let (flat, count) = (tensor.detach().flatten(0, -1), tensor.numel());
+        let gap = int(count.next_multiple_of(ALIGNED) - count);
+        if gap > 0 {
+            let gap = Tensor::zeros([gap], (flat.kind(), flat.device()));
+            parts.extend([flat, gap]);
+        } else {
+            parts.push(flat);
         }
-        (values(&x)[0], norm)
     }
-
-    #[test]
-    fn the_first_steps_are_those_of_the_formula() {
-        // A constant gradient makes mean / sqrt(square) exactly 1 after bias correction.
-        let (x, norm) = run(&spec(0.0, 100.0), 3.0, 2);
-        assert!((f64::from(x) - 0.8).abs() < 1e-6, "{x}");
-        assert!((norm - 3.0).abs() < 1e-12);
-        let (x, _) = run(&spec(0.5, 100.0), 3.0, 1);
-        assert!((f64::from(x) - (1.0 - 0.1 * 0.5 - 0.1)).abs() < 1e-6, "{x}");
-    }
-
-    #[test]
-    fn the_image_encoder_has_a_rate_of_its_own() {
-        let parameter = |name: &str| {
-            (name.to_owned(), Tensor::ones([1, 1], (Kind::Float, tch::Device::Cpu)).set_requires_grad(true))
-        };
-        let parameters = ["model.head.image.out.weight", "model.image.project.weight"].map(parameter);
-        let mut adam = AdamW::new(parameters.iter().map(|(name, x)| (name.clone(), x.shallow_clone())).collect());
-        parameters.iter().map(|(_, x)| x).sum::<Tensor>().backward();
-        let norm = adam.step(0, 0.1, &OptimSpec { image_rate_factor: 0.0, ..spec(0.5, 100.0) });
-        let after = parameters.map(|(_, x)| values(&x)[0]);
-        assert!((after[0] - 0.85).abs() < 1e-6, "{after:?}");
-        assert_eq!(after[1], 1.0, "neither moved nor decayed");
-        assert!((norm - 1.0).abs() < 1e-9, "a frozen part does not count: {norm}");
-    }
-
-    #[test]
-    fn the_norm_reported_is_the_one_before_clipping_and_nothing_moves_on_nan() {
-        assert!((run(&spec(0.0, 1.0), 1e6, 1).1 - 1e6).abs() < 1.0);
-        let (x, norm) = run(&spec(0.0, 1.0), f64::NAN, 1);
-        assert!(norm.is_nan() && x == 1.0);
+    match parts.as_slice() {
+        [alone] => alone.shallow_clone(),
+        several => Tensor::cat(several, 0),
     }
 }
+
+#[cfg(test)]
+mod tests;

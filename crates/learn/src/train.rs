@@ -234,11 +234,12 @@ impl<N: Learner> Training<N> {
         let due = Instant::now();
         let stop = peers.sum(&mut gradients, self.optimizer.parameters(), &mut sums.numbers(), monitor.cancelled())?;
         let summing = due.elapsed();
-        let (norm, mut metrics) = sums.read(self.optimizer.gradient_norm(&gradients, &self.optim));
+        let gathered = self.optimizer.gather(&gradients);
+        let (norm, mut metrics) = sums.read(self.optimizer.gradient_norm(&gathered, &self.optim));
         if !(norm.is_finite() && metrics.first().is_some_and(|(_, loss)| loss.is_finite())) {
             return Err(LearnError::Diverged { step });
         }
-        self.optimizer.apply(&gradients, step, rate, norm, &self.optim);
+        self.optimizer.apply(&gathered, step, rate, norm, &self.optim);
         self.info.step += 1;
         self.finished.after_step(self.info.step);
         let took = begin.elapsed().as_secs_f64();
