@@ -125,11 +125,12 @@ impl AdamW {
     /// clipping; parameters stay unchanged if it is not finite.
     pub(crate) fn step(&mut self, step: u64, rate: f64, spec: &OptimSpec) -> f64 {
         let gathered = self.gather(&self.gradients());
-        let norm = self.gradient_norm(&gathered, spec).map_or(0.0, |norm| norm.double_value(&[]));
-        if norm.is_finite() {
-            self.apply(&gathered, step, rate, norm, spec);
+        let Some(norm) = self.gradient_norm(&gathered, spec) else { return 0.0 };
+        let read = norm.double_value(&[]);
+        if read.is_finite() {
+            self.apply(&gathered, step, rate, &norm, spec);
         }
-        norm
+        read
     }
 
     /// Lays `gradients` side by side, and the parameters that have one.
@@ -194,10 +195,11 @@ impl AdamW {
     }
 
     /// Moves the parameters by gathered gradients, whose norm is `norm`, as step number `step` (from 0) at `rate`, those
-    /// of an image encoder at `image_rate_factor` times it.
-    pub(crate) fn apply(&mut self, gathered: &Gathered, step: u64, rate: f64, norm: f64, spec: &OptimSpec) {
+    /// of an image encoder at `image_rate_factor` times it. Reads nothing from the device.
+    pub(crate) fn apply(&mut self, gathered: &Gathered, step: u64, rate: f64, norm: &Tensor, spec: &OptimSpec) {
         let _no_grad = no_grad_guard();
-        let scale = (spec.clip_norm / norm.max(f64::MIN_POSITIVE)).min(1.0);
+        let scale =
+            (norm.clamp_min(f64::MIN_POSITIVE).reciprocal() * spec.clip_norm).clamp_max(1.0).to_kind(Kind::Float);
         let count = i32::try_from(step + 1).unwrap_or(i32::MAX);
         let [first, second] = BETA.map(|beta| 1.0 - beta.powi(count));
         let of_images = rate * spec.image_rate_factor;
@@ -206,7 +208,7 @@ impl AdamW {
                 continue;
             }
             let rate = if block.of_images { of_images } else { rate };
-            let gradient = gradient * scale;
+            let gradient = gradient * &scale;
             let _ = block.mean.g_mul_scalar_(BETA[0]);
             let _ = block.mean.g_add_(&(&gradient * (1.0 - BETA[0])));
             let _ = block.square.g_mul_scalar_(BETA[1]);

@@ -2,11 +2,12 @@
 
 mod monitor;
 mod sums;
+mod unread;
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use tch::Tensor;
+use tch::{Device, Tensor};
 
 use crate::ahead::{Assembled, Next, ahead};
 use crate::checkpoint::{self, CheckpointInfo};
@@ -18,6 +19,7 @@ use crate::peers::Peers;
 use crate::precision;
 use gleaner_core::OptimSpec;
 use sums::Sums;
+use unread::{Step, Unread};
 
 pub use monitor::{Monitor, Participant, Silent};
 pub(crate) use sums::Metrics;
@@ -75,6 +77,7 @@ pub(crate) struct Training<N = Network> {
     optim: OptimSpec,
     /// The header of the next checkpoint; its `step` is the counter.
     info: CheckpointInfo,
+    unread: Unread,
 }
 
 /// Result of resuming from a checkpoint.
@@ -88,8 +91,9 @@ pub(crate) enum Resumed<N = Network> {
 impl<N: Learner> Training<N> {
     /// A training from the first step; `info` describes the run.
     pub(crate) fn start(network: N, info: CheckpointInfo, optim: &OptimSpec) -> Self {
-        let finished = Finished::new(optim, network.parameters());
-        Self { optimizer: AdamW::new(network.parameters()), finished, optim: *optim, network, info }
+        let (optimizer, finished) = (AdamW::new(network.parameters()), Finished::new(optim, network.parameters()));
+        let device = optimizer.parameters().next().map_or(Device::Cpu, Tensor::device);
+        Self { optimizer, finished, optim: *optim, network, info, unread: Unread::on(device) }
     }
 
     /// A training from a checkpoint of the run that `info` describes.
@@ -160,20 +164,24 @@ impl<N: Learner> Training<N> {
         peers.align(self.info.step, self.optimizer.parameters())?;
         while self.info.step < steps {
             if stop || !peers.several() && monitor.cancelled() {
+                self.read(lead, monitor)?;
                 if self.info.step > kept && lead {
                     // If storing fails here, a resumed run repeats these steps.
                     let _ = self.keep(monitor);
                 }
                 return Err(LearnError::Cancelled);
             }
-            let mut metrics;
-            (metrics, stop) = self.step(next, loss, (peers, monitor))?;
+            stop = self.step(next, loss, (peers, monitor))?;
             let done = self.info.step;
+            let due = done.is_multiple_of(u64::from(checkpoint_every)) && done < steps;
             if lead {
-                metrics.extend(self.report(report)?);
-                monitor.progress(done, steps, &metrics);
+                let further = self.report(report)?;
+                self.unread.extend(further);
             }
-            if done.is_multiple_of(u64::from(checkpoint_every)) && done < steps {
+            if self.unread.is_full() || due || done == steps {
+                self.read(lead, monitor)?;
+            }
+            if due {
                 if lead {
                     self.keep(monitor)?;
                 }
@@ -186,6 +194,13 @@ impl<N: Learner> Training<N> {
         }
         self.info.finished = true;
         checkpoint::write(&self.info, &self.network.named()).map(Some)
+    }
+
+    /// Reads the steps that have not been read, and sends their metrics.
+    fn read(&mut self, lead: bool, monitor: &mut dyn Monitor) -> Result<(), LearnError> {
+        let (read, ended) = self.unread.read();
+        read.iter().filter(|_| lead).for_each(|(done, metrics)| monitor.progress(*done, self.optim.steps, metrics));
+        ended
     }
 
     /// The further metrics after a step; those after the last one are of the weights that the model finishes with.
@@ -205,14 +220,13 @@ impl<N: Learner> Training<N> {
         Ok(metrics)
     }
 
-    /// One step of the optimiser, by the mean gradient of its batches. Its numbers are read from the device at once. Also
-    /// returns whether a rank is asked to stop.
+    /// One step of the optimiser, by the mean gradient of its batches. Returns whether a rank is asked to stop.
     fn step<B>(
         &mut self,
         next: Next<'_, B>,
         loss: &dyn Fn(&N, B) -> Loss,
         (peers, monitor): (&mut Peers, &dyn Monitor),
-    ) -> Result<(Metrics, bool), LearnError> {
+    ) -> Result<bool, LearnError> {
         let (begin, mut waited, mut assembling) = (Instant::now(), Duration::ZERO, Duration::ZERO);
         let step = self.info.step;
         let rate = self.optim.learning_rate_at(step);
@@ -233,27 +247,18 @@ impl<N: Learner> Training<N> {
         let mut gradients = self.optimizer.gradients();
         let due = Instant::now();
         let stop = peers.sum(&mut gradients, self.optimizer.parameters(), &mut sums.numbers(), monitor.cancelled())?;
-        let summing = due.elapsed();
+        let summing = peers.several().then(|| due.elapsed());
         let gathered = self.optimizer.gather(&gradients);
-        let (norm, mut metrics) = sums.read(self.optimizer.gradient_norm(&gathered, &self.optim));
-        if !(norm.is_finite() && metrics.first().is_some_and(|(_, loss)| loss.is_finite())) {
-            return Err(LearnError::Diverged { step });
+        let norm = self.optimizer.gradient_norm(&gathered, &self.optim);
+        if let Some(norm) = &norm {
+            self.optimizer.apply(&gathered, step, rate, norm, &self.optim);
         }
-        self.optimizer.apply(&gathered, step, rate, norm, &self.optim);
         self.info.step += 1;
         self.finished.after_step(self.info.step);
-        let took = begin.elapsed().as_secs_f64();
-        metrics.extend([
-            ("grad_norm", norm),
-            ("learning_rate", rate),
-            ("ms_per_step", took * 1e3),
-            ("ms_per_batch", assembling.as_secs_f64() * 1e3 / batches),
-            ("waited_share", waited.as_secs_f64() / took.max(f64::MIN_POSITIVE)),
-        ]);
-        if peers.several() {
-            metrics.push(("summing_share", summing.as_secs_f64() / took.max(f64::MIN_POSITIVE)));
-        }
-        Ok((metrics, stop))
+        let (spent, assembling) = (begin.elapsed(), assembling / self.optim.gradient_accumulation);
+        let further = Metrics::new();
+        self.unread.push(Step { number: step, sums, norm, rate, spent, waited, summing, assembling, further });
+        Ok(stop)
     }
 
     fn keep(&self, monitor: &mut dyn Monitor) -> Result<(), LearnError> {

@@ -1,6 +1,6 @@
-//! The sums of a step's numbers over its batches, read from the device at once. Independent of their meaning.
+//! The sums of a step's numbers over its batches, on the device. Independent of their meaning.
 
-use tch::{Device, Kind, Tensor, no_grad_guard};
+use tch::Tensor;
 
 /// Named values of one step.
 pub(crate) type Metrics = Vec<(&'static str, f64)>;
@@ -23,17 +23,13 @@ impl Sums {
         self.values.iter_mut().map(|(_, value, _)| value).collect()
     }
 
-    /// The gradient norm (0 without one) and the sums, by one copy: reading a number waits for the device.
-    pub(super) fn read(self, norm: Option<Tensor>) -> (f64, Metrics) {
-        let _no_grad = no_grad_guard();
-        let scalars = norm.iter().chain(self.values.iter().map(|(_, value, _)| value));
-        let scalars: Vec<Tensor> = scalars.map(|scalar| scalar.to_kind(Kind::Double)).collect();
-        let mut read = vec![0f64; scalars.len()];
-        if !read.is_empty() {
-            Tensor::stack(&scalars, 0).to_device(Device::Cpu).copy_data(&mut read, scalars.len());
-        }
-        let mut read = read.into_iter();
-        let norm = norm.map_or(0.0, |_| read.next().unwrap_or(f64::NAN));
+    /// The numbers that [`Sums::named`] needs.
+    pub(super) fn scalars(&self) -> impl Iterator<Item = &Tensor> {
+        self.values.iter().map(|(_, value, _)| value)
+    }
+
+    /// The sums, of the scalars as they were read.
+    pub(super) fn named(self, read: &mut impl Iterator<Item = f64>) -> Metrics {
         let mut sums = Metrics::new();
         for ((name, _, divisor), value) in self.values.into_iter().zip(read) {
             match sums.iter_mut().find(|(known, _)| *known == name) {
@@ -41,6 +37,6 @@ impl Sums {
                 None => sums.push((name, value / divisor)),
             }
         }
-        (norm, sums)
+        sums
     }
 }

@@ -49,6 +49,11 @@ fn start() -> Training<Line> {
     Training::start(Line(rows(&[0.5, 0.0], 2, Device::Cpu).set_requires_grad(true)), info(), &optim())
 }
 
+/// The same, as on a device whose numbers are read after every fourth step.
+fn start_unread() -> Training<Line> {
+    Training { unread: Unread::at_once(4), ..start() }
+}
+
 /// Values of x, `[8, 1]`.
 fn batch(number: u64) -> Tensor {
     rows(&normal(&mut generator(1, Purpose::Batch, number), 8), 1, Device::Cpu)
@@ -74,14 +79,37 @@ fn run(
 fn a_stopped_run_resumes_at_its_next_batch() {
     let mut straight = Recorder::default();
     let finished = run(start(), batch, &mut straight).unwrap();
-    for after in 1..6 {
-        let mut stopped = Recorder { stop_after: Some(after), ..Recorder::default() };
-        assert!(matches!(run(start(), batch, &mut stopped), Err(LearnError::Cancelled)));
-        let resumed = Training::<Line>::resume(&stopped.checkpoints[0].1, &info(), &optim(), Device::Cpu).unwrap();
-        let Resumed::Unfinished(training) = resumed else { panic!("finished after {after} steps") };
-        let mut rest = Recorder::default();
-        assert_eq!(run(*training, batch, &mut rest).unwrap(), finished);
-        assert_eq!([stopped.losses, rest.losses].concat(), straight.losses);
+    for (start, afters) in [(start as fn() -> _, 1..6), (start_unread, 1..5)] {
+        for after in afters {
+            let mut stopped = Recorder { stop_after: Some(after), ..Recorder::default() };
+            assert!(matches!(run(start(), batch, &mut stopped), Err(LearnError::Cancelled)));
+            let resumed = Training::<Line>::resume(&stopped.checkpoints[0].1, &info(), &optim(), Device::Cpu).unwrap();
+            let Resumed::Unfinished(training) = resumed else { panic!("finished after {after} steps") };
+            let mut rest = Recorder::default();
+            assert_eq!(run(*training, batch, &mut rest).unwrap(), finished);
+            assert_eq!([stopped.losses, rest.losses].concat(), straight.losses);
+        }
+    }
+}
+
+#[test]
+fn steps_that_are_read_together_have_the_metrics_of_steps_read_alone() {
+    let run = |training: Training<Line>, every| {
+        let mut monitor = Recorder::default();
+        let report = |_: &Line, done: u64| Ok(if done == 3 { vec![(LOSS_VALIDATION, 7.0)] } else { Vec::new() });
+        let run = (&mut Peers::alone(), &mut monitor as &mut dyn Monitor);
+        let made = training.run(every, |number| Ok(batch(number)), &loss, &report, run).unwrap();
+        let timed = ["ms_per_step", "ms_per_batch", "waited_share"];
+        for metrics in &mut monitor.metrics {
+            assert!(timed.iter().all(|name| metrics.remove(*name).is_some()));
+        }
+        (made, monitor.metrics, monitor.checkpoints)
+    };
+    for every in [100, 5, 2] {
+        let (alone, together) = (run(start(), every), run(start_unread(), every));
+        assert_eq!(alone.1.len(), 6);
+        assert_eq!(alone.1[2][LOSS_VALIDATION], 7.0);
+        assert_eq!(together, alone);
     }
 }
 
@@ -107,6 +135,12 @@ fn a_run_that_fails_ends_with_batches_still_to_come() {
     let diverges = |number| batch(number) * if number < 6 { 1.0 } else { f64::NAN };
     let diverged = run(start(), diverges, &mut Recorder::default());
     assert!(matches!(diverged, Err(LearnError::Diverged { step: 2 })), "{diverged:?}");
+    let mut monitor = Recorder::default();
+    let run_of = (&mut Peers::alone(), &mut monitor as &mut dyn Monitor);
+    // The step that diverges is one before a checkpoint, which must not be of its weights.
+    let diverged = start_unread().run(3, move |number| Ok(diverges(number)), &loss, &|_, _| Ok(Vec::new()), run_of);
+    assert!(matches!(diverged, Err(LearnError::Diverged { step: 2 })), "{diverged:?}");
+    assert_eq!((monitor.losses.len(), monitor.checkpoints.len()), (2, 0));
 }
 
 #[test]
