@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -47,6 +48,56 @@ def test_episodes_of_a_vector_are_those_of_single_environments(
         recorded = client.episodes.get(trial.episode_id)
         assert gleaner.word(recorded, "outcome") == ("success" if trial.success else "failure")
         assert client.episodes.report(trial.episode_id).steps == trial.steps
+
+
+class Noted(Tolerant):
+    """Keeps the actions of its episodes, by their seeds."""
+
+    actions: ClassVar[dict[int, list[list[float]]]] = {}
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        self._now = Noted.actions[seed if seed is not None else 2**31] = []
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self._now.append(np.asarray(action).tolist())
+        return super().step(action)
+
+
+def test_chunks_are_executed_open_loop_in_each_row(client: gleaner.Client, deployment: str) -> None:
+    seeds = range(10, 14)
+    with gleaner.Policy(client, deployment) as policy:
+        alone = gleaner.evaluate(Noted(), policy, ReachAdapter(), episodes=4, seed=10, execute=2)
+    expected, Noted.actions = Noted.actions, {}
+    envs = SyncVectorEnv([Noted] * 3, autoreset_mode=AutoresetMode.DISABLED)
+    with gleaner.VectorPolicy(client, deployment, 3) as rows:
+        together = gleaner.evaluate_vector(envs, rows, ReachAdapter(), episodes=4, seed=10, execute=2)
+        with pytest.raises(gleaner.InvalidArgument, match="execute"):
+            gleaner.evaluate_vector(envs, rows, ReachAdapter(), execute=0)
+    assert outcomes(together) == outcomes(alone)
+    for seed in seeds:
+        count = len(expected[seed])
+        np.testing.assert_allclose(Noted.actions[seed][:count], expected[seed], rtol=1e-4, atol=1e-6)
+
+
+def test_each_episode_of_a_vector_has_its_video(client: gleaner.Client, deployment: str, tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    envs = SyncVectorEnv([Tolerant] * 3)
+    with gleaner.VectorPolicy(client, deployment, 3) as policy:
+        gleaner.evaluate_vector(envs, policy, ReachAdapter(), episodes=4, seed=10, video=tmp_path / "videos")
+        names = [f"seed-{seed}-{'failure' if seed % 2 else 'success'}.mp4" for seed in range(10, 14)]
+        assert sorted(path.name for path in (tmp_path / "videos").iterdir()) == names
+        for name, steps in zip(names, (3, 5, 3, 5), strict=True):
+            with av.open(str(tmp_path / "videos" / name)) as video:
+                assert len([*video.decode(video=0)]) == steps, name
+
+        class Failing(ReachAdapter):
+            def action(self, env: Any, action: Any) -> Any:
+                raise RuntimeError("the gripper is stuck")
+
+        with pytest.raises(RuntimeError, match="stuck"):
+            gleaner.evaluate_vector(envs, policy, Failing(), episodes=2, seed=20, video=tmp_path / "broken")
+    assert [*(tmp_path / "broken").glob("*.mp4")] == [], "part of an episode is not taken for one"
 
 
 def test_rows_are_episodes_of_their_own(client: gleaner.Client, deployment: str) -> None:

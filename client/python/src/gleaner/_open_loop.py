@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,6 +22,31 @@ class Planner(Protocol):
         """Ends the episode."""
 
 
+class Plan:
+    """What is left of a chunk of which `execute` actions are executed, or all if it is shorter."""
+
+    def __init__(self, execute: int) -> None:
+        self._execute = execute
+        self._left: list[NDArray[np.float32]] = []
+        self.before: NDArray[np.float32] | None = None  # the action of the step before
+
+    def action(self, answer: Callable[[], Any]) -> NDArray[np.float32]:
+        """The action of a step, whose answer is awaited in any case. Raises `Missed` only where a chunk is due."""
+        try:
+            actions = answer().actions
+        except Missed:
+            if not self._left:
+                raise
+        else:
+            self._left = self._left or [*actions[: self._execute]]
+        self.before = self._left.pop(0)
+        return self.before.copy()
+
+    def reset(self) -> None:
+        """Ends the episode."""
+        self._left, self.before = [], None
+
+
 class OpenLoop:
     """A policy whose chunks are executed for `execute` steps, or to their end if that comes first.
 
@@ -29,24 +55,14 @@ class OpenLoop:
     """
 
     def __init__(self, policy: Planner, execute: int) -> None:
-        self._policy, self._execute = policy, execute
-        self._plan: list[NDArray[np.float32]] = []
-        self._before: NDArray[np.float32] | None = None
+        self._policy, self._plan = policy, Plan(execute)
 
     def __call__(self, observation: Observation) -> NDArray[np.float32]:
         """The action for this step. Raises `Missed` only where a chunk is due."""
-        observation.executed_action = self._before
-        try:
-            actions = self._policy.chunk(observation).actions
-        except Missed:
-            if not self._plan:
-                raise
-        else:
-            self._plan = self._plan or [*actions[: self._execute]]
-        self._before = self._plan.pop(0)
-        return self._before.copy()
+        observation.executed_action = self._plan.before
+        return self._plan.action(lambda: self._policy.chunk(observation))
 
     def reset(self) -> None:
         """Ends the episode."""
-        self._plan, self._before = [], None
+        self._plan.reset()
         self._policy.reset()

@@ -6,13 +6,13 @@ import os
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gleaner._client import Client
+from gleaner._films import Films
 from gleaner._open_loop import OpenLoop, Planner
 from gleaner.errors import invalid
 from gleaner.observation import Observation
@@ -159,14 +159,14 @@ def evaluate(
     spec = getattr(policy, "spec", None)
     if spec is not None:
         adapter.spec = spec
-    films = None if video is None else _Films(Path(video), spec)
+    films = None if video is None else Films(video, spec)
     trials = []
     ids = set()
     for index in range(episodes):
         with nullcontext() if films is None else films.episode(seed + index) as film:
             trial = _trial(env, policy, adapter, seed + index, max_steps=max_steps, execute=execute, film=film)
         if films is not None:
-            films.name(trial)
+            films.name(trial.seed, success=trial.success)
         ids.add(getattr(policy, "policy_id", ""))
         if len(ids) > 1:
             raise invalid(
@@ -213,25 +213,3 @@ def _planner(policy: Acting) -> Planner:
     if not callable(getattr(policy, "chunk", None)):
         raise invalid("execute", "the policy has no method `chunk`, which open-loop execution needs")
     return cast("Planner", policy)
-
-
-class _Films:
-    """A video of each episode, `seed-7-success.mp4` for example."""
-
-    def __init__(self, folder: Path, spec: TaskSpec | None) -> None:
-        from gleaner._video import Video
-
-        self._folder, self._video = folder, Video
-        self._rate = spec.rate_hz if spec is not None else 20.0
-
-    def episode(self, seed: int) -> Video:
-        return self._video(self._path(seed, "running"), self._rate)
-
-    def name(self, trial: Trial) -> None:
-        running = self._path(trial.seed, "running")
-        # An episode that was solved from the start has no step.
-        if running.exists():
-            running.replace(self._path(trial.seed, "success" if trial.success else "failure"))
-
-    def _path(self, seed: int, state: str) -> Path:
-        return self._folder / f"seed-{seed}-{state}.mp4"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any
 
@@ -35,6 +35,14 @@ class VectorPolicy:
 
         Raises as `Policy` does, once every answer of the step has come.
         """
+        return self._step(observations, lambda row: self.rows[row]._action())
+
+    def _step(
+        self,
+        observations: Sequence[Observation | Mapping[str, Any] | None],
+        take: Callable[[int], NDArray[np.float32]],
+    ) -> NDArray[np.float32]:
+        # `take` awaits the answer of a row and gives its action.
         if len(observations) != len(self.rows):
             raise invalid(
                 "observations", f"expected {len(self.rows)}, one for each environment, got {len(observations)}"
@@ -53,7 +61,7 @@ class VectorPolicy:
         actions = np.zeros((len(self.rows), size(self.spec.action)), np.float32)
         for row in asked:
             try:
-                actions[row] = self.rows[row]._action()
+                actions[row] = take(row)
             except Exception as error:  # As above.
                 failed = failed or error
         if failed is not None:
