@@ -16,6 +16,8 @@ from transforms import Tree
 import gleaner
 
 Publish = Callable[[str, Any], None]
+# Where ROS has the transforms that never change.
+STATIC_TOPIC = "/tf_static"
 
 
 class Scene:
@@ -38,10 +40,11 @@ class Scene:
         poses = [self.fields[name] for name in seen if self.fields[name].HasField("transform")]
         self._trees = {source.topic: Tree() for source in poses}
         # Topics of transforms that never change, with those that use them; a robot may have none.
-        self.fixed = {source.transform.static_topic: set[str]() for source in poses if source.transform.static_topic}
+        self.fixed: dict[str, set[str]] = {}
         for source in poses:
-            if source.transform.static_topic:
-                self.fixed[source.transform.static_topic].add(source.topic)
+            given = source.transform.HasField("static_topic")
+            if topic := source.transform.static_topic if given else STATIC_TOPIC:
+                self.fixed.setdefault(topic, set()).add(source.topic)
         self._newest: dict[str, tuple[float, Any]] = {}
         self._lock = threading.Lock()
 

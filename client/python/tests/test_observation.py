@@ -64,6 +64,16 @@ def test_each_mapping_has_names_of_its_own_and_none_that_contradict() -> None:
     spec = task(2, {"paths": ["q"], "names": ["j1", "j2"]}, {"paths": ["position"], "names": ["elbow", "wrist"]})
     assert sent({"joints": {"j2": 2, "j1": 1}, "gripper": 3}, spec) == [1, 2, 3]
     assert sent({"joints": {"wrist": 2, "elbow": 1}, "gripper": 3}, spec) == [1, 2, 3]
+    # The same names in the same order at other places.
+    spec = task(2, {"paths": ["q"], "names": ["j1", "j2"]}, {"paths": ["position"], "names": ["j1", "j2"]})
+    assert sent({"joints": {"j2": 2, "j1": 1}, "gripper": 3}, spec) == [1, 2, 3]
+    two = {"paths": ["position", "velocity"], "names": ["a", "b"]}
+    spec = task(4, two, {**two, "names": ["c", "d"]})
+    for names in ("ab", "cd"):
+        first, second = names
+        by_name = {"position": {second: 2, first: 1}, "velocity": [3, 4]}
+        assert sent({"joints": by_name, "gripper": 5}, spec) == [1, 2, 3, 4, 5]
+    assert sent({"joints": {"velocity": [3, 4], "position": [1, 2]}, "gripper": 5}, spec) == [1, 2, 3, 4, 5]
     spec = task(2, {"paths": ["q"], "names": ["j1", "j2"]}, {"paths": ["q"], "names": ["j2", "j1"]})
     with pytest.raises(
         gleaner.InvalidArgument, match=r"joints: the mappings of the task name these values in different"

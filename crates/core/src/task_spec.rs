@@ -167,7 +167,8 @@ fn default_tolerance() -> f64 {
     0.25
 }
 
-fn default_static_topic() -> String {
+/// The topic of ROS.
+pub(crate) fn default_static_topic() -> String {
     "/tf_static".to_owned()
 }
 

@@ -1,9 +1,11 @@
 //! Cuts one long recording into episodes, at the messages of an event topic or by ranges of time.
 //!
 //! A message of the topic begins an episode, which ends at the next one, unless its content states otherwise ([`Event`]).
-//! Messages are copied unchanged, by the time at which they were logged. Memory follows the largest chunk and the number of events.
+//! Messages are copied unchanged, by the time at which they were logged. An episode begins with the earlier messages of
+//! topics whose messages hold for those who come later, such as `/tf_static`. Memory follows the largest chunk and the number of events.
 
 mod event;
+mod latched;
 mod range;
 
 use std::collections::BTreeMap;
@@ -21,6 +23,7 @@ use crate::error::RecordingError;
 use crate::limits::Limits;
 use crate::write::write_options;
 use event::Event;
+use latched::Latched;
 
 pub use range::TimeRange;
 
@@ -76,6 +79,7 @@ pub fn cut(path: &Path, cuts: Cuts<'_>, limits: &Limits, folder: &Path) -> Resul
         name: &name,
         profile: String::new(),
         declared: Vec::new(),
+        latched: Latched::default(),
         open: BTreeMap::new(),
         closed: 0,
     };
@@ -160,6 +164,7 @@ struct Cut<'a> {
     profile: String,
     /// Schemas and channels so far, for episodes that begin later.
     declared: Vec<Declared>,
+    latched: Latched,
     open: BTreeMap<usize, Copier<BufWriter<File>>>,
     /// Episodes before this one are complete.
     closed: usize,
@@ -212,6 +217,9 @@ impl Cut<'_> {
             }
             Record::Message { header, data } => self.message(*header, data),
             Record::Schema { .. } | Record::Channel { .. } => {
+                if let Record::Channel { id, topic, metadata, .. } = record {
+                    self.latched.declare(*id, topic, metadata);
+                }
                 self.declared.extend(Declared::of(record));
                 self.open.values_mut().try_for_each(|copier| copier.declare(record))
             }
@@ -221,6 +229,7 @@ impl Cut<'_> {
 
     fn message(&mut self, header: MessageHeader, data: &[u8]) -> Result<(), RecordingError> {
         let time = header.log_time;
+        self.latched.push(header, data);
         while self.spans.get(self.closed).is_some_and(|span| span.end.saturating_add(DISORDER) < time) {
             self.close(self.closed)?;
             self.closed += 1;
@@ -246,6 +255,8 @@ impl Cut<'_> {
         let writer = write_options(&self.profile, CHUNK_BYTES).library(LIBRARY).create(BufWriter::new(file));
         let mut copier = Copier::new(writer.map_err(RecordingError::Write)?);
         self.declared.iter().try_for_each(|declared| copier.declare(&declared.record()))?;
+        let begin = self.spans.get(at).map_or(0, |span| span.begin);
+        self.latched.before(begin).try_for_each(|(header, data)| copier.message(header, data))?;
         Ok(copier)
     }
 

@@ -150,11 +150,19 @@ fn check(kept: &Kept, steps: usize) -> Result<RangeInclusive<usize>, RecordingEr
     }
 }
 
+/// The messages of a topic to keep.
+#[derive(Default)]
+struct KeptMessages {
+    some: BTreeSet<usize>,
+    /// And all before this one.
+    before: usize,
+}
+
 /// For each topic that the task reads, the messages to keep.
-fn keep(plan: &Plan, steps: &RangeInclusive<usize>) -> HashMap<String, BTreeSet<usize>> {
-    let mut keep = HashMap::new();
+fn keep(plan: &Plan, steps: &RangeInclusive<usize>) -> HashMap<String, KeptMessages> {
+    let mut keep: HashMap<String, KeptMessages> = HashMap::new();
     for (topic, streams) in &plan.used {
-        let messages: &mut BTreeSet<usize> = keep.entry(topic.clone()).or_default();
+        let messages = &mut keep.entry(topic.clone()).or_default().some;
         for picks in streams {
             let used = &picks[steps.clone()];
             if topic == &plan.clock_topic {
@@ -170,11 +178,9 @@ fn keep(plan: &Plan, steps: &RangeInclusive<usize>) -> HashMap<String, BTreeSet<
         }
     }
     for topic in &plan.cumulative {
-        let count = plan.report.topics.iter().find(|known| known.topic == *topic).map_or(0, |known| known.messages);
-        // Those of a topic that never changes, whenever they come; of others up to the stretch's last one.
-        let last = keep.get(topic).and_then(|messages: &BTreeSet<usize>| messages.last()).map(|last| last + 1);
-        let last = last.unwrap_or_else(|| usize::try_from(count).unwrap_or(usize::MAX));
-        keep.insert(topic.clone(), (0..last).collect());
+        let messages = keep.entry(topic.clone()).or_default();
+        // All of a topic that never changes, whenever they come; of others those up to the stretch's last one.
+        messages.before = messages.some.last().map_or(usize::MAX, |last| last + 1);
     }
     keep
 }
@@ -182,7 +188,7 @@ fn keep(plan: &Plan, steps: &RangeInclusive<usize>) -> HashMap<String, BTreeSet<
 struct Copy<'a> {
     /// Whether every step is in the copy, and therefore every message.
     whole: bool,
-    keep: HashMap<String, BTreeSet<usize>>,
+    keep: HashMap<String, KeptMessages>,
     clock: &'a str,
     /// The step of each kept message of the clock.
     ticks: HashMap<usize, usize>,
@@ -235,7 +241,7 @@ impl Copy<'_> {
     fn message(&mut self, topic: &str, at: usize, header: MessageHeader, data: &[u8]) -> Result<(), RecordingError> {
         let wanted = match self.keep.get(topic) {
             _ if self.whole => true,
-            Some(messages) => messages.contains(&at),
+            Some(messages) => at < messages.before || messages.some.contains(&at),
             None => i64::try_from(header.log_time).is_ok_and(|time| self.window.contains(&time)),
         };
         if wanted { self.copier.message(header, data) } else { Ok(()) }

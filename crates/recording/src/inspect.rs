@@ -41,7 +41,7 @@ pub(crate) fn failures(tracks: &Tracks, spec: &TaskSpec, mapping: usize, report:
             if let Some(Failure { code, first, count }) = &field.failure {
                 let detail = format!("{place}: {first} ({count} messages alike); correct the mapping or the recording");
                 report.add(Severity::Error, *code, &source.field, None, detail);
-            } else if let (true, Some(absent)) = (field.messages.is_empty(), &field.absent) {
+            } else if let (true, Some(absent)) = (field.messages.is_empty() && track.failure.is_none(), &field.absent) {
                 let detail = format!("{place}: {absent}");
                 report.add(Severity::Error, FindingCode::MissingField, &source.field, None, detail);
             } else if field.messages.is_empty() && track.failure.is_none() {

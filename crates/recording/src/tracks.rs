@@ -50,8 +50,8 @@ pub(crate) struct Track {
     pub(crate) failure: Option<Failure>,
     /// Which messages have a picture, if the topic is the color of a camera.
     pub(crate) reel: Option<Reel>,
-    /// The newest transforms, if a field is a pose from them.
-    tree: Option<Tree>,
+    /// The newest transforms for the fields that are poses from them, by the topic of those that never change.
+    trees: BTreeMap<String, Tree>,
 }
 
 /// The times at which a message was made and logged, in nanoseconds.
@@ -101,7 +101,7 @@ impl Pass {
             Record::Message { header, data } => {
                 let Some((topic, _, decoder)) = channels.next(header.channel_id) else { return Ok(()) };
                 for of in fixed.get(topic).into_iter().flatten() {
-                    wanted.get_mut(*of).into_iter().for_each(|track| track.fix(decoder, data));
+                    wanted.get_mut(*of).into_iter().for_each(|track| track.fix(decoder, data, topic));
                 }
                 match wanted.get_mut(topic) {
                     Some(track) => track.push(decoder, header.log_time, data, topic),
@@ -136,8 +136,8 @@ fn wanted_tracks(spec: &TaskSpec) -> Result<BTreeMap<String, Track>, RecordingEr
             let size = spec.field_size(&source.field);
             let field = FieldTrack::new(source, (at, source_at), size)?;
             let track = wanted.entry(source.topic.clone()).or_default();
-            if source.transform.is_some() {
-                track.tree = Some(Tree::default());
+            if let Some(transform) = &source.transform {
+                track.trees.entry(transform.static_topic.clone()).or_default();
             }
             track.fields.push(field);
         }
@@ -150,9 +150,12 @@ fn static_topics(spec: &TaskSpec) -> BTreeMap<&str, Vec<&str>> {
     let mut found: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for source in spec.mappings.iter().flat_map(|mapping| &mapping.fields) {
         let Some(transform) = &source.transform else { continue };
-        let of = found.entry(&transform.static_topic).or_default();
         // Of one topic each transform counts once.
-        if transform.static_topic != source.topic && !of.contains(&source.topic.as_str()) {
+        if transform.static_topic.is_empty() || transform.static_topic == source.topic {
+            continue;
+        }
+        let of = found.entry(&transform.static_topic).or_default();
+        if !of.contains(&source.topic.as_str()) {
             of.push(&source.topic);
         }
     }
@@ -183,15 +186,14 @@ impl Track {
         }
         match value {
             Ok(value) => {
-                let Some(tree) = &mut self.tree else {
-                    self.stamps.push(Stamp { header: value.stamp(), log });
-                    return self.fields.iter_mut().try_for_each(|field| field.push(at, &value));
-                };
-                self.stamps.push(Stamp { header: transforms::stamp(&value), log });
-                let updated = tree.update(&value);
-                self.fields.iter_mut().try_for_each(|field| match field.is_pose() {
-                    true => field.push_pose(at, tree, &updated),
-                    false => field.push(at, &value),
+                let header = if self.trees.is_empty() { value.stamp() } else { transforms::stamp(&value) };
+                self.stamps.push(Stamp { header, log });
+                let updated = |tree: &mut Tree| tree.update(&value);
+                let updated: BTreeMap<_, _> =
+                    self.trees.iter_mut().map(|(fixed, tree)| (fixed.as_str(), (updated(tree), &*tree))).collect();
+                self.fields.iter_mut().try_for_each(|field| match field.fixed().and_then(|fixed| updated.get(fixed)) {
+                    Some((updated, tree)) => field.push_pose(at, tree, updated),
+                    None => field.push(at, &value),
                 })
             }
             Err((code, problem)) => {
@@ -203,19 +205,24 @@ impl Track {
         }
     }
 
-    /// Takes transforms that never change, of another topic. What cannot be read is missed as a frame.
-    fn fix(&mut self, decoder: &Result<Decoder, String>, data: &[u8]) {
-        if let (Some(tree), Ok(decoder)) = (&mut self.tree, decoder)
-            && let Ok(value) = decoder.decode(data)
-        {
-            let _ = tree.update(&value);
+    /// Takes transforms that never change, of another topic.
+    fn fix(&mut self, decoder: &Result<Decoder, String>, data: &[u8], topic: &str) {
+        let Some(tree) = self.trees.get_mut(topic) else { return };
+        let value = match decoder {
+            Ok(decoder) => decoder.decode(data),
+            Err(problem) => Err(problem.clone()),
+        };
+        if let Err(problem) = value.and_then(|value| tree.update(&value)) {
+            tree.leave_out(|| format!("a message of {topic} was left out: {problem}"));
         }
     }
 
     /// Names what is missing for the poses of which no message has any.
     fn explain(&mut self) {
-        if let Some(tree) = &self.tree {
-            self.fields.iter_mut().for_each(|field| field.explain(tree));
+        for field in &mut self.fields {
+            if let Some(tree) = field.fixed().and_then(|fixed| self.trees.get(fixed)) {
+                field.explain(tree);
+            }
         }
     }
 }

@@ -10,7 +10,9 @@ use crate::dialect::Value;
 /// Most frames of a recording.
 const MAX_FRAMES: usize = 10_000;
 /// Most frames from one to the root of its tree.
-const MAX_DEPTH: usize = 256;
+const MAX_DEPTH: usize = 64;
+/// Longest name of a frame in bytes.
+const MAX_NAME: usize = 255;
 /// Frames that an error lists.
 const SHOWN: usize = 24;
 /// A quaternion shorter than this has no direction.
@@ -82,26 +84,25 @@ pub(crate) struct Tree {
     frames: HashMap<String, Link>,
     /// Transforms so far.
     count: u64,
+    /// What was left out first.
+    left_out: Option<String>,
 }
 
 #[derive(Debug)]
 struct Link {
     parent: String,
-    /// The reason why it has none.
-    pose: Result<Pose, String>,
+    pose: Pose,
     /// The number of its transform among all.
     at: u64,
 }
 
 /// Why a message has no pose.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Missing {
     /// No chain of transforms leads from one frame to the other so far.
-    Chain(String),
+    Chain,
     /// The message changes no transform between them.
     Unchanged,
-    /// A transform between them is not one.
-    Broken(String),
 }
 
 impl Tree {
@@ -129,8 +130,17 @@ impl Tree {
         let (Some(child), Some(parent)) = (child, parent) else {
             return Err(format!("{} has no `child_frame_id` or no frame of its parent", transform.kind()));
         };
-        let pose = Pose::of(transform.field("transform").unwrap_or(transform));
-        let pose = pose.map_err(|problem| format!("the transform from `{parent}` to `{child}`: {problem}"));
+        if child.len().max(parent.len()) > MAX_NAME {
+            return Err(format!("a frame has a name of more than {MAX_NAME} bytes"));
+        }
+        let pose = match Pose::of(transform.field("transform").unwrap_or(transform)) {
+            Ok(pose) => pose,
+            // As other readers do, which keep the transform before.
+            Err(problem) => {
+                self.leave_out(|| format!("a transform from `{parent}` to `{child}` was left out: {problem}"));
+                return Ok(());
+            }
+        };
         let (child, parent) = (bare(child).to_owned(), bare(parent).to_owned());
         self.count += 1;
         if self.frames.len() >= MAX_FRAMES && !self.frames.contains_key(&child) {
@@ -144,7 +154,7 @@ impl Tree {
     pub(crate) fn pose(&self, parent: &str, child: &str, before: u64) -> Result<Pose, Missing> {
         let (own, others) = (self.ancestors(bare(child)), self.ancestors(bare(parent)));
         let Some(up) = own.iter().position(|frame| others.contains(frame)) else {
-            return Err(Missing::Chain(self.gap(parent, child)));
+            return Err(Missing::Chain);
         };
         let down = others.iter().position(|frame| *frame == own[up]).unwrap_or_default();
         let (own, others) = (&own[..up], &others[..down]);
@@ -152,32 +162,38 @@ impl Tree {
         if newest.is_none_or(|newest| newest <= before) {
             return Err(Missing::Unchanged);
         }
-        Ok(self.among(others)?.inverse().then(&self.among(own)?))
+        Ok(self.among(others).inverse().then(&self.among(own)))
     }
 
     /// The pose of the first of these frames, each the child of the next, in the parent of the last.
-    fn among(&self, frames: &[&str]) -> Result<Pose, Missing> {
-        frames.iter().filter_map(|frame| self.frames.get(*frame)).try_fold(Pose::SAME, |inner, link| {
-            let outer = link.pose.as_ref().map_err(|problem| Missing::Broken(problem.clone()))?;
-            Ok(outer.then(&inner))
-        })
+    fn among(&self, frames: &[&str]) -> Pose {
+        let links = frames.iter().filter_map(|frame| self.frames.get(*frame));
+        links.fold(Pose::SAME, |inner, link| link.pose.then(&inner))
+    }
+
+    /// Notes what was left out, if it is the first.
+    pub(crate) fn leave_out(&mut self, problem: impl FnOnce() -> String) {
+        self.left_out.get_or_insert_with(problem);
     }
 
     /// A frame, its parent, and so on.
     fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
         let mut found = vec![frame];
-        while let Some(link) = found.last().and_then(|frame| self.frames.get(*frame)) {
-            // Frames in a circle have no root.
-            if found.len() > MAX_DEPTH || found.contains(&link.parent.as_str()) {
-                break;
-            }
+        // Frames in a circle have no root.
+        while let Some(link) =
+            found.last().and_then(|frame| self.frames.get(*frame)).filter(|_| found.len() <= MAX_DEPTH)
+        {
             found.push(&link.parent);
         }
         found
     }
 
     /// Why no chain leads from one frame to the other.
-    fn gap(&self, parent: &str, child: &str) -> String {
+    pub(crate) fn gap(&self, parent: &str, child: &str) -> String {
+        let left_out = self.left_out.as_ref().map(|problem| format!("; {problem}")).unwrap_or_default();
+        if self.frames.is_empty() {
+            return format!("there are no transforms{left_out}");
+        }
         let mut frames: Vec<&str> =
             self.frames.iter().flat_map(|(frame, link)| [frame.as_str(), link.parent.as_str()]).collect();
         frames.sort_unstable();
@@ -185,8 +201,8 @@ impl Tree {
         let more = if frames.len() > SHOWN { ", …" } else { "" };
         let shown = frames.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", ");
         match [child, parent].into_iter().find(|frame| !frames.contains(&bare(frame))) {
-            Some(frame) => format!("there is no frame `{frame}`; the frames are {shown}{more}"),
-            None => format!("no transforms connect `{child}` with `{parent}`; the frames are {shown}{more}"),
+            Some(frame) => format!("there is no frame `{frame}`; the frames are {shown}{more}{left_out}"),
+            None => format!("no transforms connect `{child}` with `{parent}`; the frames are {shown}{more}{left_out}"),
         }
     }
 }

@@ -93,7 +93,7 @@ fn posed(spec: &mut TaskSpec, parent: &str, child: &str, static_topic: &str) {
     let source = &mut spec.mappings[0].fields[0];
     (source.paths, source.names) = (Vec::new(), Vec::new());
     let [parent, child, static_topic] = [parent, child, static_topic].map(Into::into);
-    source.transform = Some(Transform { parent, child, static_topic });
+    source.transform = Some(Transform { parent, child, static_topic: Some(static_topic) });
 }
 
 /// A recorded size; the crop is top, left, height and width.

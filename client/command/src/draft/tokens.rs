@@ -21,7 +21,7 @@ const COUNTERS: &[&str] =
 /// Parts of times and headers of messages.
 const TIMES: &[&str] = &["header", "timestamp", "stamp"];
 /// Message types with the poses of frames in each other.
-const TRANSFORMS: &[&str] = &["TFMessage", "TransformStamped", "FrameTransform", "FrameTransforms"];
+const TRANSFORMS: &[&str] = &["TFMessage", "FrameTransform", "FrameTransforms"];
 /// Message types that describe the scene or the recorder rather than the robot.
 const FOREIGN: &[&str] = &[
     "CameraInfo",

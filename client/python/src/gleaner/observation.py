@@ -96,9 +96,14 @@ class _Names:
     paths: list[str]
     names: list[str]
 
-    def are_those_of(self, values: Mapping[str, Any]) -> bool:
-        """Whether values are given by these names, in any order."""
-        return set(self.paths if len(self.paths) > 1 else self.names) == set(values)
+    def order_of(self, values: Mapping[str, Any]) -> tuple[tuple[str, ...], ...] | None:
+        """The order that these names give values in; None if values are given by others."""
+        if len(self.paths) == 1:
+            return (tuple(self.names),) if set(self.names) == set(values) else None
+        named = [inner for inner in values.values() if isinstance(inner, Mapping)]
+        if set(self.paths) != set(values) or any(set(inner) != set(self.names) for inner in named):
+            return None
+        return tuple(self.paths), tuple(self.names) if named else ()
 
     def ordered(self, path: str, values: Mapping[str, Any]) -> list[float]:
         """The values in the order of the task."""
@@ -118,10 +123,10 @@ def _by_name(path: str, values: Mapping[str, Any], known: Sequence[_Names]) -> l
     # Mappings may name the values of a field differently, each in the order of the task.
     if not known:
         raise invalid(path, "no mapping of the task names its values; send them in the order of the task")
-    fitting = [names for names in known if names.are_those_of(values)]
-    if any(names != fitting[0] for names in fitting):
+    orders = {order: names for names in known if (order := names.order_of(values)) is not None}
+    if len(orders) > 1:
         raise invalid(path, "the mappings of the task name these values in different orders; send them without names")
-    return (fitting or known)[0].ordered(path, values)
+    return next(iter(orders.values()), known[0]).ordered(path, values)
 
 
 def _check_names(path: str, given: Mapping[str, Any], names: Sequence[str]) -> None:

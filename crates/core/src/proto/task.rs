@@ -3,6 +3,7 @@
 use gleaner_proto::v1;
 
 use super::field;
+use crate::task_spec::default_static_topic;
 use crate::{
     Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Mapping, RecordedSize, TaskSpec, Transform,
     error::{Error, Result},
@@ -66,7 +67,7 @@ fn mapping_from(mapping: v1::Mapping) -> Mapping {
         let v1::FieldSource { field, topic, paths, names, transform } = source;
         let transform = transform.map(|transform| {
             let v1::Transform { parent, child, static_topic } = transform;
-            Transform { parent, child, static_topic }
+            Transform { parent, child, static_topic: static_topic.unwrap_or_else(default_static_topic) }
         });
         FieldSource { field, topic, paths, names, transform }
     };
@@ -143,7 +144,7 @@ fn mapping_to(mapping: Mapping) -> v1::Mapping {
         let FieldSource { field, topic, paths, names, transform } = source;
         let transform = transform.map(|transform| {
             let Transform { parent, child, static_topic } = transform;
-            v1::Transform { parent, child, static_topic }
+            v1::Transform { parent, child, static_topic: Some(static_topic) }
         });
         v1::FieldSource { field, topic, paths, names, transform }
     };
@@ -212,7 +213,9 @@ pub(crate) mod tests {
     fn omitted_fields_have_their_defaults() {
         let mut sent = spec_to_proto(spec());
         (sent.tolerance, sent.alignment) = (None, 0);
+        sent.mappings[0].fields[1].transform.as_mut().unwrap().static_topic = None;
         let spec = spec_from_proto(sent).unwrap();
+        assert_eq!(spec.mappings[0].fields[1].transform.as_ref().unwrap().static_topic, "/tf_static");
         assert_eq!((spec.tolerance, spec.alignment), (0.25, Alignment::LatestBefore));
     }
 

@@ -28,7 +28,7 @@ pub(crate) fn readable(spec: &TaskSpec) -> Cow<'_, TaskSpec> {
     Cow::Owned(spec)
 }
 
-/// The mapping with the most topics among those whose topics all exist. Only the first `own` are the task's: a later one
+/// The mapping with the most topics among those whose topics all exist, one whose fields are all there before others. Only the first `own` are the task's: a later one
 /// is chosen if it fits and none of those does, and no finding names it.
 pub(crate) fn choose_mapping(
     tracks: &Tracks,
@@ -36,9 +36,11 @@ pub(crate) fn choose_mapping(
     own: usize,
     report: &mut Report,
 ) -> Result<usize, RecordingError> {
-    let score = |mapping: &Mapping| (missing(tracks, spec, mapping).len(), usize::MAX - mapping.topics(spec).len());
-    let best = spec.mappings.iter().enumerate().take(own).min_by_key(|(_, mapping)| score(mapping));
     let fits = |at: usize| fits(tracks, spec, at);
+    let score = |(at, mapping): &(usize, &Mapping)| {
+        (missing(tracks, spec, mapping).len(), !fits(*at), usize::MAX - mapping.topics(spec).len())
+    };
+    let best = spec.mappings.iter().enumerate().take(own).min_by_key(score);
     if best.is_none_or(|(at, _)| !fits(at))
         && let Some((at, written)) = spec.mappings.iter().enumerate().skip(own).find(|(at, _)| fits(*at))
     {

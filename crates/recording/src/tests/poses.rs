@@ -2,9 +2,12 @@
 
 use serde_json::{Value, json};
 
-use super::scene::{Scene, check, numbers_only, only};
+use super::scene::{Scene, check, numbers_only};
 use crate::extract::{Kept, extract};
-use crate::{FieldSpec, FindingCode, RecordingError, Severity, TaskSpec, Transform, read_episode, validate};
+use crate::{
+    Cuts, FieldSpec, FindingCode, Limits, RecordingError, Severity, TaskSpec, TimeRange, Transform, cut, read_episode,
+    validate,
+};
 
 const COUNT: i64 = 8;
 
@@ -112,9 +115,56 @@ fn a_frame_that_is_missing_is_named_with_those_that_are_there() {
     assert!(detail.contains("the transforms between them never change"), "{detail}");
     let detail = refused(&spec(), &scene().without("/tf_static"));
     assert!(detail.contains("there is no frame `tool`"), "{detail}");
+    // A transform without a rotation is none, and the only ones there are are missed.
     let broken = scene().change_all("/tf", |content| content["transforms"][0]["transform"]["rotation"] = json!({}));
-    let report = broken.report(&spec());
-    assert!(only(&report).detail.contains("its quaternion is zero"), "{:?}", report.findings);
+    let detail = refused(&spec(), &broken);
+    assert!(detail.contains("was left out: its quaternion is zero"), "{detail}");
+    let mut once = scene();
+    once.add("/tf", 1450, json!({ "transforms": [transform(1450, ["lift", "arm"], [9.0, 9.0, 9.0], [0.0; 4])] }));
+    let values = |scene: &Scene| scene.read(&spec()).unwrap().episode.proprioception();
+    assert_eq!(values(&once), values(&scene()), "the transform before it stays");
+}
+
+#[test]
+fn mappings_of_the_same_topics_have_trees_of_their_own() {
+    // The same topics with the frames of another robot come first and do not fit.
+    let mut several = spec();
+    let mut other = several.mappings[0].clone();
+    "other".clone_into(&mut other.name);
+    let frames = other.fields[1].transform.as_mut().unwrap();
+    ("panda_link0".clone_into(&mut frames.parent), "hand".clone_into(&mut frames.child));
+    several.mappings.insert(0, other);
+    let reading = scene().read(&several).unwrap();
+    assert_eq!(reading.report.mapping, spec().mappings[0].name);
+    assert_eq!(reading.episode.proprioception(), scene().read(&spec()).unwrap().episode.proprioception());
+    // A mapping without static transforms does not see those of another.
+    let mut none = spec();
+    none.mappings[0].fields[1].transform.as_mut().unwrap().static_topic.clear();
+    let mut both = none.clone();
+    let mut with = spec().mappings[0].clone();
+    "with".clone_into(&mut with.name);
+    with.fields[0].paths = vec!["missing".into()];
+    both.mappings.push(with);
+    for spec in [none, both] {
+        let report = scene().report(&spec);
+        assert!(
+            report.findings.iter().any(|finding| finding.detail.contains("there is no frame `tool`")),
+            "{report:?}"
+        );
+    }
+}
+
+#[test]
+fn an_episode_that_is_cut_out_has_the_transforms_that_never_change() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("long.mcap");
+    std::fs::write(&path, scene().mcap()).unwrap();
+    let ranges = [TimeRange { start_s: 1.0, end_s: 1.4, success: None }];
+    let cut = cut(&path, Cuts::Ranges(&ranges), &Limits::default(), folder.path()).unwrap();
+    let episode = read_episode(&folder.path().join(&cut[0].file_name), &spec()).unwrap().episode;
+    let whole = read_episode(&path, &spec()).unwrap().episode;
+    assert_eq!(episode.stamps(), &whole.stamps()[..4]);
+    assert_eq!(episode.proprioception(), whole.proprioception()[..4 * 9]);
 }
 
 #[test]

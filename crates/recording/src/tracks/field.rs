@@ -62,8 +62,12 @@ impl FieldTrack {
         })
     }
 
-    pub(super) fn is_pose(&self) -> bool {
-        matches!(self.place, Place::Pose(_))
+    /// The topic of the transforms that never change, of a pose.
+    pub(super) fn fixed(&self) -> Option<&str> {
+        match &self.place {
+            Place::Pose(transform) => Some(&transform.static_topic),
+            Place::Paths { .. } => None,
+        }
     }
 
     /// Takes the numbers at the paths in a message.
@@ -112,11 +116,7 @@ impl FieldTrack {
         match tree.pose(parent, child, before) {
             Ok(pose) => self.add(at, &pose.numbers()),
             // Each publisher sends its own part of the tree.
-            Err(transforms::Missing::Chain(_) | transforms::Missing::Unchanged) => Ok(()),
-            Err(transforms::Missing::Broken(problem)) => {
-                self.fail(at, &problem);
-                Ok(())
-            }
+            Err(transforms::Missing::Chain | transforms::Missing::Unchanged) => Ok(()),
         }
     }
 
@@ -125,10 +125,10 @@ impl FieldTrack {
         let Place::Pose(Transform { parent, child, .. }) = &self.place else { return };
         self.absent = match tree.pose(parent, child, 0) {
             _ if !self.messages.is_empty() => None,
-            Err(transforms::Missing::Chain(problem)) => {
-                Some(format!("{problem}; correct `parent`, `child` or `static_topic`"))
+            Err(transforms::Missing::Chain) => {
+                Some(format!("{}; correct `parent`, `child` or `static_topic`", tree.gap(parent, child)))
             }
-            Ok(_) | Err(transforms::Missing::Unchanged | transforms::Missing::Broken(_)) => {
+            Ok(_) | Err(transforms::Missing::Unchanged) => {
                 Some(format!("no message changes `{child}` in `{parent}`: the transforms between them never change"))
             }
         };

@@ -56,7 +56,8 @@ fn check_transform(
     let Transform { parent, child, static_topic } = transform;
     topic(&format!("{at}.transform.parent"), parent, "frame in which the pose is")?;
     topic(&format!("{at}.transform.child"), child, "frame whose pose it is")?;
-    if parent == child {
+    let bare = |frame: &str| frame.strip_prefix('/').unwrap_or(frame).to_owned();
+    if bare(parent) == bare(child) {
         return wrong(format!("{at}.transform.child"), format!("`{child}` is the parent, too; give another frame"));
     }
     if static_topic.is_empty() { Ok(()) } else { topic(&format!("{at}.transform.static_topic"), static_topic, "topic") }
