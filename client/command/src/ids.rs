@@ -36,6 +36,8 @@ pub(crate) struct Given {
     index: usize,
     kind: Kind,
     text: String,
+    /// Whether it may be the file name of a recording.
+    by_file: bool,
 }
 
 /// What a command line leaves open.
@@ -80,7 +82,7 @@ pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
             let file = recording && !rest.is_some_and(is_ulid);
             let named = file || (kind == Kind::Policy && text.contains('@'));
             if begins || named || text == LATEST {
-                found.push(Given { index, kind, text: text.to_owned() });
+                found.push(Given { index, kind, text: text.to_owned(), by_file: file });
             }
         }
     }
@@ -101,9 +103,9 @@ pub(crate) async fn complete(
     let client = context.client().await?;
     let (mut full, task) = (Vec::with_capacity(given.len()), task.as_deref());
     let mut episodes = None;
-    for Given { kind, text, .. } in &given {
+    for Given { kind, text, by_file, .. } in &given {
         let id = match kind {
-            Kind::Episode | Kind::Deleted => {
+            Kind::Episode | Kind::Deleted if *by_file => {
                 // A command names episodes of one kind.
                 let listed = match episodes.take() {
                     Some(listed) => listed,
@@ -202,6 +204,16 @@ mod tests {
 
     use super::*;
     use crate::cli::Cli;
+
+    #[test]
+    fn what_is_to_be_deleted_is_not_looked_up_by_file_name() {
+        let by_file = |line: &str| -> Vec<bool> {
+            let matches = Cli::command().try_get_matches_from(line.split(' ')).unwrap();
+            incomplete(&matches).ids.iter().map(|given| given.by_file).collect()
+        };
+        assert_eq!(by_file("gleaner delete ep_01 ep_demo.mcap"), [false, false]);
+        assert_eq!(by_file("gleaner restore ep_01 ep_demo.mcap"), [true, true]);
+    }
 
     fn found(line: &str) -> Vec<(Kind, String)> {
         let matches = Cli::command().try_get_matches_from(line.split(' ')).unwrap();
