@@ -139,7 +139,8 @@ impl Peers {
             *gradient = (*ranks > 0.0).then_some(sum);
         }
         for number in numbers {
-            **number = next(1).squeeze();
+            // A view would keep the buffer of all gradients.
+            **number = next(1).squeeze().copy();
         }
         Ok(notes.last().is_some_and(|asked| *asked > 0.0))
     }

@@ -164,7 +164,8 @@ impl<N: Learner> Training<N> {
         peers.align(self.info.step, self.optimizer.parameters())?;
         while self.info.step < steps {
             if stop || !peers.several() && monitor.cancelled() {
-                self.read(lead, monitor)?;
+                let read = self.read((lead, monitor))?;
+                self.send(if lead { &read } else { &[] }, monitor);
                 if self.info.step > kept && lead {
                     // If storing fails here, a resumed run repeats these steps.
                     let _ = self.keep(monitor);
@@ -174,12 +175,15 @@ impl<N: Learner> Training<N> {
             stop = self.step(next, loss, (peers, monitor))?;
             let done = self.info.step;
             let due = done.is_multiple_of(u64::from(checkpoint_every)) && done < steps;
+            let read = self.unread.is_full() || due || done == steps;
+            let mut read = if read { self.read((lead, monitor))? } else { Vec::new() };
             if lead {
                 let further = self.report(report)?;
-                self.unread.extend(further);
-            }
-            if self.unread.is_full() || due || done == steps {
-                self.read(lead, monitor)?;
+                match read.last_mut() {
+                    Some((_, metrics)) => metrics.extend(further),
+                    None => self.unread.extend(further),
+                }
+                self.send(&read, monitor);
             }
             if due {
                 if lead {
@@ -196,11 +200,17 @@ impl<N: Learner> Training<N> {
         checkpoint::write(&self.info, &self.network.named()).map(Some)
     }
 
-    /// Reads the steps that have not been read, and sends their metrics.
-    fn read(&mut self, lead: bool, monitor: &mut dyn Monitor) -> Result<(), LearnError> {
+    /// Reads the steps that have not been read. If one diverged, the metrics of those before it are sent.
+    fn read(&mut self, (lead, monitor): (bool, &mut dyn Monitor)) -> Result<Vec<(u64, Metrics)>, LearnError> {
         let (read, ended) = self.unread.read();
-        read.iter().filter(|_| lead).for_each(|(done, metrics)| monitor.progress(*done, self.optim.steps, metrics));
-        ended
+        if let (Err(_), true) = (&ended, lead) {
+            self.send(&read, monitor);
+        }
+        ended.map(|()| read)
+    }
+
+    fn send(&self, read: &[(u64, Metrics)], monitor: &mut dyn Monitor) {
+        read.iter().for_each(|(done, metrics)| monitor.progress(*done, self.optim.steps, metrics));
     }
 
     /// The further metrics after a step; those after the last one are of the weights that the model finishes with.

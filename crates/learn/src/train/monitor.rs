@@ -4,7 +4,8 @@ use crate::peers::Peers;
 
 /// Receives progress and checkpoints of a job, and may request a stop.
 pub trait Monitor {
-    /// `step` of `total` are done; `metrics` are (name, value). Called after every step.
+    /// `step` of `total` are done; `metrics` are (name, value). Called for every step in order: after it, or on a GPU
+    /// after some more.
     fn progress(&mut self, step: u64, total: u64, metrics: &[(&'static str, f64)]);
 
     /// Stores `bytes`, from which the job can resume after `step` steps. Called at intervals, and when the job is asked

@@ -92,6 +92,59 @@ fn a_stopped_run_resumes_at_its_next_batch() {
     }
 }
 
+/// Asks for a stop before step `after`, however many steps have been read.
+struct StopBefore {
+    after: usize,
+    asked: std::cell::Cell<usize>,
+    seen: Recorder,
+}
+
+impl StopBefore {
+    fn step(after: usize) -> Self {
+        Self { after, asked: std::cell::Cell::new(0), seen: Recorder::default() }
+    }
+}
+
+impl Monitor for StopBefore {
+    fn progress(&mut self, step: u64, total: u64, metrics: &[(&'static str, f64)]) {
+        self.seen.progress(step, total, metrics);
+    }
+
+    fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> Result<(), String> {
+        self.seen.checkpoint(step, bytes)
+    }
+
+    fn cancelled(&self) -> bool {
+        self.asked.set(self.asked.get() + 1);
+        // Before each step, and within it for the other ranks.
+        self.asked.get() > 2 * self.after
+    }
+}
+
+#[test]
+fn a_stop_reads_what_was_not_read() {
+    let mut straight = Recorder::default();
+    let finished = run(start(), batch, &mut straight).unwrap();
+    let stop = |after, batch: fn(u64) -> Tensor| {
+        let mut stopped = StopBefore::step(after);
+        let run_of = (&mut Peers::alone(), &mut stopped as &mut dyn Monitor);
+        let ended = start_unread().run(100, move |number| Ok(batch(number)), &loss, &|_, _| Ok(Vec::new()), run_of);
+        (ended, stopped.seen)
+    };
+    for after in 1..6 {
+        let (ended, seen) = stop(after, batch);
+        assert!(matches!(ended, Err(LearnError::Cancelled)));
+        assert_eq!(seen.losses, straight.losses[..after], "each step that was taken has its metrics");
+        let resumed = Training::<Line>::resume(&seen.checkpoints[0].1, &info(), &optim(), Device::Cpu).unwrap();
+        let Resumed::Unfinished(training) = resumed else { panic!("finished after {after} steps") };
+        assert_eq!(run(*training, batch, &mut Recorder::default()).unwrap(), finished);
+    }
+    // A step that diverged and was not read leaves no checkpoint of its weights.
+    let (ended, seen) = stop(3, |number| batch(number) * if number < 6 { 1.0 } else { f64::NAN });
+    assert!(matches!(ended, Err(LearnError::Diverged { step: 2 })), "{ended:?}");
+    assert_eq!((seen.losses.len(), seen.checkpoints.len()), (2, 0));
+}
+
 #[test]
 fn steps_that_are_read_together_have_the_metrics_of_steps_read_alone() {
     let run = |training: Training<Line>, every| {
