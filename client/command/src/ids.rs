@@ -104,16 +104,15 @@ pub(crate) async fn complete(
     let (mut full, task) = (Vec::with_capacity(given.len()), task.as_deref());
     let mut episodes = None;
     for Given { kind, text, by_file, .. } in &given {
-        let id = match kind {
-            Kind::Episode | Kind::Deleted if *by_file => {
-                // A command names episodes of one kind.
-                let listed = match episodes.take() {
-                    Some(listed) => listed,
-                    None => listed::episodes(&client, task, *kind == Kind::Deleted).await?,
-                };
-                file_name::choose(*kind, text, episodes.insert(listed))
-            }
-            _ => choose(*kind, text, &listed::ids(&client, *kind, task, text).await?),
+        let id = if *by_file {
+            // A command names episodes of one kind.
+            let listed = match episodes.take() {
+                Some(listed) => listed,
+                None => listed::episodes(&client, task, *kind == Kind::Deleted).await?,
+            };
+            file_name::choose(*kind, text, episodes.insert(listed))
+        } else {
+            choose(*kind, text, &listed::ids(&client, *kind, task, text).await?)
         };
         let id = id.map_err(Failure::message)?;
         if let (Some(id), LATEST) = (&id, text.as_str()) {
