@@ -18,7 +18,7 @@ const BETA: [f64; 2] = [0.9, 0.999];
 const EPSILON: f64 = 1e-8;
 /// Values from which a block on a processor takes no further parameter: its tensors are then 256 KiB.
 const CACHED: usize = 1 << 16;
-/// A parameter begins at a multiple of so many values, 64 bytes, as one with memory of its own does.
+/// A parameter begins at a multiple of this number of values, 64 bytes, as one with memory of its own does.
 const ALIGNED: usize = 16;
 
 struct Slot {

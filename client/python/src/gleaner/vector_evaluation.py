@@ -90,7 +90,7 @@ class _Rows(Protocol):
 
 
 class _OpenLoops:
-    """A policy of which several actions of each chunk are executed, in each row by itself."""
+    """A policy of which several actions of each chunk are executed, in each row separately."""
 
     def __init__(self, policy: VectorPolicy, execute: int) -> None:
         self._policy, self._plans = policy, [Plan(execute) for _ in policy.rows]

@@ -8,7 +8,7 @@ use tch::{Device, Kind, Tensor, no_grad_guard};
 use super::sums::{Metrics, Sums};
 use crate::error::LearnError;
 
-/// Steps that are read at once from a device that works while its caller goes on.
+/// Steps that are read at once from a device that works while its caller continues.
 const AT_ONCE: usize = 16;
 
 /// A step that was taken.

@@ -1,5 +1,5 @@
-//! Messages that hold from their time on, whoever comes later: a recorder has them once, at its beginning, and every
-//! episode needs them.
+//! Messages that hold from their time on, for all that follows: a recorder has them once, at its beginning, and every episode
+//! needs them.
 
 use std::collections::{BTreeMap, HashSet};
 
