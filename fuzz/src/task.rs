@@ -64,7 +64,7 @@ fn source(field: &str, topic: &str, paths: &[&str]) -> FieldSource {
         topic: topic.into(),
         paths: paths.iter().map(|&path| path.into()).collect(),
         names: Vec::new(),
-            transform: None,
+        transform: None,
     }
 }
 

@@ -254,7 +254,7 @@ def test_poses_of_frames_are_those_of_recordings(modules: dict[str, ModuleType])
     assert tree.pose("root", "tool")[1] == 4.0
     assert tree.pose("arm", "tool")[1] == -np.inf, "it never changes"
     tree.update(transform("arm", "tool", (0, 0, 0), (0, 0, 0, 0)), 5.0)
-    assert tree.pose("root", "tool")[1] == 4.0, "a transform without a rotation is none"
+    assert tree.pose("root", "tool")[1] == 4.0, "a transform with a zero quaternion is left out"
     with pytest.raises(modules["messages"].Unfit, match="no transforms connect hand with root"):
         tree.pose("root", "hand")
     for parent, child in (("a", "b"), ("b", "a")):

@@ -153,7 +153,7 @@ pub struct Transform {
     pub parent: String,
     /// Frame whose pose it is, such as `tool0`.
     pub child: String,
-    /// Topic of the transforms that never change; empty if there is none.
+    /// Topic of the transforms that never change; empty: the robot has no such topic.
     #[serde(default = "default_static_topic")]
     pub static_topic: String,
 }

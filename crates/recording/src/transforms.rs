@@ -5,6 +5,8 @@
 
 use std::collections::HashMap;
 
+use glam::{DQuat, DVec3};
+
 use crate::dialect::Value;
 
 /// Most frames of a recording.
@@ -21,61 +23,42 @@ const SHORTEST: f64 = 1e-6;
 /// Where a frame is in another, and how it is turned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pose {
-    place: [f64; 3],
-    /// x, y, z, w.
-    turn: [f64; 4],
+    place: DVec3,
+    turn: DQuat,
 }
 
 impl Pose {
-    const SAME: Self = Self { place: [0.0; 3], turn: [0.0, 0.0, 0.0, 1.0] };
+    const SAME: Self = Self { place: DVec3::ZERO, turn: DQuat::IDENTITY };
 
     /// The position and the quaternion x, y, z, w.
     pub(crate) fn numbers(&self) -> [f64; 7] {
-        let ([x, y, z], [qx, qy, qz, qw]) = (self.place, self.turn);
+        let ([x, y, z], [qx, qy, qz, qw]) = (self.place.to_array(), self.turn.to_array());
         [x, y, z, qx, qy, qz, qw]
     }
 
     /// The pose in this one's frame of what has the pose `inner` in this one.
     fn then(&self, inner: &Self) -> Self {
-        let moved = rotated(self.turn, inner.place);
-        let place = [0, 1, 2].map(|axis| self.place[axis] + moved[axis]);
-        Self { place, turn: product(self.turn, inner.turn) }
+        Self { place: self.place + self.turn * inner.place, turn: self.turn * inner.turn }
     }
 
     fn inverse(&self) -> Self {
-        let [x, y, z, w] = self.turn;
-        let turn = [-x, -y, -z, w];
-        Self { place: rotated(turn, self.place).map(|value| -value), turn }
+        let turn = self.turn.conjugate();
+        Self { place: -(turn * self.place), turn }
     }
 
-    /// A transform of a message. Numbers that a message leaves out are zero, and a rotation that it leaves out is none.
+    /// A transform of a message. Numbers that a message leaves out are zero; a rotation that it leaves out does not turn.
     fn of(transform: &Value<'_>) -> Result<Self, String> {
         let part = |name: &str, axis: &str| transform.field(name).and_then(|part| part.number(axis)).unwrap_or(0.0);
-        let place = ["x", "y", "z"].map(|axis| part("translation", axis));
-        let Some(rotation) = transform.field("rotation") else { return Ok(Self { place, ..Self::SAME }) };
-        let turn = ["x", "y", "z", "w"].map(|axis| rotation.number(axis).unwrap_or(0.0));
-        let length = turn.iter().map(|value| value * value).sum::<f64>().sqrt();
-        if length < SHORTEST {
+        let place = DVec3::from_array(["x", "y", "z"].map(|axis| part("translation", axis)));
+        if transform.field("rotation").is_none() {
+            return Ok(Self { place, ..Self::SAME });
+        }
+        let turn = DQuat::from_array(["x", "y", "z", "w"].map(|axis| part("rotation", axis)));
+        if turn.length() < SHORTEST {
             return Err("its quaternion is zero".to_owned());
         }
-        Ok(Self { place, turn: turn.map(|value| value / length) })
+        Ok(Self { place, turn: turn.normalize() })
     }
-}
-
-/// The product of two quaternions.
-fn product([ax, ay, az, aw]: [f64; 4], [bx, by, bz, bw]: [f64; 4]) -> [f64; 4] {
-    [
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    ]
-}
-
-fn rotated(turn: [f64; 4], [x, y, z]: [f64; 3]) -> [f64; 3] {
-    let [tx, ty, tz, tw] = turn;
-    let [x, y, z, _] = product(product(turn, [x, y, z, 0.0]), [-tx, -ty, -tz, tw]);
-    [x, y, z]
 }
 
 /// The newest transform of each frame in its parent.

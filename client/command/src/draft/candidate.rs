@@ -15,8 +15,8 @@ const VECTORS: &[&str] =
     &["position", "orientation", "linear", "angular", "translation", "rotation", "force", "torque"];
 const ROTATIONS: &[&str] = &["orientation", "rotation"];
 
-/// How a task takes a pose of a frame.
-const POSE: &str = "a field of size 7 takes one with `transform = { parent = \"base_link\", child = \"tool0\" }` in place of \
+/// What becomes of a topic of transforms.
+const POSES: &str = "it has the poses of frames: a field of size 7 takes one with `transform = { parent = \"base_link\", child = \"tool0\" }` in place of \
                     `paths`, in the names of your frames";
 
 /// Numbers that can be a field.
@@ -76,7 +76,7 @@ pub(super) fn candidates(way: &Way, left_out: &mut Vec<LeftOut>) -> Vec<Candidat
         } else if let Some(problem) = &topic.found.problem {
             leave("", format!("{} messages cannot be read: {problem}", topic.found.unreadable));
         } else if tokens::has_transforms(&topic.found.schema) {
-            leave("", format!("it has the poses of frames: {POSE}"));
+            leave("", POSES.to_owned());
         } else if tokens::is_foreign(&topic.found.schema) || name.starts_with("/gleaner/") {
             leave("", "it describes neither what the robot measures nor what it does".to_owned());
         } else if topic.recordings < way.recordings {

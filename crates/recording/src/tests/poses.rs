@@ -116,7 +116,7 @@ fn a_frame_that_is_missing_is_named_with_those_that_are_there() {
     assert!(detail.contains("the transforms between them never change"), "{detail}");
     let detail = refused(&spec(), &scene().without("/tf_static"));
     assert!(detail.contains("there is no frame `tool`"), "{detail}");
-    // A transform without a rotation is none, and the only ones there are are missed.
+    // A transform with a zero quaternion is left out, and here no other connects the frames.
     let broken = scene().change_all("/tf", |content| content["transforms"][0]["transform"]["rotation"] = json!({}));
     let detail = refused(&spec(), &broken);
     assert!(detail.contains("was left out: its quaternion is zero"), "{detail}");

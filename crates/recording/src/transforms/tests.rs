@@ -104,7 +104,7 @@ fn what_is_missing_is_named() {
     tree.update(&ros("world", "table", [0.0; 3], [0.0, 0.0, 0.0, 1.0])).unwrap();
     assert!(gap(&tree, "table", "tool").starts_with("no transforms connect `tool` with `table`; the frames are arm,"));
     let (before, there) = (tree.pose("root", "tool", 0), tree.update(&ros("arm", "tool", [0.0; 3], [0.0; 4])));
-    assert_eq!(tree.pose("root", "tool", 0), before, "a transform without a rotation is none");
+    assert_eq!(tree.pose("root", "tool", 0), before, "a transform with a zero quaternion is left out");
     assert_eq!(tree.pose("root", "tool", there.unwrap()), Err(Missing::Unchanged));
     let gap = tree.gap("root", "tool0");
     assert!(gap.ends_with("; a transform from `arm` to `tool` was left out: its quaternion is zero"), "{gap}");
