@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-ros2 check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -96,6 +96,15 @@ check-mlflow: .libtorch $(MLFLOW_ENV)
 	$(MLFLOW_ENV)/bin/pip install -q client/python 'mlflow==3.17.2' 'pytest>=8'
 	cd client/python && ../../$(MLFLOW_ENV)/bin/pytest tests/test_track.py
 
+# The node of examples/ros2 over DDS, with rclpy from wheels. Installs 0.3 GB the first time; without dependencies, because
+# one of them, which only generators of messages use, has no wheel.
+ROS2_ENV = target/ros2
+check-ros2: .libtorch $(ROS2_ENV)
+	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
+	$(ROS2_ENV)/bin/pip install -q --no-deps -r examples/ros2/requirements.txt
+	$(ROS2_ENV)/bin/pip install -q client/python gymnasium 'pytest>=8'
+	cd client/python && ../../$(ROS2_ENV)/bin/pytest tests/test_ros2_dds.py
+
 # A deployment evaluated in simulators of others by `python -m gleaner.simulators`. Installs robosuite and Meta-World
 # (1.5 GB) and LIBERO (2 GB), which needs an older robosuite, the first time. MUJOCO_GL= may be egl.
 MUJOCO_GL ?= osmesa
@@ -187,7 +196,7 @@ metaworld maniskill: .libtorch
 	target/$(SIMULATOR)/bin/python client/python/examples/simulators.py $(STAGE) --simulator $(SIMULATOR) --task $(TASK) \
 		--server-bin target/debug/gleaner-server $(ARGS)
 
-$(PYTHON_ENV) $(DIFFERENTIAL_ENV) $(LEROBOT_ENV) $(ROBOMIMIC_ENV) $(MLFLOW_ENV) $(SIMULATORS_ENV) $(LIBERO_ENV):
+$(PYTHON_ENV) $(DIFFERENTIAL_ENV) $(LEROBOT_ENV) $(ROBOMIMIC_ENV) $(MLFLOW_ENV) $(ROS2_ENV) $(SIMULATORS_ENV) $(LIBERO_ENV):
 	$(PYTHON) -m venv $@
 
 fmt:

@@ -63,14 +63,17 @@ class Scene:
             self._newest[topic] = (now, message)
 
     def stale(self, now: float, most: float) -> str:
-        """Why there is no step: a topic without a message within the last `most` seconds. Empty if there is one."""
+        """Why there is no step: a topic without a message within the last `most` seconds. Empty if there is one.
+
+        The text stays the same as time passes.
+        """
         with self._lock:
             newest = dict(self._newest)
         for topic in sorted(self.observed):
             if topic not in newest:
                 return f"no message on {topic} yet"
             if now - newest[topic][0] > most:
-                return f"the newest message on {topic} is {now - newest[topic][0]:.2f} s old"
+                return f"no message on {topic} for {most:g} s"
         for field in self.spec.proprioception:
             source = self.fields[field.name]
             if source.HasField("transform"):
@@ -81,7 +84,7 @@ class Scene:
                 except messages.Unfit as problem:
                     return str(problem)
                 if age > most:
-                    return f"the newest transform of {child} in {parent} is {age:.2f} s old"
+                    return f"no transform of {child} in {parent} has changed for {most:g} s"
         return ""
 
     def observation(self, stamp_ns: int) -> gleaner.Observation:

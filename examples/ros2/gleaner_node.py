@@ -9,19 +9,21 @@ The parameters are described in README.md beside this file.
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 import rclpy
 from control import Scene, Watchdog
 from messages import Unfit
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from rosidl_runtime_py.utilities import get_message
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 
 import gleaner
@@ -31,6 +33,12 @@ DISCOVERY = 0.5
 # Transforms come in many small messages, of which none may be missed.
 TRANSFORMS = 100
 TRANSFORM_TYPE = "tf2_msgs/msg/TFMessage"
+
+
+def message_class(kind: str) -> Any:
+    """The class of a type such as `std_msgs/msg/Bool`; not every rclpy comes with `rosidl_runtime_py`, which has it."""
+    module, _, name = kind.rpartition("/")
+    return getattr(import_module(module.replace("/", ".")), name)
 
 
 class GleanerNode(Node):
@@ -67,6 +75,8 @@ class GleanerNode(Node):
         self._watchdog = Watchdog(given("watchdog", 0.5), time.monotonic())
         self._due = threading.Event()
         self._ending = threading.Event()
+        # Held while an action is published, so that none follows the last one.
+        self._publishing = threading.Lock()
         self._said = ""
         period = 1.0 / self._policy.rate_hz
         self._discovery = self.create_timer(DISCOVERY, self.discover)
@@ -76,7 +86,7 @@ class GleanerNode(Node):
         # Transforms that never change are published once, and kept for those who come later.
         kept = QoSProfile(depth=TRANSFORMS, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         for topic in self._scene.fixed:
-            kind = get_message(self._types.get(topic, TRANSFORM_TYPE))
+            kind = message_class(self._types.get(topic, TRANSFORM_TYPE))
             self.create_subscription(kind, topic, partial(self._arrived, topic), kept)
 
     def start(self) -> None:
@@ -90,7 +100,7 @@ class GleanerNode(Node):
         for topic in (self._scene.observed | self._scene.acted) - self._classes.keys():
             if topic not in known:
                 continue
-            self._classes[topic] = kind = get_message(known[topic])
+            self._classes[topic] = kind = message_class(known[topic])
             if topic in self._scene.observed:
                 quality = QoSProfile(depth=TRANSFORMS) if topic in self._scene.transforms else qos_profile_sensor_data
                 self.create_subscription(kind, topic, partial(self._arrived, topic), quality)
@@ -114,7 +124,11 @@ class GleanerNode(Node):
             return
         try:
             observation = self._scene.observation(self.get_clock().now().nanoseconds)
-            self._publish(self._policy(observation))
+            action = self._policy(observation)
+            with self._publishing:
+                if self._ending.is_set():
+                    return
+                self._publish(action)
         except (gleaner.GleanerError, Unfit) as error:
             # The watchdog stops the robot if this lasts; the next period tries again.
             self._say(f"no action: {error}")
@@ -131,13 +145,15 @@ class GleanerNode(Node):
         self._active.publish(Bool(data=self._watchdog.active))
 
     def end(self, outcome: str = "unknown") -> str:
-        """Stops acting and ends the episode; returns the id of its recording, if any."""
-        self._ending.set()
+        """Stops the robot and ends the episode; returns the id of its recording, if any."""
+        with self._publishing:
+            self._ending.set()
+            # First, because a call may wait for the server.
+            if self._stop_action is not None and self._command.keys() == self._scene.acted:
+                self._publish(self._stop_action)
         self._due.set()
         if self._thread.is_alive():
             self._thread.join()
-        if self._stop_action is not None and self._command.keys() == self._scene.acted:
-            self._publish(self._stop_action)
         return self._policy.close(outcome)
 
     def _run(self) -> None:
@@ -160,14 +176,19 @@ class GleanerNode(Node):
 
 
 def main() -> None:
-    """Runs the node until it is interrupted."""
-    rclpy.init()
+    """Runs the node until SIGINT or SIGTERM."""
+    # The handlers of rclpy would end its context, and with it publishing, before the robot is stopped.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = GleanerNode()
+    interrupted = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: interrupted.set())
     node.start()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
     try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        while not interrupted.is_set():
+            executor.spin_once(timeout_sec=0.1)
     finally:
         if recorded := node.end():
             print(recorded)

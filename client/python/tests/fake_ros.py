@@ -1,6 +1,6 @@
 """The surface of rclpy that the ROS 2 example uses, without ROS: topics are a dictionary, and tests call timers.
 
-Packages have no rclpy, so the node's logic is tested, not the middleware below it.
+The tests set the time and the types (the packages of rclpy have no `tf2_msgs`); `test_ros2_dds.py` has the middleware.
 """
 
 from __future__ import annotations
@@ -60,19 +60,22 @@ class Graph:
                 return SimpleNamespace(info=graph.log.append, error=graph.log.append)
 
         modules: dict[str, dict[str, Any]] = {
-            "rclpy": {"init": lambda: None, "spin": lambda node: None},
-            "rclpy.executors": {"ExternalShutdownException": type("ExternalShutdownException", (Exception,), {})},
+            "rclpy": {},
+            "rclpy.executors": {"SingleThreadedExecutor": object},
             "rclpy.node": {"Node": Node},
             "rclpy.qos": {
                 "qos_profile_sensor_data": SimpleNamespace(depth=5),
                 "QoSProfile": SimpleNamespace,
                 "DurabilityPolicy": SimpleNamespace(TRANSIENT_LOCAL="kept"),
             },
-            "rosidl_runtime_py": {},
-            "rosidl_runtime_py.utilities": {"get_message": self.classes.__getitem__},
+            "rclpy.signals": {"SignalHandlerOptions": object},
             "std_msgs": {},
             "std_msgs.msg": {"Bool": SimpleNamespace},
         }
+        for kind, of in self.classes.items():
+            package, _, name = kind.rpartition("/")
+            modules.setdefault(package.partition("/")[0], {})
+            modules.setdefault(package.replace("/", "."), {})[name] = of
         for name, content in modules.items():
             module = ModuleType(name)
             vars(module).update(content)

@@ -23,7 +23,7 @@ from test_policy import observation
 
 EXAMPLE = ROOT / "examples" / "ros2"
 JOINTS = [f"joint{number}" for number in range(64)]
-TF = "tf2_msgs/msg/TFMessage"
+TF, ARRAY = "tf2_msgs/msg/TFMessage", "test_msgs/msg/Array"
 
 
 class JointState:
@@ -74,10 +74,10 @@ class Robot:
         ]
         del spec.mappings[:]
         spec.mappings.append(Mapping(name="ros", cameras=cameras, fields=fields))
-        types = {"/joints": "JointState"}
-        types |= {source.topic: "Array" for source in fields[1:]}
-        types |= {topic: "Image" for source in cameras for topic in (source.color, source.depth) if topic}
-        classes: dict[str, type] = {"JointState": JointState, "Array": Array, "Image": Image}
+        classes: dict[str, type] = {f"test_msgs/msg/{one.__name__}": one for one in (JointState, Array, Image)}
+        types = {"/joints": "test_msgs/msg/JointState"}
+        types |= {source.topic: ARRAY for source in fields[1:]}
+        types |= {topic: "test_msgs/msg/Image" for source in cameras for topic in (source.color, source.depth) if topic}
         self.graph = Graph(types, classes, parameters)
         self.graph.install(monkeypatch)
         self.node: Any = importlib.import_module("gleaner_node").GleanerNode(self.policy)
@@ -164,7 +164,7 @@ def test_stale_and_unfit_messages_give_no_action(
     assert len(robot.commands()) == 1
     monotonic[0] += 0.6
     robot.node.step()
-    assert robot.graph.log[-1].endswith("is 0.60 s old")
+    assert re.fullmatch(r"no action: no message on /\S+ for 0.5 s", robot.graph.log[-1])
     robot.see(observation(robot.spec))
     robot.graph.send("/joints", SimpleNamespace(name=["other"], position=[0.0]))
     robot.node.step()
@@ -295,8 +295,8 @@ class Posed:
 
 
 def test_node_feeds_poses_from_transforms(monotonic: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
-    types = {"/tf": TF, "/tf_static": TF, "/command": "Array"}
-    graph = Graph(types, {TF: SimpleNamespace, "Array": Array}, {"max_age": 0.5})
+    types = {"/tf": TF, "/tf_static": TF, "/command": ARRAY}
+    graph = Graph(types, {TF: SimpleNamespace, ARRAY: Array}, {"max_age": 0.5})
     graph.install(monkeypatch)
     policy = Posed()
     node = importlib.import_module("gleaner_node").GleanerNode(policy)
@@ -313,7 +313,7 @@ def test_node_feeds_poses_from_transforms(monotonic: list[float], monkeypatch: p
     monotonic[0] += 0.6
     graph.send("/tf", transforms(CAMERA))
     node.step()
-    assert graph.log[-1] == "no action: the newest transform of tool in root is 0.60 s old"
+    assert graph.log[-1] == "no action: no transform of tool in root has changed for 0.5 s"
     assert len(policy.seen) == 1
     node.end()
 
