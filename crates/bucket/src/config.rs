@@ -16,7 +16,9 @@ pub struct BucketConfig {
     pub http: bool,
     /// Whether the bucket is part of the host's name rather than of the path.
     pub virtual_host: bool,
-    /// The time for one request, with its retries, in seconds.
+    /// The time in seconds after which a request ends that the store does not answer, or whose answer makes no progress,
+    /// and after which a failed one is not repeated. It includes the time to send what is stored, at most
+    /// 16 MiB for a request.
     pub timeout_seconds: u64,
 }
 

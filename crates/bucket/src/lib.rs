@@ -44,6 +44,8 @@ pub struct Bucket {
     prefix: String,
     /// The bucket as the operator names it, for messages.
     shown: String,
+    /// That of the configuration.
+    timeout: Duration,
 }
 
 /// A file in a bucket.
@@ -82,7 +84,11 @@ impl Bucket {
         let _ = rustls::crypto::ring::default_provider().install_default();
         let timeout = Duration::from_secs(config.timeout_seconds.max(1));
         let retry = RetryConfig { backoff: BackoffConfig::default(), max_retries: 10, retry_timeout: timeout };
-        let client = ClientOptions::new().with_timeout(timeout).with_connect_timeout(CONNECT.min(timeout));
+        // Not a limit on the whole request: a slow store needs more than that for a large object.
+        let client = ClientOptions::new()
+            .with_timeout_disabled()
+            .with_read_timeout(timeout)
+            .with_connect_timeout(CONNECT.min(timeout));
         let mut builder = builder
             .with_bucket_name(bucket)
             .with_virtual_hosted_style_request(config.virtual_host)
@@ -104,7 +110,7 @@ impl Bucket {
             Error::precondition(format!("--blob-store {}: {error}; check the AWS_… variables", config.url))
         })?;
         let store: Arc<dyn ObjectStore> = Arc::clone(&signer) as _;
-        Ok(Self { store, signer, prefix: prefix.to_owned(), shown: config.url.clone() })
+        Ok(Self { store, signer, prefix: prefix.to_owned(), shown: config.url.clone(), timeout })
     }
 
     /// The bucket and prefix as the operator names them.
@@ -221,9 +227,5 @@ impl Bucket {
 
     fn key(&self, name: &str) -> Path {
         Path::from(format!("{}/{name}", self.prefix))
-    }
-
-    fn fault(&self, doing: &str, name: &str, error: object_store::Error) -> Error {
-        fault::described(&self.shown, doing, name, &error)
     }
 }

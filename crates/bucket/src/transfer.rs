@@ -18,8 +18,13 @@ use object_store::{ObjectStore, ObjectStoreExt as _, PutPayload, WriteMultipart,
 
 use super::{Bucket, wait::wait};
 
-/// The size of a piece. S3 takes 10,000 pieces of at least 5 MiB for one object.
-const PIECE_BYTES: usize = 16 << 20;
+/// The largest file that is stored by one request, and the piece of an object that is read by one.
+pub(crate) const ONE_REQUEST_BYTES: usize = 16 << 20;
+/// The smallest piece of a larger file. All that are under way share the rate of the store and are each sent within the
+/// timeout: by default, from 0.6 MB/s.
+const PIECE_BYTES: usize = 8 << 20;
+/// The most pieces of one object that S3 takes, each of at least 5 MiB.
+const PIECES: u64 = 10_000;
 /// Pieces of one file under way at once; each is in memory.
 const AT_ONCE: usize = 4;
 /// The largest file that is read by one request. More requests at once are faster from a distant store, and slower from a
@@ -120,13 +125,14 @@ impl Bucket {
 async fn send(store: Arc<dyn ObjectStore>, key: Key, path: std::path::PathBuf) -> std::result::Result<(), Failure> {
     let mut file = File::open(path)?;
     let mut left = file.metadata()?.len();
-    if left <= PIECE_BYTES as u64 {
-        store.put(&key, PutPayload::from_bytes(piece(&mut file, &mut left)?)).await?;
+    if left <= ONE_REQUEST_BYTES as u64 {
+        store.put(&key, PutPayload::from_bytes(piece(&mut file, &mut left, ONE_REQUEST_BYTES)?)).await?;
         return Ok(());
     }
-    let mut writing = WriteMultipart::new_with_chunk_size(store.put_multipart(&key).await?, PIECE_BYTES);
+    let most = piece_bytes(left);
+    let mut writing = WriteMultipart::new_with_chunk_size(store.put_multipart(&key).await?, most);
     while left > 0 {
-        let next = piece(&mut file, &mut left);
+        let next = piece(&mut file, &mut left, most);
         let ready = writing.wait_for_capacity(AT_ONCE).await;
         match next.map_err(Failure::from).and_then(|next| ready.map(|()| next).map_err(Failure::from)) {
             Ok(next) => writing.put(next),
@@ -141,9 +147,14 @@ async fn send(store: Arc<dyn ObjectStore>, key: Key, path: std::path::PathBuf) -
     Ok(())
 }
 
+/// The size of the pieces by which an object of `size` bytes is stored.
+fn piece_bytes(size: u64) -> usize {
+    usize::try_from(size.div_ceil(PIECES)).unwrap_or(usize::MAX).max(PIECE_BYTES)
+}
+
 /// The next piece of a file.
-fn piece(file: &mut File, left: &mut u64) -> std::io::Result<Bytes> {
-    let length = usize::try_from(*left).unwrap_or(PIECE_BYTES).min(PIECE_BYTES);
+fn piece(file: &mut File, left: &mut u64, most: usize) -> std::io::Result<Bytes> {
+    let length = usize::try_from(*left).unwrap_or(most).min(most);
     let mut piece = vec![0; length];
     file.read_exact(&mut piece)?;
     *left -= length as u64;
@@ -170,7 +181,7 @@ async fn receive(
     let (mut begun, mut coming) = (0, VecDeque::new());
     loop {
         while begun < size && coming.len() < AT_ONCE {
-            let end = size.min(begun + PIECE_BYTES as u64);
+            let end = size.min(begun + ONE_REQUEST_BYTES as u64);
             let (store, key, range) = (Arc::clone(&store), key.clone(), begun..end);
             coming.push_back((end - begun, tokio::spawn(async move { store.get_range(&key, range).await })));
             begun = end;
@@ -189,10 +200,11 @@ async fn receive(
 
 /// Copies an object that is too large for one request of the store.
 async fn resend(store: &Arc<dyn ObjectStore>, source: &Key, target: &Key, size: u64) -> object_store::Result<()> {
-    let mut writing = WriteMultipart::new_with_chunk_size(store.put_multipart(target).await?, PIECE_BYTES);
+    let most = piece_bytes(size);
+    let mut writing = WriteMultipart::new_with_chunk_size(store.put_multipart(target).await?, most);
     let mut begun = 0;
     while begun < size {
-        let end = size.min(begun + PIECE_BYTES as u64);
+        let end = size.min(begun + most as u64);
         let ready = match store.get_range(source, begun..end).await {
             Ok(piece) => writing.wait_for_capacity(AT_ONCE).await.map(|()| piece),
             Err(error) => Err(error),
@@ -208,4 +220,20 @@ async fn resend(store: &Arc<dyn ObjectStore>, source: &Key, target: &Key, size: 
         begun = end;
     }
     writing.finish().await.map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pieces_are_small_enough_for_a_slow_store_and_few_enough_for_s3() {
+        for size in [17 << 20, 8 << 30, 78 << 30, 1 << 40, (5 << 40) - 1] {
+            let piece = piece_bytes(size);
+            assert!(
+                size.div_ceil(piece as u64) <= PIECES && (size > 78 << 30 || piece == PIECE_BYTES),
+                "{size}: {piece}"
+            );
+        }
+    }
 }

@@ -31,8 +31,9 @@ pub struct BlobStoreConfig {
     /// support.
     #[arg(long, env = "GLEANER_BLOB_STORE_VIRTUAL_HOST")]
     pub blob_store_virtual_host: bool,
-    /// Give up a request to the bucket after this many seconds, its retries included, 1 to 240. A longer time survives
-    /// longer outages and lets callers wait longer for an error.
+    /// Give up a request to the bucket that has no answer, or whose answer makes no progress, for this many seconds, 1 to
+    /// 240, and do not repeat a failed one after them. What is stored by one request, at most 16 MiB, is sent within the
+    /// time too. A longer time survives longer outages and slower stores, and lets callers wait longer for an error.
     #[arg(long, env = "GLEANER_BLOB_STORE_TIMEOUT_SECONDS", default_value_t = 60, value_name = "SECONDS")]
     pub blob_store_timeout_seconds: u64,
     /// Maximum size in bytes of the copies of a bucket's blobs in the data folder. Beyond it, the least recently used are
