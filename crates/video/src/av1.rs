@@ -1,6 +1,11 @@
 //! AV1: pictures as they are shown, one temporal unit a message.
+//!
+//! The decoder does not report pictures that are missing before one; `order` finds them where the stream permits it.
 
+mod frame;
 mod obu;
+mod order;
+mod sequence;
 
 use re_rav1d::pixel::{MatrixCoefficients, YUVRange};
 use re_rav1d::{Decoder as Pictures, Error, PixelLayout, PlanarImageComponent, Settings};
@@ -9,7 +14,10 @@ use crate::decoder::{Decoded, Decoder};
 use crate::error::VideoError;
 use crate::glance::{Glance, Part};
 use crate::picture::{Color, Picture, Plane};
-use obu::{Obu, Sequence, obus};
+use frame::Frame;
+use obu::{Obu, obus};
+use order::Order;
+use sequence::{Sequence, Syntax};
 
 /// Reads the headers of a message.
 pub(crate) fn glance(data: &[u8]) -> Result<Glance, VideoError> {
@@ -19,12 +27,12 @@ pub(crate) fn glance(data: &[u8]) -> Result<Glance, VideoError> {
         match obu {
             Obu::Sequence(body) => {
                 glance.parameters = true;
-                still = obu::is_still(body);
+                still = sequence::is_still(body);
             }
             Obu::Frame(body) => {
-                let part = if obu::is_key(body, still) { Part::Key } else { Part::Follows };
+                let part = if frame::is_key(body, still) { Part::Key } else { Part::Follows };
                 glance.part = if glance.part == Part::None { part } else { glance.part };
-                glance.pictures += usize::from(obu::is_shown(body, still));
+                glance.pictures += usize::from(frame::is_shown(body, still));
             }
             Obu::Other => {}
         }
@@ -37,12 +45,14 @@ pub(crate) struct Av1 {
     /// (height, width) of the camera.
     size: (u32, u32),
     pictures: Pictures,
-    sequence: Result<(), VideoError>,
+    /// How the headers of frames are read, or why pictures are not decoded.
+    sequence: Result<Option<Syntax>, VideoError>,
+    order: Order,
 }
 
 impl Av1 {
     pub(crate) fn new(size: (u32, u32)) -> Result<Self, VideoError> {
-        Ok(Self { size, pictures: Self::open(size)?, sequence: Ok(()) })
+        Ok(Self { size, pictures: Self::open(size)?, sequence: Ok(None), order: Order::default() })
     }
 
     fn open(size: (u32, u32)) -> Result<Pictures, VideoError> {
@@ -52,6 +62,30 @@ impl Av1 {
         settings.set_max_frame_delay(1);
         settings.set_frame_size_limit(size.0.saturating_mul(size.1));
         Pictures::with_settings(&settings).map_err(failed)
+    }
+
+    /// Reads the headers of a message before it is decoded.
+    fn check(&mut self, data: &[u8]) -> Result<(), VideoError> {
+        let mut missing = false;
+        for obu in obus(data)? {
+            match obu {
+                Obu::Sequence(body) => {
+                    self.sequence = Sequence::parse(body).and_then(|sequence| sequence.check(self.size));
+                }
+                Obu::Frame(body) => {
+                    let Some(syntax) = self.sequence.clone()? else { continue };
+                    let frame = Frame::parse(body, &syntax)
+                        .map_err(|_| VideoError::damaged("a header ends early; check the recorder's connection"))?;
+                    missing |= self.order.misses(frame, &syntax);
+                }
+                Obu::Other => {}
+            }
+        }
+        self.sequence.clone()?;
+        if missing {
+            return Err(VideoError::damaged("a picture before it is missing; check the recorder's connection"));
+        }
+        Ok(())
     }
 
     fn decode(&mut self, message: usize, data: &[u8], out: &mut Vec<Decoded>) -> Result<(), VideoError> {
@@ -92,12 +126,7 @@ impl Av1 {
 
 impl Decoder for Av1 {
     fn push(&mut self, message: usize, data: &[u8], out: &mut Vec<Decoded>) -> Result<(), VideoError> {
-        for obu in obus(data)? {
-            if let Obu::Sequence(body) = obu {
-                self.sequence = Sequence::parse(body).and_then(|sequence| sequence.check(self.size));
-            }
-        }
-        self.sequence.clone()?;
+        self.check(data)?;
         let before = out.len();
         if let Err(error) = self.decode(message, data, out) {
             // What the error left behind is dropped with the decoder.

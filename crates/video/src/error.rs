@@ -1,5 +1,7 @@
 //! Why a message has no picture.
 
+use std::fmt::Display;
+
 /// The reason why a message has no picture.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum VideoError {
@@ -32,6 +34,14 @@ pub enum VideoError {
 impl VideoError {
     pub(crate) fn damaged(problem: impl Into<String>) -> Self {
         Self::Damaged(problem.into())
+    }
+
+    /// Each picture is one field of an interlaced frame; the filter of FFmpeg makes progressive frames of them.
+    pub(crate) fn fields(codec: impl Display, filter: &str) -> Self {
+        Self::Unsupported(format!(
+            "{codec} with field pictures (interlaced video) is not decoded; record progressive video or convert: \
+             ffmpeg -i in.mp4 -vf {filter} -c:v libx264 -pix_fmt yuv420p -bf 0 -g 30 out.h264"
+        ))
     }
 
     /// Whether later messages can have pictures nevertheless.

@@ -100,6 +100,9 @@ impl H264 {
         let sequence = *self.sequences.get(&set.sequence).ok_or_else(missing)?;
         sequence.check(self.size)?;
         let slice = Slice::parse(&unit.rbsp, &sequence).map_err(damaged)?;
+        if slice.field {
+            return Err(VideoError::fields(Codec::H264, "yadif"));
+        }
         let (reference, key) = (unit.nal_ref_idc > 0, unit.nal_unit_type == NalUnitType::SliceIdr);
         if slice.first && !key && !sequence.gaps {
             let next = self.reference.map(|last| (last + 1) % sequence.frame_numbers());

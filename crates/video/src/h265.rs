@@ -1,5 +1,7 @@
 //! H.265: pictures in the order of presentation, one access unit a message.
 
+mod syntax;
+
 use rusty_h265::nal::{NalHeader, NalType, unescape};
 use rusty_h265::ps::{Sps, parse_sps};
 use rusty_h265::{Decoder as Pictures, Error, Frame};
@@ -66,7 +68,8 @@ impl H265 {
         if header.nal_type == NalType::Sps
             && let Some(body) = unit.get(2..)
         {
-            self.sequence = parse_sps(&unescape(body).data).map_err(failed).and_then(|set| check(&set, self.size));
+            let body = unescape(body).data;
+            self.sequence = parse_sps(&body).map_err(failed).and_then(|set| check(&body, &set, self.size));
         }
         if header.nal_type.is_vcl() {
             self.sequence.as_ref().map_err(Clone::clone)?;
@@ -121,7 +124,10 @@ impl Decoder for H265 {
 }
 
 /// Compares a sequence with the camera before it is decoded; returns its colors.
-fn check(set: &Sps, (height, width): (u32, u32)) -> Result<Color, VideoError> {
+fn check(body: &[u8], set: &Sps, (height, width): (u32, u32)) -> Result<Color, VideoError> {
+    if syntax::has_fields(body, set).map_err(|error| failed(error.into()))? {
+        return Err(VideoError::fields(Codec::H265, "weave,yadif"));
+    }
     let (found_width, found_height) = set.output_size();
     // Cropping hides at most a block of 64 pixels in a stream of this size; more would be memory without a use.
     let hidden = |coded: u32, shown: u32| coded.saturating_sub(shown) <= 64;

@@ -146,11 +146,13 @@ fn damage_holds_the_last_whole_picture_and_is_a_finding() {
 
 #[test]
 fn a_dropped_message_is_damage_up_to_the_next_key_frame() {
-    let film = Film::read("h264_baseline");
-    let reading = film.scene().change("/front/color", |at, _, _| at != 7).read(&task()).unwrap();
-    let (whole, found) = (film.pictures(), frames(&reading));
-    assert!(found[..7] == whole[..7] && found[7..].iter().all(|picture| *picture == whole[6]));
-    check(&reading.report, Severity::Warning, FindingCode::BrokenImage, "/front/color");
+    for name in ["h264_baseline", "av1_aom"] {
+        let film = Film::read(name);
+        let reading = film.scene().change("/front/color", |at, _, _| at != 8).read(&task()).unwrap();
+        let (whole, found) = (film.pictures(), frames(&reading));
+        assert!(found[..8] == whole[..8] && found[8..].iter().all(|picture| *picture == whole[7]), "{name}");
+        check(&reading.report, Severity::Warning, FindingCode::BrokenImage, "/front/color");
+    }
 }
 
 #[test]
@@ -187,6 +189,7 @@ fn video_that_cannot_be_read_names_the_reason() {
     refused(late, FindingCode::BrokenImage, &["no message is a key frame"]);
     refused(Film::read("h264_cropped").scene(), FindingCode::WrongSize, &["50×66", "48×64"]);
     refused(Film::read("h265_444").scene(), FindingCode::BrokenImage, &["4:2:0"]);
+    refused(Film::read("h265_fields").scene(), FindingCode::BrokenImage, &["field pictures", "record progressive"]);
 }
 
 #[test]

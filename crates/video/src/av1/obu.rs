@@ -1,6 +1,4 @@
-//! The units of an AV1 stream (OBUs), and the fields of their headers that are needed before decoding.
-
-use rusty_h265::bits::{BitReader, OutOfData};
+//! The units of an AV1 stream (OBUs).
 
 use crate::error::VideoError;
 
@@ -50,89 +48,4 @@ fn length(bytes: &[u8]) -> Option<(usize, &[u8])> {
         }
     }
     None
-}
-
-/// Whether a sequence header is reduced to that of a still picture.
-pub(super) fn is_still(sequence: &[u8]) -> bool {
-    sequence.first().is_some_and(|byte| byte & 0x08 != 0)
-}
-
-/// Whether a frame is a key frame.
-pub(super) fn is_key(frame: &[u8], still: bool) -> bool {
-    // show_existing_frame, then two bits of the frame's type, of which 0 is a key frame.
-    still || frame.first().is_some_and(|byte| byte & 0xe0 == 0)
-}
-
-/// Whether a frame is shown.
-pub(super) fn is_shown(frame: &[u8], still: bool) -> bool {
-    // show_existing_frame is the first bit, show_frame the fourth.
-    still || frame.first().is_some_and(|byte| byte & 0x90 != 0)
-}
-
-/// A sequence header, as far as the size of its frames.
-pub(super) struct Sequence {
-    /// (height, width) of its largest frame.
-    size: (u32, u32),
-}
-
-impl Sequence {
-    pub(super) fn parse(body: &[u8]) -> Result<Self, VideoError> {
-        let read = || -> Result<Self, OutOfData> {
-            let mut bits = BitReader::new(body);
-            bits.skip_bits(4)?;
-            if bits.read_flag()? {
-                bits.skip_bits(5)?;
-            } else {
-                operating_points(&mut bits)?;
-            }
-            let (width_bits, height_bits) = (bits.read_bits(4)? + 1, bits.read_bits(4)? + 1);
-            let (width, height) = (bits.read_bits(width_bits)? + 1, bits.read_bits(height_bits)? + 1);
-            Ok(Self { size: (height, width) })
-        };
-        read().map_err(|_| VideoError::damaged("AV1: the sequence header ends early; check the recorder's connection"))
-    }
-
-    /// Compares the size with that of the camera.
-    pub(super) fn check(&self, (height, width): (u32, u32)) -> Result<(), VideoError> {
-        if self.size == (height, width) {
-            return Ok(());
-        }
-        Err(VideoError::WrongSize { height, width, found_height: self.size.0, found_width: self.size.1 })
-    }
-}
-
-/// Skips times, the decoder's model and the operating points.
-fn operating_points(bits: &mut BitReader<'_>) -> Result<(), OutOfData> {
-    let mut delay_bits = None;
-    if bits.read_flag()? {
-        bits.skip_bits(32)?;
-        bits.skip_bits(32)?;
-        if bits.read_flag()? {
-            bits.read_ue()?;
-        }
-        if bits.read_flag()? {
-            delay_bits = Some(bits.read_bits(5)? + 1);
-            bits.skip_bits(32)?;
-            bits.skip_bits(10)?;
-        }
-    }
-    let display_delays = bits.read_flag()?;
-    for _ in 0..=bits.read_bits(5)? {
-        bits.skip_bits(12)?;
-        // Levels above 3.3 have a tier.
-        if bits.read_bits(5)? > 7 {
-            bits.skip_bits(1)?;
-        }
-        if let Some(delay_bits) = delay_bits
-            && bits.read_flag()?
-        {
-            bits.skip_bits(delay_bits)?;
-            bits.skip_bits(delay_bits)?;
-            bits.skip_bits(1)?;
-        }
-        if display_delays && bits.read_flag()? {
-            bits.skip_bits(4)?;
-        }
-    }
-    Ok(())
 }

@@ -10,6 +10,8 @@ use crate::picture::Color;
 pub(super) struct SequenceSet {
     pub(super) id: u32,
     frame_num_bits: u32,
+    /// Whether no picture is a field.
+    frames_only: bool,
     /// Whether `frame_num` may skip values.
     pub(super) gaps: bool,
     /// Pixels as they are coded.
@@ -33,6 +35,8 @@ pub(super) struct Slice {
     /// Whether it begins a picture.
     pub(super) first: bool,
     pub(super) frame_num: u32,
+    /// Whether its picture is a field, which has every second row of a frame.
+    pub(super) field: bool,
 }
 
 /// Profiles whose sequence parameter sets describe chroma and scaling.
@@ -80,7 +84,8 @@ impl SequenceSet {
             cropped = ((top + bottom) * units.1, (left + right) * units.0);
         }
         let color = if bits.read_flag()? { color(&mut bits)? } else { (2, false) };
-        Ok(Self { id, frame_num_bits, gaps, coded: (rows * 16 * fields, columns * 16), cropped, color })
+        let coded = (rows * 16 * fields, columns * 16);
+        Ok(Self { id, frame_num_bits, frames_only, gaps, coded, cropped, color })
     }
 
     /// The number of values of `frame_num`.
@@ -128,7 +133,8 @@ impl Slice {
         let first = bits.read_ue()? == 0;
         bits.read_ue()?;
         bits.read_ue()?;
-        Ok(Self { first, frame_num: bits.read_bits(sequence.frame_num_bits)? })
+        let frame_num = bits.read_bits(sequence.frame_num_bits)?;
+        Ok(Self { first, frame_num, field: !sequence.frames_only && bits.read_flag()? })
     }
 }
 

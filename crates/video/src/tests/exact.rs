@@ -1,6 +1,6 @@
 //! Every picture is the one that FFmpeg decodes, sample by sample, and its RGB is within two levels of libswscale's.
 
-use super::fixture::{Fixture, sums};
+use super::fixture::{Fixture, decode, sums};
 use crate::VideoError;
 
 fn check(name: &str) {
@@ -34,6 +34,12 @@ fn h264_is_exact_in_each_profile() {
     }
 }
 
+/// Rows of both fields in each frame, in macroblocks of frames and of fields.
+#[test]
+fn interlaced_frames_are_exact() {
+    check("h264_mbaff");
+}
+
 #[test]
 fn h265_is_exact_with_and_without_reordering() {
     for name in ["h265_main", "h265_low_delay", "h265_main10"] {
@@ -64,6 +70,27 @@ fn layouts_without_a_decoder_are_named() {
         for (message, picture) in Fixture::read(name).decode() {
             let Err(error @ VideoError::Unsupported(_)) = picture else { panic!("{name}, message {message}") };
             assert!(error.to_string().contains("4:2:0"), "{error}");
+        }
+    }
+}
+
+/// A decoder would return each field as a picture of half the height.
+#[test]
+fn pictures_of_single_fields_are_refused_with_the_fix() {
+    for (name, filter) in [("h264_fields", "-vf yadif"), ("h265_fields", "-vf weave,yadif")] {
+        let fixture = Fixture::read(name);
+        // A camera of H.265 may have the size of a field or that of a frame.
+        for height in [fixture.height, 2 * fixture.height].into_iter().take(if name == "h265_fields" { 2 } else { 1 }) {
+            let pictures = decode(fixture.codec(), (height, fixture.width), fixture.data.iter().cloned().enumerate());
+            assert_eq!(pictures.len(), 2, "{name}");
+            for (message, picture) in pictures {
+                let Err(error @ VideoError::Unsupported(_)) = picture else { panic!("{name}, message {message}") };
+                let error = error.to_string();
+                assert!(
+                    ["field pictures", "record progressive", filter].iter().all(|word| error.contains(word)),
+                    "{error}"
+                );
+            }
         }
     }
 }

@@ -7,16 +7,18 @@ use crate::{Codec, Part, VideoError, glance};
 /// Every sixth picture is a key frame.
 const GROUP: usize = 6;
 
-const STREAMS: [&str; 9] = [
+const STREAMS: [&str; 11] = [
     "h264_baseline",
     "h264_main",
     "h264_b_frames",
     "h264_high10",
+    "h264_mbaff",
     "h265_main",
     "h265_low_delay",
     "h265_main10",
     "av1_aom",
     "av1_10",
+    "av1_timed",
 ];
 
 #[test]
