@@ -7,7 +7,9 @@ use gleaner_client::Client;
 
 use super::existing::Existing;
 use super::file::Experiment;
+use super::follow;
 use super::gather::Gatherer;
+use super::plan::planned;
 use super::recordings::Recordings;
 use super::report::Report;
 use super::reporter::Reporter;
@@ -16,7 +18,6 @@ use super::stage::Graph;
 use super::standing::{Gap, Progress, Submitted};
 use super::state::State;
 use super::submit::Submitter;
-use super::{follow, planned};
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::own_server::{Address, ServerProcess, unless_interrupted};
@@ -77,7 +78,7 @@ impl Course<'_> {
             return self.reporter(client, &recordings).report(&submitted).await;
         }
         let recordings = self.recordings(client).await?;
-        let mut state = State::open(self.out)?;
+        let mut state = State::open(self.out, self.experiment.sizes)?;
         context.output.note(planned(experiment, graph));
         let mut reporter = self.reporter(client, &recordings);
         let mut left = graph.stages.len();
@@ -99,7 +100,7 @@ impl Course<'_> {
 
     // The stages of earlier runs. If there are any, every recording exists as well.
     async fn existing(&self, client: &Client) -> Result<Submitted> {
-        let state = State::open(self.out)?;
+        let state = State::open(self.out, self.experiment.sizes)?;
         let existing = Existing::on(client, &state, &self.experiment.recordings).await?;
         let submitted = existing.stages(self.graph).await?;
         if submitted.iter().all(std::result::Result::is_err) {

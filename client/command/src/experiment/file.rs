@@ -1,14 +1,16 @@
-//! The experiment file: the recordings, the base that all cells share, and the studies.
+//! The experiment file: the recordings, the base that all cells share, the studies, and sizes for a larger machine.
 
 use std::path::Path;
 
 use gleaner_client::ClientError;
+use gleaner_core::Device;
 use gleaner_sim::Task;
 use serde::Deserialize;
 use toml::Table;
 
 use super::attempts::Attempts;
 use super::collection::{Collection, Collections, take_stride, with_seed};
+use super::scale::{Scale, Sizes};
 use super::source::{self, Source};
 use super::study::{Cell, StudySettings, TableKind, one_line};
 use crate::failure::{Failure, Result};
@@ -25,6 +27,8 @@ struct ExperimentFile {
     attempts: Option<Attempts>,
     #[serde(default)]
     base: Table,
+    #[serde(default)]
+    scale: Option<Scale>,
     study: Vec<StudySettings>,
 }
 
@@ -36,6 +40,9 @@ pub(crate) struct Experiment {
     /// What evaluates policies, if the embedded simulator does not.
     pub(crate) attempts: Option<Attempts>,
     pub(crate) studies: Vec<Study>,
+    pub(crate) sizes: Sizes,
+    /// Of the jobs, unless the command line names one.
+    pub(crate) device: Device,
 }
 
 /// A study with its cells.
@@ -48,7 +55,7 @@ pub(crate) struct Study {
 
 impl Experiment {
     /// From a file, with another folder of recordings if one is given. Errors name the study, cell and field.
-    pub(crate) fn read(path: &Path, recordings: Option<&Path>) -> Result<Self> {
+    pub(crate) fn read(path: &Path, recordings: Option<&Path>, sizes: Sizes) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(ClientError::io(path))?;
         let beside = path.parent().unwrap_or_else(|| Path::new(""));
         let parsed = toml::from_str(&text).map_err(|error| located(&error, &text));
@@ -56,7 +63,7 @@ impl Experiment {
             if let Some(folder) = recordings {
                 source::replace_folder(&mut file.data, folder)?;
             }
-            Self::checked(file, beside)
+            Self::checked(file, beside, sizes)
         });
         checked.map_err(|problem| Failure::message(format!("{}: {problem}", path.display())))
     }
@@ -64,18 +71,53 @@ impl Experiment {
     /// From the content of a file without paths.
     #[cfg(test)]
     pub(crate) fn parse(text: &str) -> std::result::Result<Self, String> {
-        Self::checked(toml::from_str(text).map_err(|error| located(&error, text))?, Path::new(""))
+        Self::parse_with(text, Sizes::Base)
+    }
+
+    #[cfg(test)]
+    pub(super) fn parse_with(text: &str, sizes: Sizes) -> std::result::Result<Self, String> {
+        Self::checked(toml::from_str(text).map_err(|error| located(&error, text))?, Path::new(""), sizes)
     }
 
     /// From the parsed content of a file without paths.
     pub(super) fn from_table(table: Table) -> std::result::Result<Self, String> {
-        Self::checked(table.try_into().map_err(|error: toml::de::Error| one_line(&error))?, Path::new(""))
+        let file = table.try_into().map_err(|error: toml::de::Error| one_line(&error))?;
+        Self::checked(file, Path::new(""), Sizes::Base)
     }
 
-    fn checked(file: ExperimentFile, beside: &Path) -> std::result::Result<Self, String> {
-        let mut data = file.data;
+    fn checked(file: ExperimentFile, beside: &Path, sizes: Sizes) -> std::result::Result<Self, String> {
+        let experiment = Self::built(&file, beside, None)?;
+        let Some(scale) = &file.scale else {
+            let lacking =
+                "--scale: the file has no section [scale]; add one with the larger sizes, or leave the flag out";
+            return if sizes == Sizes::Base { Ok(experiment) } else { Err(lacking.into()) };
+        };
+        // Without --scale too, so that a mistake is found before a larger machine runs the file.
+        let scaled = experiment.scaled(&file, scale, beside)?;
+        Ok(if sizes == Sizes::Base { experiment } else { scaled })
+    }
+
+    /// The same file with the sizes of its section `[scale]`.
+    fn scaled(&self, file: &ExperimentFile, scale: &Scale, beside: &Path) -> std::result::Result<Self, String> {
+        let (mut larger, source) = (file.clone(), self.recordings.source());
+        let is_simulated = source.simulated().is_some();
+        scale.apply(&mut larger.data, &mut larger.base, is_simulated)?;
+        // The digest of a folder takes a while, and no size changes it.
+        let folder = (!is_simulated).then(|| self.recordings.of(0).clone());
+        let here = |problem: String| format!("with [scale]: {problem}");
+        let scaled = Self::built(&larger, beside, folder).map_err(here)?;
+        for study in &scaled.studies {
+            let checked = study.cells.iter().try_for_each(|cell| scale.check(&file.base, cell));
+            checked.map_err(|problem| format!("study {:?}: {problem}", study.name))?;
+        }
+        Ok(Self { sizes: Sizes::Scaled, device: scale.device.unwrap_or_default(), ..scaled })
+    }
+
+    /// With the sizes of the base. `folder` is the folder of recordings, if it has been read.
+    fn built(file: &ExperimentFile, beside: &Path, folder: Option<Collection>) -> std::result::Result<Self, String> {
+        let mut data = file.data.clone();
         let stride = take_stride(&mut data)?;
-        let first = Collection::read(file.task, &data, beside)?;
+        let first = folder.map_or_else(|| Collection::read(file.task, &data, beside), Ok)?;
         let source = &first.source;
         let names = source.imperfect();
         if let Some(attempts) = &file.attempts {
@@ -107,7 +149,8 @@ impl Experiment {
         let seeds: Vec<u64> = cells.flat_map(|cell| cell.settings.seeds.clone()).collect();
         let of_seed = |seed| Collection::read(file.task, &with_seed(data.clone(), seed), beside);
         let recordings = Collections::new(first, stride, seeds, of_seed)?;
-        Ok(Self { name: file.name, recordings, attempts: file.attempts, studies })
+        let (name, attempts) = (file.name.clone(), file.attempts.clone());
+        Ok(Self { name, recordings, attempts, studies, sizes: Sizes::Base, device: Device::default() })
     }
 }
 
@@ -143,7 +186,7 @@ mod tests {
     fn the_committed_files_are_valid() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/experiments");
         for name in ["pick_cube", "stack_cube", "scorers", "arms", "draws", "chunks", "quick"] {
-            let experiment = Experiment::read(&folder.join(name).with_extension("toml"), None).unwrap();
+            let experiment = Experiment::read(&folder.join(name).with_extension("toml"), None, Sizes::Base).unwrap();
             assert!(!experiment.studies.is_empty(), "{name}");
         }
     }

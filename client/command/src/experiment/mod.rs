@@ -1,7 +1,7 @@
 //! `experiment`: a grid of settings from a file, run as jobs of a server, in one report.
 //!
-//! `file`, `collection`, `source`, `attempts`, `study`, `grid`, `method`, `cell` and `used` are the settings; `stage`
-//! makes a graph of them in which no stage is done twice. `course` runs it: `recordings`, `submit`, `site` and `follow`
+//! `file`, `scale`, `collection`, `source`, `attempts`, `study`, `grid`, `method`, `cell` and `used` are the settings;
+//! `stage` makes a graph of them in which no stage is done twice, and `plan` shows it. `course` runs it: `recordings`, `submit`, `site` and `follow`
 //! do the work, `order` has the messages, `existing`, `known` and `state` find the work of earlier runs, and `standing`
 //! is the progress. `gather` and `fetch` return the results; `pool`, `interval`, `difference` and `auroc` sum them up;
 //! `report`, `markdown`, `tables`, `plots` and `reporter` show them.
@@ -26,12 +26,14 @@ mod known;
 mod markdown;
 mod method;
 mod order;
+mod plan;
 mod plots;
 mod pool;
 mod rate;
 mod recordings;
 mod report;
 mod reporter;
+mod scale;
 mod site;
 mod source;
 mod stage;
@@ -46,7 +48,6 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use gleaner_client::ClientError;
-use serde_json::{Value, json};
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
@@ -54,27 +55,34 @@ use course::Course;
 use file::Experiment;
 use gleaner_core::{Device, Words as _};
 use reporter::document;
+use scale::Sizes;
 use stage::Graph;
 use standing::Progress;
+use state::State;
 
 #[derive(Args, Debug)]
 pub(crate) struct ExperimentArgs {
     /// Path of the experiment's file (TOML).
     file: PathBuf,
     /// Folder for the recordings, the report and, without --server, the server's data; a run resumes an earlier one in
-    /// the same folder. Default: the experiment's name.
+    /// the same folder. Default: the experiment's name, with --scale followed by `_scaled`.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Device of the jobs.
-    #[arg(long, default_value = "cpu")]
-    device: Device,
+    /// Device of the jobs. Default: cpu, or with --scale the one that the file's section [scale] names.
+    #[arg(long)]
+    device: Option<Device>,
+    /// Use the sizes of the file's section [scale], which are for a larger machine: preset, steps, batch, seeds,
+    /// episodes and others in place of those of [base] and [data]. A folder holds the results of runs with the flag or
+    /// of runs without it.
+    #[arg(long)]
+    scale: bool,
     /// Path of the gleaner-server binary for a temporary server. Default: the one beside this program.
     #[arg(long, value_name = "PATH")]
     server_bin: Option<PathBuf>,
     /// Folder of recordings made elsewhere, in place of `data.folder` in the file.
     #[arg(long, value_name = "DIR")]
     recordings: Option<PathBuf>,
-    /// Check the file and print the stages that would run, without running any.
+    /// Check the file and print the stages that would run with their sizes, without running any.
     #[arg(long)]
     plan: bool,
     /// Write the report of the results so far and exit, during a run or after an interrupted one.
@@ -84,20 +92,29 @@ pub(crate) struct ExperimentArgs {
 
 impl ExperimentArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let experiment = Experiment::read(&self.file, self.recordings.as_deref())?;
-        let graph = Graph::new(&experiment, self.device);
+        let experiment = Experiment::read(&self.file, self.recordings.as_deref(), Sizes::of_flag(self.scale))?;
+        let device = self.device.unwrap_or(experiment.device);
+        let graph = Graph::new(&experiment, device);
         if self.plan {
-            return context.output.result(|| Ok(plan(&experiment, &graph)), || planned(&experiment, &graph));
+            return context.output.result(
+                || Ok(plan::document(&experiment, &graph, device)),
+                || plan::text(&experiment, &graph, device),
+            );
         }
-        let out = self.out.clone().unwrap_or_else(|| PathBuf::from(&experiment.name));
-        let command = self.command(&out);
-        let (device, only_report) = (self.device, self.report);
+        let out = self.out(&experiment);
+        let command = self.command(&experiment, &out);
+        let only_report = self.report;
         let course =
             Course { context, experiment: &experiment, graph: &graph, out: &out, device, command, only_report };
+        // Before a server starts, or a running one of other sizes is found.
+        let state = State::open(&out, experiment.sizes)?;
         if only_report && !out.exists() {
             return Err(course.nothing_yet());
         }
         std::fs::create_dir_all(&out).map_err(ClientError::io(&out))?;
+        if !only_report {
+            state.begin()?;
+        }
         let report = if context.connection.names_server() {
             course.on(&context.client().await?, context.connection.url()).await?
         } else {
@@ -116,12 +133,19 @@ impl ExperimentArgs {
         )))
     }
 
-    fn command(&self, out: &Path) -> String {
-        let device = self.device.as_str().to_owned();
-        let device = if self.device == Device::default() { String::new() } else { format!(" --device {device}") };
+    fn out(&self, experiment: &Experiment) -> PathBuf {
+        let suffix = if self.scale { "_scaled" } else { "" };
+        self.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{suffix}", experiment.name)))
+    }
+
+    /// The command that makes the report, without the flags that change no result.
+    fn command(&self, experiment: &Experiment, out: &Path) -> String {
+        let device = self.device.filter(|device| *device != experiment.device);
+        let device = device.map(|device| format!(" --device {}", device.as_str())).unwrap_or_default();
         let recordings = self.recordings.as_ref().map(|folder| format!(" --recordings {}", folder.display()));
         let recordings = recordings.unwrap_or_default();
-        format!("gleaner experiment {} --out {}{recordings}{device}", self.file.display(), out.display())
+        let scale = if self.scale { " --scale" } else { "" };
+        format!("gleaner experiment {}{scale} --out {}{recordings}{device}", self.file.display(), out.display())
     }
 
     fn server_bin(&self) -> Result<PathBuf> {
@@ -139,41 +163,5 @@ impl ExperimentArgs {
     }
 }
 
-fn counts(graph: &Graph) -> Vec<(&'static str, usize)> {
-    let mut counts: Vec<(&'static str, usize)> = Vec::new();
-    for stage in &graph.stages {
-        let kind = stage.work.kind();
-        match counts.iter_mut().find(|count| count.0 == kind) {
-            Some(count) => count.1 += 1,
-            None => counts.push((kind, 1)),
-        }
-    }
-    counts
-}
-
-fn planned(experiment: &Experiment, graph: &Graph) -> String {
-    let cells: usize = experiment.studies.iter().map(|study| study.cells.len()).sum();
-    let stages: Vec<String> = counts(graph).iter().map(|(kind, count)| format!("{count} {kind}")).collect();
-    format!(
-        "{}: {} studies, {cells} cells; {} stages: {}",
-        experiment.name,
-        experiment.studies.len(),
-        graph.stages.len(),
-        stages.join(", ")
-    )
-}
-
-fn plan(experiment: &Experiment, graph: &Graph) -> Value {
-    let study = |study: &file::Study| {
-        json!({
-            "name": study.name,
-            "cells": study.cells.iter().map(|cell| cell.label.as_str()).collect::<Vec<_>>(),
-        })
-    };
-    json!({
-        "name": experiment.name,
-        "tasks": experiment.recordings.all().into_iter().map(|collection| collection.task.as_str()).collect::<Vec<_>>(),
-        "studies": experiment.studies.iter().map(study).collect::<Vec<_>>(),
-        "stages": counts(graph).into_iter().collect::<std::collections::BTreeMap<_, _>>(),
-    })
-}
+#[cfg(test)]
+mod tests;

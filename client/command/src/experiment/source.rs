@@ -23,7 +23,7 @@ const FOLDER: &str = "folder";
 #[derive(Clone, Debug)]
 pub(crate) enum Source {
     Simulated(RecordSet),
-    Folder(Folder),
+    Folder(Box<Folder>),
 }
 
 impl Source {
@@ -38,7 +38,7 @@ impl Source {
                 return Err("task: data.folder has the task's spec; leave task out".into());
             }
             let (folder, key) = Folder::read(&settings(data)?, beside).map_err(|problem| format!("data.{problem}"))?;
-            return Ok((Self::Folder(folder), key));
+            return Ok((Self::Folder(Box::new(folder)), key));
         }
         let task = task.ok_or("task: give the simulator's task, or data.folder with recordings made elsewhere")?;
         let (set, key) = simulated::read(task, &settings(data)?)?;

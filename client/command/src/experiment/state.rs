@@ -1,5 +1,5 @@
-//! The snapshots, imported scores and evaluations by a command that an experiment made, in a file beside its report. Jobs and datasets need no
-//! file: the server finds them by their keys and selections.
+//! The snapshots, imported scores and evaluations by a command that an experiment made, and the sizes of its runs, in a
+//! file beside its report. Jobs and datasets need no file: the server finds them by their keys and selections.
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use gleaner_client::ClientError;
 use serde::{Deserialize, Serialize};
 
+use super::scale::Sizes;
 use crate::failure::{Failure, Result};
 
 const FILE: &str = "state.json";
@@ -16,12 +17,20 @@ const FILE: &str = "state.json";
 #[derive(Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Remembered {
+    /// The sizes of every run in this folder.
+    #[serde(skip_serializing_if = "is_base")]
+    sizes: Sizes,
     /// Snapshots by their stage's key.
     snapshots: BTreeMap<String, String>,
     /// Imported score runs, by the keys of their stages with the input's id.
     runs: BTreeMap<String, String>,
     /// Evaluations by a command, by the keys of their stages with the policy's id.
     evaluations: BTreeMap<String, String>,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
+fn is_base(sizes: &Sizes) -> bool {
+    *sizes == Sizes::Base
 }
 
 /// The file and its content.
@@ -33,16 +42,33 @@ pub(crate) struct State {
 
 impl State {
     /// What an earlier run left in a folder, or nothing.
-    pub(crate) fn open(folder: &Path) -> Result<Self> {
+    ///
+    /// # Errors
+    /// An unreadable file, and runs with other sizes: one report cannot have both.
+    pub(crate) fn open(folder: &Path, sizes: Sizes) -> Result<Self> {
         let path = folder.join(FILE);
-        let remembered = match std::fs::read(&path) {
+        let remembered: Remembered = match std::fs::read(&path) {
             Ok(bytes) => serde_json::from_slice(&bytes).map_err(|error| {
                 Failure::message(format!("{}: {error}; delete the file to make new snapshots", path.display()))
             })?,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Remembered::default(),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Remembered { sizes, ..Remembered::default() },
             Err(error) => return Err(ClientError::io(path)(error).into()),
         };
+        if remembered.sizes != sizes {
+            let (runs, fix) = match sizes {
+                Sizes::Base => ("with", "add the flag"),
+                Sizes::Scaled => ("without", "leave the flag out"),
+            };
+            let folder = folder.display();
+            let problem = format!("{folder} has runs {runs} --scale; {fix}, or name another folder with --out");
+            return Err(Failure::message(problem));
+        }
         Ok(Self { path, remembered })
+    }
+
+    /// Writes the file of a new folder, so that no run with other sizes uses the folder too.
+    pub(crate) fn begin(&self) -> Result<()> {
+        if self.path.exists() { Ok(()) } else { self.store() }
     }
 
     pub(crate) fn snapshot(&self, key: &str) -> Option<&str> {
@@ -100,22 +126,40 @@ mod tests {
     #[test]
     fn a_second_run_finds_the_snapshots_of_the_first() {
         let folder = tempfile::tempdir().unwrap();
-        let mut state = State::open(folder.path()).unwrap();
+        let mut state = State::open(folder.path(), Sizes::Base).unwrap();
         assert_eq!(state.snapshot("a"), None);
         state.remember("a", "snap_1").unwrap();
         state.remember("b", "snap_2").unwrap();
         state.remember_run("a", "run_1").unwrap();
         state.remember_evaluation("c", "eval_1").unwrap();
-        let second = State::open(folder.path()).unwrap();
+        let second = State::open(folder.path(), Sizes::Base).unwrap();
         assert_eq!((second.snapshot("a"), second.run("a"), second.run("b")), (Some("snap_1"), Some("run_1"), None));
         assert_eq!((second.evaluation("c"), second.evaluation("a")), (Some("eval_1"), None));
+    }
+
+    #[test]
+    fn a_folder_keeps_the_sizes_of_its_first_run() {
+        let problem = |folder: &Path, sizes| State::open(folder, sizes).unwrap_err().to_string();
+        let folder = tempfile::tempdir().unwrap();
+        State::open(folder.path(), Sizes::Scaled).unwrap().begin().unwrap();
+        State::open(folder.path(), Sizes::Scaled).unwrap().remember("a", "snap_1").unwrap();
+        assert_eq!(State::open(folder.path(), Sizes::Scaled).unwrap().snapshot("a"), Some("snap_1"));
+        let text = problem(folder.path(), Sizes::Base);
+        assert!(text.contains("has runs with --scale; add the flag, or name another folder with --out"), "{text}");
+
+        let folder = tempfile::tempdir().unwrap();
+        State::open(folder.path(), Sizes::Base).unwrap().remember("a", "snap_1").unwrap();
+        let text = problem(folder.path(), Sizes::Scaled);
+        assert!(text.contains("has runs without --scale; leave the flag out, or name another folder"), "{text}");
+        // Files of versions without the flag are of the base's sizes, and theirs stay readable to those versions.
+        assert!(!std::fs::read_to_string(folder.path().join(FILE)).unwrap().contains("sizes"));
     }
 
     #[test]
     fn a_malformed_file_is_rejected_with_the_fix() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join(FILE), "{").unwrap();
-        let message = State::open(folder.path()).unwrap_err().to_string();
+        let message = State::open(folder.path(), Sizes::Base).unwrap_err().to_string();
         assert!(message.contains("state.json") && message.contains("delete"), "{message}");
     }
 }

@@ -106,7 +106,7 @@ impl<'a> Run<'a> {
 
     // Both policies are trained side by side, each by a worker of its own.
     async fn jobs(&self, folder: &Path, recordings: &Recordings) -> Result<Submitted> {
-        let mut state = State::open(folder)?;
+        let mut state = State::open(folder, self.plan.experiment.sizes)?;
         let submitter = Submitter::new(self.client, &mut state, recordings, &self.plan.experiment, Device::default());
         let mut submitted = submitter.submit(&self.graph).await?;
         to_the_end(self.context, self.client, &self.graph, &mut submitted, async |_: &Submitted| {}).await?;

@@ -6,6 +6,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::experiment::file::Experiment;
+use crate::experiment::scale::Sizes;
 
 /// A folder of three recordings: an expert's and two imperfect ones.
 fn folder() -> TempDir {
@@ -82,7 +83,7 @@ fn the_committed_file_for_recordings_is_valid() {
     let labels = "file,outcome,cohort\na.mcap,success,expert\nb.mcap,failure,noise\n";
     write(dir.path().join("labels.csv"), labels).unwrap();
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/experiments/recorded.toml");
-    let experiment = Experiment::read(&file, Some(dir.path())).unwrap();
+    let experiment = Experiment::read(&file, Some(dir.path()), Sizes::Base).unwrap();
     assert!(experiment.recordings.of(0).task.starts_with("push_") && experiment.studies.len() == 2, "{experiment:?}");
 }
 
@@ -94,7 +95,7 @@ fn what_recordings_without_a_simulator_do_not_allow_is_named() {
     let problem = |more: &str, study: &str| {
         let data = "name = \"x\"\n[data]\nfolder = \".\"\nexperts = \"teleop\"\n";
         write(&file, format!("{data}{more}[[study]]\ntable = \"{study}\"\n")).unwrap();
-        Experiment::read(&file, None).unwrap_err().to_string()
+        Experiment::read(&file, None, Sizes::Base).unwrap_err().to_string()
     };
     let words = r#"command = ["run", "{server}", "{deployment}", "{seed}", "{episodes}"]"#;
     let attempts = format!("[attempts]\nsimulation = \"x/y\"\n{words}\n");
