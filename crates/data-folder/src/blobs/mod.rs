@@ -19,7 +19,7 @@ mod tests;
 mod trash;
 
 use std::{
-    fs::{self, File},
+    fs::{self, File, FileTimes},
     io::{self, Write as _},
     os::unix::fs::MetadataExt as _,
     path::{Path, PathBuf},
@@ -178,8 +178,11 @@ impl Blobs {
         let place = self.path(id);
         let folder = place.parent().unwrap_or(&self.root);
         let file = File::open(from).map_err(fault("opening", from))?;
-        // The sweep reads this time: a blob stored a moment ago may have no row yet.
-        file.set_modified(SystemTime::now()).map_err(fault("dating", from))?;
+        // The sweep reads the first time: a blob stored a moment ago may have no row yet. The limit of copies reads the
+        // second, which the system sets by a clock that is behind the one by which copies are used.
+        let now = SystemTime::now();
+        let times = FileTimes::new().set_modified(now).set_accessed(now);
+        file.set_times(times).map_err(fault("dating", from))?;
         file.sync_all().map_err(fault("syncing", from))?;
         crate::fail_point::pass("blob.synced");
         if let Some(remote) = &self.remote {
