@@ -151,6 +151,7 @@ class GleanerNode(Node):
             # First, because a call may wait for the server.
             if self._stop_action is not None and self._command.keys() == self._scene.acted:
                 self._publish(self._stop_action)
+            self._active.publish(Bool(data=False))
         self._due.set()
         if self._thread.is_alive():
             self._thread.join()

@@ -171,9 +171,19 @@ async fn engine_options_need_an_admin() {
             engine_options: "--partition=gpu".into(),
             ..SubmitJobRequest::default()
         };
-        let status = client.jobs().submit_job(request).await.unwrap_err();
-        assert_eq!(status.code(), code, "{role}: {status}");
-        assert!(code == Code::PermissionDenied || status.message().contains("the engine local"), "{status}");
+        let pipeline = PipelineSpec { pretrain: Some(PretrainSpec::default()), ..PipelineSpec::default() };
+        let chain = SubmitPipelineRequest {
+            task: lab::TASK.into(),
+            pipeline: Some(pipeline),
+            engine_options: "--partition=gpu".into(),
+            ..SubmitPipelineRequest::default()
+        };
+        let of_job = client.jobs().submit_job(request).await.unwrap_err();
+        let of_pipeline = client.jobs().submit_pipeline(chain).await.unwrap_err();
+        for status in [of_job, of_pipeline] {
+            assert_eq!(status.code(), code, "{role}: {status}");
+            assert!(code == Code::PermissionDenied || status.message().contains("the engine local"), "{status}");
+        }
     }
 }
 

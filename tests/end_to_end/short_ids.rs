@@ -94,9 +94,12 @@ async fn scores_by_default_need_no_pretraining() {
 
     let created = gleaner(url, &["dataset", "create"]).await;
     assert!(created.success, "{}", created.errors);
-    for (words, part) in
-        [(vec!["score", "--scorer", "ssdf"], "there is no encoder yet"), (vec!["train"], "an encoder of one step")]
-    {
+    let train = gleaner(url, &["train", "--steps", "2", "--batch", "4", "--wait"]).await;
+    assert!(train.success, "the default policy begins from scratch: {}", train.errors);
+    for (words, part) in [
+        (vec!["score", "--scorer", "ssdf"], "there is no encoder yet"),
+        (vec!["train", "--policy", "finetune"], "an encoder of one step"),
+    ] {
         let output = gleaner(url, &words).await;
         assert!(!output.success && output.errors.contains(part), "{words:?}: {}", output.errors);
     }

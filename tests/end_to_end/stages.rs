@@ -160,7 +160,7 @@ async fn pipeline_is_submitted_at_once_and_runs_in_order() {
         }),
         evaluate: Some(EvaluateSpec { subject: None, settings: lab::settings(json!({"episodes": 2, "max_steps": 3})) }),
     };
-    let request = SubmitPipelineRequest { task: lab::TASK.into(), pipeline: Some(pipeline), priority: 0 };
+    let request = SubmitPipelineRequest { task: lab::TASK.into(), pipeline: Some(pipeline), ..Default::default() };
     let submitted = api.jobs.submit_pipeline(request).await.unwrap().into_inner();
     let kinds: Vec<JobKind> = submitted.jobs.iter().map(Job::kind).collect();
     assert_eq!(kinds, [JobKind::Pretrain, JobKind::Score, JobKind::Train, JobKind::Evaluate]);

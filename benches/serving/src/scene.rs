@@ -38,6 +38,7 @@ pub fn task() -> TaskSpec {
     let mut spec = TaskSpec {
         name: "serving".to_owned(),
         instruction: String::new(),
+        openpi: Vec::new(),
         rate_hz: 20.0,
         cameras: CAMERAS.map(camera).to_vec(),
         proprioception: vec![FieldSpec::new("state", PROPRIOCEPTION)],

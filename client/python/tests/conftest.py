@@ -110,7 +110,9 @@ def lab(client: gleaner.Client, task: str, recordings: dict[str, list[Path]]) ->
     failures = [push(path, task=task, outcome="failure", cohort="wrong_goal") for path in recordings["wrong_goal"]]
     pretrain = client.jobs.pretrain(task, steps=3, batch=8, warmup_steps=2, segment_length=3, seed=7)
     score = client.jobs.score(task, pretrain.result_id)
-    train = client.jobs.train(task, experts_of=pretrain.result_id, steps=3, batch=8, warmup_steps=2, seed=7)
+    train = client.jobs.train(
+        task, experts_of=pretrain.result_id, policy="finetune", steps=3, batch=8, warmup_steps=2, seed=7
+    )
     for job in (pretrain, score, train):
         client.jobs.wait(job, timeout=120)
     client.deploy(DEPLOYMENT, train.result_id)

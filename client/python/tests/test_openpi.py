@@ -79,6 +79,28 @@ def test_chunk_broker_and_images_channel_by_channel(client: gleaner.Client, open
     np.testing.assert_allclose(again[0], action, atol=1e-6)
 
 
+def test_keys_of_another_client_are_those_of_the_task_file(client: gleaner.Client, openpi: str) -> None:
+    spec = gleaner.Policy(client, DEPLOYMENT).spec
+    seen = observation(spec)
+    expected = WebsocketClientPolicy(f"{openpi}/{DEPLOYMENT}").infer(as_sent(seen))["actions"]
+    keys = {name: f"observation/{name}_view" for name in seen["images"]}
+    changed = type(spec)()
+    changed.CopyFrom(spec)
+    for name, key in keys.items():
+        changed.openpi.add(name=name, key=key)
+    sent = {"observation/state": seen["proprioception"], "prompt": "put the bowl on the plate"}
+    sent |= {keys[name]: image for name, image in seen["images"].items()}
+    sent |= {f"{keys[name]}_depth": depth for name, depth in seen["depth"].items()}
+    with pytest.raises(RuntimeError, match=r"is missing; the message has .*_view.*\[\[openpi\]\]"):
+        WebsocketClientPolicy(f"{openpi}/{DEPLOYMENT}").infer(sent)
+    client.tasks.update(spec.name, changed)
+    try:
+        answer = WebsocketClientPolicy(f"{openpi}/{DEPLOYMENT}").infer(sent)["actions"]
+    finally:
+        client.tasks.update(spec.name, spec)
+    np.testing.assert_allclose(answer, expected, atol=1e-6)
+
+
 def test_observations_that_do_not_fit_end_the_session_with_a_sentence(client: gleaner.Client, openpi: str) -> None:
     spec = gleaner.Policy(client, DEPLOYMENT).spec
     right = as_sent(observation(spec))

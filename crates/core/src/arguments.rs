@@ -83,8 +83,12 @@ impl Options for Pipeline {
         let mut all: Vec<(Of, &'static str)> = Vec::new();
         for job in ["pretrain", "score", "train", "evaluate"] {
             for of in schema_of(job) {
-                if all.iter().all(|((known, _), _)| known.name != of.0.name) {
-                    all.push((of, ""));
+                match all.iter_mut().find(|((known, _), _)| known.name == of.0.name) {
+                    Some(((known, _), _)) if known.default != of.0.default => {
+                        known.about += &format!(" Default of {job}: {}.", of.0.default);
+                    }
+                    Some(_) => (),
+                    None => all.push((of, "")),
                 }
             }
         }
@@ -247,7 +251,7 @@ mod tests {
             ("--history-dropout 1.5", "--history-dropout: is 1.5, must be between 0 and 1"),
             ("--preset huge", "tiny"),
             ("--steps many", "invalid digit"),
-            ("--policy dagger", "finetune"),
+            ("--policy dagger", "bc"),
         ] {
             let message = parse::<Train>(options).unwrap_err();
             assert!(message.contains(expected), "{options}: {message}");

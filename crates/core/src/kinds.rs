@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn an_unknown_kind_is_rejected_with_the_known_ones() {
         let message = Family::Policy.kind("dagger").unwrap_err().to_string();
-        assert!(message.starts_with("policy: unknown value \"dagger\"; supported: finetune, "), "{message}");
+        assert!(message.starts_with("policy: unknown value \"dagger\"; supported: bc, "), "{message}");
     }
 
     #[test]

@@ -93,7 +93,9 @@ pub use spec::{
     PretrainSpec, RateSchedule, RunSpec, ScoreSpec, TrainSpec, job_kinds, jobs, schema_of,
 };
 pub use survey::{FieldKind, Survey, SurveyedCamera, SurveyedField, SurveyedTopic, ValueRange};
-pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec, Transform};
+pub use task_spec::{
+    Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, OpenpiKey, TaskSpec, Transform,
+};
 
 #[doc(hidden)]
 pub mod private {

@@ -126,6 +126,15 @@ pub struct Queueing {
     pub engine_options: String,
 }
 
+/// Settings of the queueing of a pipeline's jobs, as in [`Queueing`].
+#[derive(Debug, Clone, Default)]
+pub struct PipelineQueueing {
+    /// Jobs with higher values run first.
+    pub priority: i32,
+    /// Options of the engine of every job, or empty.
+    pub engine_options: String,
+}
+
 /// A job to be queued.
 #[derive(Debug, Clone)]
 pub struct NewJob {

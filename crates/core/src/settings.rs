@@ -19,6 +19,18 @@ pub trait Group: Default {
 
     /// Adds the settings to `values`.
     fn write(&self, values: &mut Values);
+
+    /// Its settings with these values as their defaults.
+    #[must_use]
+    fn as_defaults(&self) -> Vec<Setting> {
+        let mut values = Values::new();
+        self.write(&mut values);
+        let with_default = |setting: Setting| match values.remove(&setting.name) {
+            Some(default) => Setting { default, ..setting },
+            None => setting,
+        };
+        Self::schema().into_iter().map(with_default).collect()
+    }
 }
 
 /// An enum whose values are words.

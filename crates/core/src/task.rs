@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_used_task_can_get_mappings_and_nothing_else() {
+    fn a_used_task_can_get_mappings_and_words_and_nothing_else() {
         let spec = |text: &str| -> TaskSpec { serde_json::from_str(text).unwrap() };
         let before = spec(
             r#"{"name":"t","rate_hz":5,"action":[{"name":"a","size":3}],
@@ -70,6 +70,12 @@ mod tests {
         assert_eq!(check_change(&before, &after, &read), Ok(()));
         after.mappings.remove(0);
         assert_eq!(check_change(&before, &after, &read).unwrap_err().0, "mappings one");
+        let words = TaskSpec {
+            instruction: "reach".into(),
+            openpi: vec![crate::OpenpiKey { name: "a".into(), key: "b".into() }],
+            ..before.clone()
+        };
+        assert_eq!(check_change(&before, &words, &read), Ok(()));
         let after = TaskSpec { rate_hz: 10.0, ..before.clone() };
         assert_eq!(check_change(&before, &after, &read).unwrap_err().0, "rate_hz");
     }

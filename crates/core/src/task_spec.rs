@@ -38,6 +38,21 @@ pub struct TaskSpec {
     /// The places of cameras and fields, one mapping for each way of recording.
     #[serde(default)]
     pub mappings: Vec<Mapping>,
+    /// Keys that clients of openpi's protocol send, where they are not the names of the task. They can change at any time.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub openpi: Vec<OpenpiKey>,
+}
+
+/// The key of a camera or a proprioception field in the observations of openpi's clients, such as
+/// `observation/wrist_image` of LIBERO's. A camera without one is read from `observation/NAME`, `images/NAME` or
+/// `image/NAME`, and values from one vector `observation/state` or from `observation/NAME`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub struct OpenpiKey {
+    /// Name of the camera or of the proprioception field in the task.
+    pub name: String,
+    /// The client's key; of nested maps, their keys joined by `/`. The depth of a camera has the same with `_depth` after it.
+    pub key: String,
 }
 
 /// One camera of a task.

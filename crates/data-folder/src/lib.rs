@@ -77,8 +77,10 @@ pub struct FramePaths {
 impl FramePaths {
     /// Those in a data folder for this task.
     pub fn new(data_dir: &Path, spec: &TaskSpec) -> Self {
-        // Every specification can be written as JSON: it came from JSON.
-        let spec = serde_json::to_vec(spec).unwrap_or_default();
+        // The keys of clients change at any time, and no step with them. Every specification can be written as JSON: it
+        // came from JSON.
+        let read = TaskSpec { openpi: Vec::new(), ..spec.clone() };
+        let spec = serde_json::to_vec(&read).unwrap_or_default();
         let task = blake3::hash(&spec).to_hex().get(..16).unwrap_or_default().to_owned();
         Self { folder: data_dir.join(CACHE), task }
     }
@@ -92,4 +94,31 @@ impl FramePaths {
 /// The path of one recording's decoded steps, as [`FramePaths`] has it.
 pub fn frames_path(data_dir: &Path, recording: &BlobId, spec: &TaskSpec) -> PathBuf {
     FramePaths::new(data_dir, spec).of(recording)
+}
+
+#[cfg(test)]
+mod tests {
+    use gleaner_core::{FieldSpec, OpenpiKey};
+
+    use super::*;
+
+    #[test]
+    fn keys_of_clients_do_not_discard_decoded_steps() {
+        let task = TaskSpec {
+            name: "reach".to_owned(),
+            instruction: String::new(),
+            rate_hz: 10.0,
+            cameras: Vec::new(),
+            proprioception: vec![FieldSpec::new("pose", 2)],
+            action: Vec::new(),
+            alignment: gleaner_core::Alignment::default(),
+            tolerance: 0.25,
+            mappings: Vec::new(),
+            openpi: Vec::new(),
+        };
+        let openpi = vec![OpenpiKey { name: "pose".to_owned(), key: "observation/state_0".to_owned() }];
+        let path = |spec: &TaskSpec| frames_path(Path::new("lab"), &BlobId::from(blake3::hash(b"recording")), spec);
+        assert_eq!(path(&TaskSpec { openpi, ..task.clone() }), path(&task));
+        assert_ne!(path(&TaskSpec { rate_hz: 5.0, ..task.clone() }), path(&task));
+    }
 }

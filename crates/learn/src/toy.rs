@@ -10,7 +10,8 @@ use rand::RngExt;
 use crate::random::{Purpose, generator, normal};
 use crate::shape::{CameraShape, TaskShape};
 use crate::trajectory::Trajectory;
-use gleaner_core::{ModelSpec, OptimSpec, PretrainSpec, RunSpec, TrainSpec};
+use gleaner_core::kinds::Family;
+use gleaner_core::{Chosen, ModelSpec, OptimSpec, PretrainSpec, RunSpec, TrainSpec};
 
 pub(crate) const SIDE: u32 = 16;
 
@@ -85,7 +86,12 @@ pub(crate) fn pretrain_spec(steps: u64) -> PretrainSpec {
 }
 
 pub(crate) fn train_spec(steps: u64) -> TrainSpec {
-    TrainSpec { optim: optim(steps), run: RunSpec { seed: 12, ..RunSpec::default() }, ..TrainSpec::default() }
+    TrainSpec {
+        policy: Chosen::new(Family::Policy, "finetune").unwrap(),
+        optim: optim(steps),
+        run: RunSpec { seed: 12, ..RunSpec::default() },
+        ..TrainSpec::default()
+    }
 }
 
 /// The same settings with a checkpoint every `steps` steps.

@@ -114,6 +114,7 @@ mod tests {
         let task: TaskSpec = TaskSpec {
             name: "t".into(),
             instruction: String::new(),
+            openpi: Vec::new(),
             rate_hz: 1.0,
             cameras: vec![gleaner_core::CameraSpec {
                 name: "top".into(),

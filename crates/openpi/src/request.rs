@@ -41,8 +41,9 @@ pub fn largest_request(task: &TaskSpec) -> usize {
 
 /// Reads one message.
 ///
-/// A camera `c` is the value `c`, `images/c` or `image/c`, and its depth `c_depth`, each with or without `observation/`
-/// before it; values are one vector `state`, or one of the name of each field. What else the message has is left.
+/// A camera `c` is the value `c`, `images/c` or `image/c`, and its depth `c_depth`; values are one vector `state`, or one of
+/// the name of each field; a camera or field for which the task names a key has that key alone. Keys have `observation/`
+/// before them or not. What else the message has is left.
 ///
 /// # Errors
 /// Invalid, naming what is missing or does not fit, and what was sent.
@@ -54,24 +55,39 @@ pub fn request(message: &[u8], task: &TaskSpec) -> Result<Request> {
         return Err(Error::invalid("message", "must be one msgpack map, such as {\"observation/state\": …}"));
     }
     let named = Named::of(&value);
-    let cameras = task.cameras.iter().map(|camera| frame(&named, camera)).collect::<Result<_>>()?;
+    let cameras =
+        task.cameras.iter().map(|camera| frame(&named, camera, key(task, &camera.name))).collect::<Result<_>>()?;
     let reset = named.first(&["reset"]).is_some_and(|value| value.as_bool() == Some(true));
-    Ok(Request { reset, cameras, proprioception: values(&named, &task.proprioception)? })
+    Ok(Request { reset, cameras, proprioception: values(&named, task)? })
 }
 
-fn frame(named: &Named<'_>, camera: &CameraSpec) -> Result<CameraFrame> {
-    let name = camera.name.as_str();
-    let color = picture(named, camera, name, false)?;
-    let depth = camera.depth.then(|| picture(named, camera, &format!("{name}_depth"), true)).transpose()?;
+/// The key that the task names for a camera or field.
+fn key<'a>(task: &'a TaskSpec, name: &str) -> Option<&'a str> {
+    task.openpi.iter().find(|given| given.name == name).map(|given| given.key.as_str())
+}
+
+fn frame(named: &Named<'_>, camera: &CameraSpec, key: Option<&str>) -> Result<CameraFrame> {
+    let picture = |suffix: &str, depth| {
+        let named_keys = |base: &str| format!("{base}{suffix}");
+        let name = named_keys(&camera.name);
+        let keys = match key {
+            Some(key) => vec![named_keys(key)],
+            None => vec![name.clone(), format!("images/{name}"), format!("image/{name}")],
+        };
+        picture(named, camera, &keys, depth)
+    };
+    let color = picture("", false)?;
+    let depth = camera.depth.then(|| picture("_depth", true)).transpose()?;
     Ok(CameraFrame { camera: camera.name.clone(), color: Some(color), depth })
 }
 
-fn picture(named: &Named<'_>, camera: &CameraSpec, name: &str, depth: bool) -> Result<Image> {
-    let keys = [name.to_owned(), format!("images/{name}"), format!("image/{name}")];
-    let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
-    let field = format!("observation/{name}");
+/// The picture under the first of `keys` that the message has.
+fn picture(named: &Named<'_>, camera: &CameraSpec, keys: &[String], depth: bool) -> Result<Image> {
+    let keys: Vec<&str> = keys.iter().map(|key| within(key)).collect();
+    let field = format!("observation/{}", keys.first().copied().unwrap_or_default());
     let Some(value) = named.first(&keys) else {
-        return Err(Error::invalid(&field, format!("is missing; the message has {}", named.listed())));
+        let words = "if the client names it otherwise, give its key in the task file ([[openpi]])";
+        return Err(Error::invalid(&field, format!("is missing; the message has {}; {words}", named.listed())));
     };
     if let Value::Binary(encoded) = value {
         return Ok(Image { format: ImageFormat::Any, data: Bytes::copy_from_slice(encoded) });
@@ -110,15 +126,23 @@ fn unfit(field: &str, array: &Array<'_>, sizes: &[(usize, usize)], depth: bool) 
     Error::invalid(field, format!("has shape {shown:?}; send {kind} of {}{layout}", wanted.join(" or ")))
 }
 
-fn values(named: &Named<'_>, fields: &[FieldSpec]) -> Result<Vec<f32>> {
+/// A key without its first part `observation`, as [`Named`] has it.
+fn within(key: &str) -> &str {
+    key.strip_prefix("observation/").unwrap_or(key)
+}
+
+fn values(named: &Named<'_>, task: &TaskSpec) -> Result<Vec<f32>> {
+    let fields = &task.proprioception;
+    let apart = fields.iter().any(|field| key(task, &field.name).is_some());
     let length = fields.iter().map(|field| field.size as usize).sum();
-    if let Some(value) = named.first(&["state", "proprio"]) {
+    if let Some(value) = named.first(&["state", "proprio"]).filter(|_| !apart) {
         return vector("observation/state", value, length, &described(fields));
     }
     let mut all = Vec::with_capacity(length);
     for field in fields {
-        let name = format!("observation/{}", field.name);
-        let Some(value) = named.first(&[&field.name]) else {
+        let key = within(key(task, &field.name).unwrap_or(&field.name));
+        let name = format!("observation/{key}");
+        let Some(value) = named.first(&[key]) else {
             let words = format!(
                 "is missing; send observation/state ({}), or each field alone; the message has {}",
                 described(fields),

@@ -14,6 +14,7 @@ pub(crate) fn arm() -> TaskSpec {
     TaskSpec {
         name: "arm".into(),
         instruction: String::new(),
+        openpi: Vec::new(),
         rate_hz: 10.0,
         cameras: vec![CameraSpec { name: "front".into(), height: 8, width: 16, depth: true, recorded: None }],
         proprioception: vec![FieldSpec::new("joint_position", 2), FieldSpec::new("tool", 1)],

@@ -2,6 +2,7 @@
 //!
 //! This module does not depend on the reader.
 
+mod openpi;
 mod source;
 
 use std::collections::BTreeSet;
@@ -45,6 +46,7 @@ pub fn validate(spec: &TaskSpec) -> Result<(), RecordingError> {
     }
     check_cameras(spec)?;
     check_fields(spec)?;
+    openpi::check(spec)?;
     few("mappings", spec.mappings.len(), MAX_MAPPINGS)?;
     let mut names = BTreeSet::new();
     for (i, mapping) in spec.mappings.iter().enumerate() {

@@ -167,6 +167,7 @@ pub(crate) mod tests {
         TaskSpec {
             name: "t".into(),
             instruction: String::new(),
+            openpi: Vec::new(),
             rate_hz: 10.0,
             cameras: vec![camera("top", true), camera("wrist", false)],
             proprioception: vec![FieldSpec::new("joints", 2), FieldSpec::new("gripper", 1)],

@@ -27,7 +27,7 @@ use gleaner_core::{
     live::{LiveSession, SessionState},
     order::JobFilter,
     policy::{Deployment, Policy},
-    score::{Encoder, EpisodeScores, Histogram, ScoreRun},
+    score::{Encoder, EpisodeScores, ExpertRanking, Histogram, ScoreRun},
     selection::{Selection, WhatIf},
     snapshot::Snapshot,
     steps::{FrameView, Numbers},
@@ -171,8 +171,8 @@ pub trait RunSummary: Send + Sync {
     async fn what_if(&self, selection: Selection) -> Result<WhatIf>;
     /// The distributions of q over imperfect segments and over experts, in `bins` equal bins over [0, 1].
     async fn histogram(&self, bins: usize) -> Result<Histogram>;
-    /// The share of pairs in which an expert's q is above an imperfect segment's; `None` without expert scores.
-    async fn expert_auroc(&self) -> Result<Option<f64>>;
+    /// How often q ranks experts above imperfect segments.
+    async fn expert_ranking(&self) -> Result<ExpertRanking>;
     /// At most `most` of the best segments, the best first.
     async fn best(&self, most: usize) -> Result<Vec<SegmentRef>>;
     /// At most `most` of the worst segments, the worst first.

@@ -14,7 +14,7 @@ use crate::{
     domain::{
         curation::SegmentRef,
         id::{EpisodeId, ScoreRunId},
-        score::{Histogram, ScoreRun, expert_auroc},
+        score::{ExpertRanking, Histogram, ScoreRun},
         selection::{Candidate, Rule, Selection, WhatIf, ranked, what_if},
     },
     error::Result,
@@ -39,7 +39,7 @@ pub(crate) struct Summary {
     /// demand.
     ranked: OnceLock<Vec<(f32, f64)>>,
     histogram: OnceLock<Histogram>,
-    expert_auroc: OnceLock<Option<f64>>,
+    expert_ranking: OnceLock<ExpertRanking>,
     best: OnceLock<Vec<SegmentRef>>,
     worst: OnceLock<Vec<SegmentRef>>,
 }
@@ -48,8 +48,8 @@ impl Summary {
     pub(super) fn new(run: ScoreRun, candidates: Vec<Candidate>, experts: Vec<Vec<f32>>) -> Self {
         let places = candidates.iter().map(|one| one.episode_id.clone()).zip(0..).collect();
         let mean_q = candidates.iter().map(|one| mean(&one.q)).collect();
-        let (ranked, histogram, expert_auroc, best, worst) = Default::default();
-        Self { run, candidates, experts, places, mean_q, ranked, histogram, expert_auroc, best, worst }
+        let (ranked, histogram, expert_ranking, best, worst) = Default::default();
+        Self { run, candidates, experts, places, mean_q, ranked, histogram, expert_ranking, best, worst }
     }
 
     /// The run.
@@ -101,18 +101,18 @@ impl Summary {
         off_runtime("making a histogram", counting).await
     }
 
-    /// The AUROC of q between experts and imperfect segments, as [`expert_auroc`].
+    /// How often q ranks experts above imperfect segments.
     ///
     /// # Errors
     /// Internal.
-    pub(crate) async fn expert_auroc(self: &Arc<Self>) -> Result<Option<f64>> {
+    pub(crate) async fn expert_ranking(self: &Arc<Self>) -> Result<ExpertRanking> {
         let summary = Arc::clone(self);
         let comparing = move || {
             let all = || {
-                let imperfect = summary.candidates.iter().flat_map(|one| one.q.iter().copied()).collect();
-                expert_auroc(imperfect, summary.experts.concat())
+                let imperfect = summary.candidates.iter().map(|one| (one.cohort.as_str(), one.q.as_slice()));
+                ExpertRanking::new(imperfect, summary.experts.concat())
             };
-            Ok(*summary.expert_auroc.get_or_init(all))
+            Ok(summary.expert_ranking.get_or_init(all).clone())
         };
         off_runtime("comparing experts", comparing).await
     }
@@ -140,7 +140,7 @@ impl Summary {
     /// Internal.
     pub(super) async fn warm(self: &Arc<Self>) -> Result<()> {
         self.what_if(Selection::top_fraction(1.0)).await?;
-        self.expert_auroc().await?;
+        self.expert_ranking().await?;
         self.best(1).await?;
         self.worst(1).await?;
         Ok(())

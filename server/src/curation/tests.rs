@@ -177,7 +177,7 @@ async fn a_histogram_counts_imperfect_segments_and_experts_apart() {
     let kept: Vec<_> = histogram.kept().iter().map(|kept| (kept.segments, kept.episodes)).collect();
     assert_eq!(kept, [(1, 1), (3, 2)], "q equal to β is not kept");
     assert_eq!(
-        summary.expert_auroc().await.unwrap(),
+        summary.expert_ranking().await.unwrap().all,
         Some(0.65),
         "0.7 beats two of five, 0.95 four, and a tie is half"
     );

@@ -6,7 +6,7 @@ use crate::domain::{
     dataset::Dataset,
     id::{DatasetId, EncoderId, EvaluationId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
     job::JobSpec,
-    order::{NewJob, Plan, needs_encoder},
+    order::{NewJob, PipelineQueueing, Plan, needs_encoder},
     schedule::PipelineSpec,
     time::Millis,
 };
@@ -15,12 +15,13 @@ use crate::domain::{
 pub(super) const MAX_ATTEMPTS: u32 = 3;
 
 /// Pretrain, then score, then a dataset, then train, then evaluate: each linked to the one before it.
-pub(super) fn chain(task: &TaskId, pipeline: PipelineSpec, snapshot: &SnapshotId, priority: i32) -> Plan {
+pub(super) fn chain(task: &TaskId, pipeline: PipelineSpec, snapshot: &SnapshotId, queueing: PipelineQueueing) -> Plan {
+    let PipelineQueueing { priority, engine_options } = queueing;
     let mut plan = Plan::default();
     let mut add = |spec: JobSpec, result_id: String| {
         let needs = plan.jobs.last().map(|before: &NewJob| before.id.clone()).into_iter().collect();
         let (id, task_id) = (JobId::new(), task.clone());
-        let (max_attempts, engine_options) = (MAX_ATTEMPTS, String::new());
+        let (max_attempts, engine_options) = (MAX_ATTEMPTS, engine_options.clone());
         let job = NewJob { id, task_id, spec, result_id, priority, max_attempts, engine_options, needs, keyed: None };
         plan.jobs.push(job);
     };

@@ -10,7 +10,7 @@ use crate::{
     domain::{
         id::{DatasetId, JobId, TaskId},
         job::Job,
-        order::{JobOrder, Keyed, NewJob, Plan, Queueing},
+        order::{JobOrder, Keyed, NewJob, PipelineQueueing, Plan, Queueing},
         schedule::{PipelineSpec, ScheduleStart},
     },
     error::{Error, Kind, Result},
@@ -27,13 +27,7 @@ impl Jobs {
         if let Some(job) = self.known(task, &order, &queueing.key).await? {
             return Ok(job);
         }
-        if !queueing.engine_options.is_empty() && !self.0.engine.takes_options() {
-            return Err(Error::precondition(format!(
-                "engine_options: this server runs jobs by the engine {}, which has no options; leave them out, or start \
-                 the server with --engine slurm",
-                self.0.engine.name()
-            )));
-        }
+        self.accept_options(&queueing.engine_options)?;
         self.0.blobs.room_for(0).await?;
         let resolved = kinds::resolve(self, task, order.clone()).await?;
         let Queueing { priority, needs, max_attempts, key, engine_options } = queueing;
@@ -72,6 +66,18 @@ impl Jobs {
         }
     }
 
+    /// Refuses options of an engine that has none.
+    fn accept_options(&self, engine_options: &str) -> Result<()> {
+        if engine_options.is_empty() || self.0.engine.takes_options() {
+            return Ok(());
+        }
+        Err(Error::precondition(format!(
+            "engine_options: this server runs jobs by the engine {}, which has no options; leave them out, or start the \
+             server with --engine slurm",
+            self.0.engine.name()
+        )))
+    }
+
     /// Queues a pipeline's jobs in one transaction, together with the new state of the schedule that starts it.
     ///
     /// # Errors
@@ -80,9 +86,10 @@ impl Jobs {
         &self,
         task: &TaskId,
         pipeline: &PipelineSpec,
-        priority: i32,
+        queueing: PipelineQueueing,
         start: Option<ScheduleStart>,
     ) -> Result<(Vec<Job>, Option<DatasetId>)> {
+        self.accept_options(&queueing.engine_options)?;
         self.0.blobs.room_for(0).await?;
         let mut pipeline = pipeline.clone();
         if let Some(evaluate) = pipeline.evaluate.take() {
@@ -91,7 +98,7 @@ impl Jobs {
         }
         let named = pipeline.snapshot_id.clone();
         let snapshot = self.snapshot(task, "pipeline.pretrain.snapshot_id", named, &pipeline.rule).await?;
-        let plan = Plan { start, ..chain(task, pipeline, &snapshot, priority) };
+        let plan = Plan { start, ..chain(task, pipeline, &snapshot, queueing) };
         let dataset = plan.datasets.first().map(|dataset| dataset.id.clone());
         Ok((self.queue(plan).await?, dataset))
     }

@@ -1,18 +1,19 @@
 //! The queue through its public functions: orders resolved, pipelines linked, results stored, watchers notified.
 
 use futures::{StreamExt as _, TryStreamExt as _};
-use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
+use gleaner_core::{PretrainSpec, ScoreSpec};
 
 use super::{
     Jobs,
+    chain::chain,
     testing::{self, Bench},
 };
 use crate::{
     domain::{
         attempt::AttemptEnd,
-        id::{BlobId, DatasetId, EncoderId, EpisodeId, JobId, ScoreRunId, TaskId},
+        id::{BlobId, DatasetId, EncoderId, EpisodeId, JobId, ScoreRunId, SnapshotId, TaskId},
         job::{Job, JobSpec, JobState},
-        order::{JobOrder, Queueing, TrainData},
+        order::{JobOrder, PipelineQueueing, Queueing, TrainData},
         schedule::PipelineSpec,
         score::EpisodeScores,
         selection::Selection,
@@ -20,6 +21,7 @@ use crate::{
         work::{Made, Progress},
     },
     error::{Kind, Result},
+    store::testing::results,
 };
 
 fn pretrain() -> JobOrder {
@@ -35,7 +37,7 @@ fn pipeline() -> PipelineSpec {
         beta: Some(0.5),
         top_fraction: None,
         shape: crate::domain::selection::SelectionShape::default(),
-        train: Some(TrainSpec::default()),
+        train: Some(results::finetune()),
         scoring: None,
         evaluate: None,
     }
@@ -78,7 +80,7 @@ async fn an_order_gets_a_snapshot_a_result_id_and_its_needs() {
     assert_eq!(score.needs, std::slice::from_ref(&first.id));
     assert!(matches!(&score.spec, JobSpec::Score { snapshot_id: own, .. } if own == snapshot_id));
 
-    let order = JobOrder::Train { data: TrainData::ExpertsOf(encoder_id), spec: TrainSpec::default() };
+    let order = JobOrder::Train { data: TrainData::ExpertsOf(encoder_id), spec: results::finetune() };
     let queueing =
         Queueing { priority: 7, needs: vec![score.id.clone()], max_attempts: Some(1), ..Queueing::default() };
     let base = bench.jobs.submit(&bench.task.id, order, queueing).await.unwrap();
@@ -108,7 +110,8 @@ async fn missing_and_unfinished_inputs_are_rejected() {
 #[tokio::test]
 async fn a_pipeline_links_all_its_jobs() {
     let bench = Bench::new().await;
-    let (jobs, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 4, None).await.unwrap();
+    let queueing = PipelineQueueing { priority: 4, ..PipelineQueueing::default() };
+    let (jobs, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), queueing, None).await.unwrap();
     let [first, score, train] = jobs.as_slice() else { panic!("{} jobs", jobs.len()) };
     assert_eq!((&score.needs, &train.needs), (&vec![first.id.clone()], &vec![score.id.clone()]));
     assert!(jobs.iter().all(|job| job.priority == 4));
@@ -120,14 +123,22 @@ async fn a_pipeline_links_all_its_jobs() {
     assert!(matches!(&train.spec, JobSpec::Train { dataset_id: Some(id), .. } if *id == dataset.id));
 
     let short = PipelineSpec { score: false, beta: None, train: None, ..pipeline() };
-    let (jobs, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &short, 0, None).await.unwrap();
+    let (jobs, dataset) =
+        bench.jobs.submit_pipeline(&bench.task.id, &short, PipelineQueueing::default(), None).await.unwrap();
     assert_eq!((jobs.len(), dataset), (1, None));
+
+    let queueing = || PipelineQueueing { priority: 0, engine_options: "--partition=gpu".into() };
+    let refused = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), queueing(), None).await.unwrap_err();
+    assert!(refused.message().starts_with("engine_options: this server runs jobs by the engine local"), "{refused}");
+    let plan = chain(&bench.task.id, pipeline(), &SnapshotId::new(), queueing());
+    assert!(plan.jobs.len() == 3 && plan.jobs.iter().all(|job| job.engine_options == "--partition=gpu"));
 }
 
 #[tokio::test]
 async fn results_end_jobs_and_are_inputs_of_the_next() {
     let bench = Bench::new().await;
-    let (jobs, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 0, None).await.unwrap();
+    let (jobs, dataset) =
+        bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), PipelineQueueing::default(), None).await.unwrap();
     let (attempt, job) = bench.claim().await;
     let inputs = bench.inputs(&job).await.unwrap();
     assert_eq!((inputs.experts.len(), inputs.imperfect.len(), inputs.encoder), (1, 1, None));
@@ -271,7 +282,7 @@ async fn a_nearly_full_disk_stops_the_queue_and_fails_no_job() {
     free.store(0, std::sync::atomic::Ordering::Relaxed);
     for refused in [
         submit(&bench, pretrain()).await.map(drop),
-        bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 0, None).await.map(drop),
+        bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), PipelineQueueing::default(), None).await.map(drop),
     ] {
         assert_eq!(refused.unwrap_err().kind(), Kind::Exhausted);
     }

@@ -11,7 +11,7 @@ use crate::{
     domain::{
         curation::SegmentRef,
         id::{EncoderId, EpisodeId, ScoreRunId, TaskId},
-        score::{EpisodeScores, Histogram, ScoreRun},
+        score::{EpisodeScores, ExpertRanking, Histogram, ScoreRun},
         selection::{Selection, WhatIf},
     },
     error::Result,
@@ -69,8 +69,8 @@ impl RunSummary for Scored {
         self.0.histogram(bins).await
     }
 
-    async fn expert_auroc(&self) -> Result<Option<f64>> {
-        self.0.expert_auroc().await
+    async fn expert_ranking(&self) -> Result<ExpertRanking> {
+        self.0.expert_ranking().await
     }
 
     async fn best(&self, most: usize) -> Result<Vec<SegmentRef>> {

@@ -94,7 +94,7 @@ fn trained(seed: u64) -> Vec<u8> {
     let run = RunSpec { seed, ..RunSpec::default() };
     let spec = PretrainSpec { model, optim, run, ..PretrainSpec::default() };
     let encoder = pretrain(&shape(), std::slice::from_ref(&episode), &spec, None, None, &mut Silent).unwrap();
-    let spec = TrainSpec { optim, run, ..TrainSpec::default() };
+    let spec = TrainSpec { optim, run, ..results::finetune() };
     train_policy(&shape(), Pretrained::encoder(&encoder), &[episode], &[], &spec, None, &mut Silent).unwrap()
 }
 

@@ -11,6 +11,7 @@ use super::{
 use crate::{
     access::Caller,
     domain::{access::Role, order::JobFilter},
+    error::Result,
     wire,
 };
 
@@ -28,10 +29,7 @@ impl JobService for JobApi {
         let caller = Caller::of(&request);
         change(request, async |request| {
             let (task, order, queueing) = wire::job::submit_request(request)?;
-            if !queueing.engine_options.is_empty() {
-                // The text is the operator's part of a submission to the cluster.
-                caller?.must_be(Role::Admin)?;
-            }
+            may_give(&queueing.engine_options, caller)?;
             let task = self.0.store.task(&task).await?;
             let job = self.0.jobs.submit(&task.id, order, queueing).await?;
             Ok(v1::SubmitJobResponse { job: Some(wire::job::job(job)) })
@@ -40,10 +38,12 @@ impl JobService for JobApi {
     }
 
     async fn submit_pipeline(&self, request: Request<v1::SubmitPipelineRequest>) -> Reply<v1::SubmitPipelineResponse> {
+        let caller = Caller::of(&request);
         change(request, async |request| {
-            let (task, pipeline, priority) = wire::job::pipeline_request(request)?;
+            let (task, pipeline, queueing) = wire::job::pipeline_request(request)?;
+            may_give(&queueing.engine_options, caller)?;
             let task = self.0.store.task(&task).await?;
-            let (jobs, dataset) = self.0.jobs.submit_pipeline(&task.id, &pipeline, priority, None).await?;
+            let (jobs, dataset) = self.0.jobs.submit_pipeline(&task.id, &pipeline, queueing, None).await?;
             Ok(v1::SubmitPipelineResponse {
                 jobs: jobs.into_iter().map(wire::job::job).collect(),
                 dataset_id: dataset.map(String::from).unwrap_or_default(),
@@ -103,4 +103,12 @@ impl JobService for JobApi {
     async fn list_kinds(&self, _: Request<v1::ListKindsRequest>) -> Reply<v1::ListKindsResponse> {
         Ok(Response::new(wire::kinds::list()))
     }
+}
+
+/// Options are the operator's part of a submission to the cluster.
+fn may_give(engine_options: &str, caller: Result<Caller>) -> Result<()> {
+    if engine_options.is_empty() {
+        return Ok(());
+    }
+    caller?.must_be(Role::Admin)
 }

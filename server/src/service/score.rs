@@ -54,7 +54,7 @@ impl ScoreService for ScoreApi {
             let (run, empty) = wire::score::histogram_request(request.into_inner())?;
             let summary = self.0.curation.summary(&run).await?;
             let histogram = summary.fill(empty).await?;
-            Ok(wire::score::histogram_response(&histogram, summary.expert_auroc().await?))
+            Ok(wire::score::histogram_response(&histogram, summary.expert_ranking().await?))
         })
         .await
     }

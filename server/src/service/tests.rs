@@ -82,6 +82,7 @@ fn task_spec() -> v1::TaskSpec {
     v1::TaskSpec {
         name: "reach".into(),
         instruction: String::new(),
+        openpi: Vec::new(),
         rate_hz: 10.0,
         proprioception: fields("joint"),
         action: fields("target"),
@@ -223,7 +224,7 @@ async fn every_rpc_that_changes_something_is_in_the_audit_log_with_its_subjects(
             "FailedPrecondition", ["task=reach"];
         JobServiceSubmitJob(v1::SubmitJobRequest { task: task(), spec: Some(v1::JobSpec { spec: Some(submitted) }), ..Default::default() })
             -> SubmitJobResponse, "NotFound", ["task=reach".to_owned(), format!("spec.score.encoder_id=enc_{ID}")];
-        JobServiceSubmitPipeline(v1::SubmitPipelineRequest { task: task(), pipeline: pipeline(), priority: 0 })
+        JobServiceSubmitPipeline(v1::SubmitPipelineRequest { task: task(), pipeline: pipeline(), ..Default::default() })
             -> SubmitPipelineResponse, "FailedPrecondition", ["task=reach"];
         JobServiceCancelJob(v1::CancelJobRequest { job_id: format!("job_{ID}") }) -> CancelJobResponse,
             "NotFound", [format!("job_id=job_{ID}")];

@@ -65,6 +65,7 @@ pub(crate) fn spec() -> TaskSpec {
     TaskSpec {
         name: "reach".into(),
         instruction: String::new(),
+        openpi: Vec::new(),
         rate_hz: 10.0,
         cameras: Vec::new(),
         proprioception: vec![field("joint_position", 2)],

@@ -122,7 +122,7 @@ async fn incomplete_pipelines_are_rejected() {
     let submit = |task: &str, change: fn(&mut PipelineSpec)| {
         let mut pipeline = whole.clone();
         change(&mut pipeline);
-        SubmitPipelineRequest { task: task.to_owned(), pipeline: Some(pipeline), priority: 0 }
+        SubmitPipelineRequest { task: task.to_owned(), pipeline: Some(pipeline), ..Default::default() }
     };
     let data =
         |r: &mut PipelineSpec| r.train.as_mut().unwrap().data = Some(train_spec::Data::ExpertsOf(absent_id("enc")));

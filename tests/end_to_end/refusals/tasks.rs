@@ -19,6 +19,14 @@ const CASES: &[Case] = &[
     ("spec.name: ", |s| s.name = "x".repeat(129)),
     ("spec.instruction: ", |s| s.instruction = "x".repeat(1001)),
     ("spec.instruction: ", |s| s.instruction = "pick\nplace".into()),
+    ("spec.openpi[0].name: ", |s| s.openpi = vec![openpi("no_such_camera", "observation/image")]),
+    ("spec.openpi[1].name: ", |s| s.openpi = ["a", "b"].map(|key| openpi(&s.cameras[0].name, key)).into()),
+    ("spec.openpi[0].key: ", |s| s.openpi = vec![openpi(&s.cameras[0].name, "")]),
+    ("spec.openpi[0].key: ", |s| s.openpi = vec![openpi(&s.cameras[0].name, &"x".repeat(129))]),
+    ("spec.openpi[0].key: ", |s| {
+        s.openpi = vec![openpi(&s.cameras[0].name, "same"), openpi(&s.cameras[1].name, "observation/same")];
+    }),
+    ("spec.openpi[0].key: ", |s| s.openpi = vec![openpi(&s.cameras[0].name, &format!("images/{}", s.cameras[1].name))]),
     ("spec.rate_hz: ", |s| s.rate_hz = f64::NAN),
     ("spec.rate_hz: ", |s| s.rate_hz = 10_001.0),
     ("spec.cameras: has 17", |s| s.cameras = vec![s.cameras[0].clone(); 17]),
@@ -94,6 +102,10 @@ fn posed(spec: &mut TaskSpec, parent: &str, child: &str, static_topic: &str) {
     (source.paths, source.names) = (Vec::new(), Vec::new());
     let [parent, child, static_topic] = [parent, child, static_topic].map(Into::into);
     source.transform = Some(Transform { parent, child, static_topic: Some(static_topic) });
+}
+
+fn openpi(name: &str, key: &str) -> OpenpiKey {
+    OpenpiKey { name: name.into(), key: key.into() }
 }
 
 /// A recorded size; the crop is top, left, height and width.

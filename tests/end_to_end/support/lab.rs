@@ -183,7 +183,9 @@ pub fn score(encoder_id: &str) -> job_spec::Spec {
 }
 
 pub fn train(data: train_spec::Data, steps: u32) -> job_spec::Spec {
-    let settings = settings(json!({"steps": steps, "batch": 8, "warmup_steps": 2, "seed": 7, "checkpoint_every": 5}));
+    let settings = settings(json!({
+        "policy": "finetune", "steps": steps, "batch": 8, "warmup_steps": 2, "seed": 7, "checkpoint_every": 5,
+    }));
     job_spec::Spec::Train(TrainSpec { data: Some(data), settings })
 }
 

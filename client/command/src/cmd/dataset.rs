@@ -5,6 +5,7 @@ use gleaner_proto::v1::{
     CreateDatasetRequest, Dataset, GetDatasetRequest, ListDatasetsRequest, Segment, StreamSegmentsRequest,
 };
 
+use super::histogram;
 use super::selection::{SelectionArgs, selected};
 use crate::context::Context;
 use crate::failure::{Result, present};
@@ -78,13 +79,17 @@ async fn create(
     let reply = client.datasets().create_dataset(request).await?.into_inner();
     let dataset = present(reply.dataset.as_ref(), "a dataset")?;
     context.output.result(|| json::value(&reply), || describe(dataset))?;
+    // A run without counts is unfinished.
+    if dataset.kept_segments.is_some() {
+        histogram::warn(context, &client, &dataset.score_run_id).await;
+    }
     context.output.next(training(&dataset.id));
     Ok(())
 }
 
-/// How to train on a dataset, whose encoder may be one that no scorer has read.
+/// How to train on a dataset.
 fn training(dataset: &str) -> String {
-    format!("gleaner train --dataset {dataset} --wait (--policy bc needs no pretrained encoder)")
+    format!("gleaner train --dataset {dataset} --wait")
 }
 
 async fn show(context: &Context, id: String) -> Result<()> {

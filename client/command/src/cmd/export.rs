@@ -12,7 +12,7 @@ use gleaner_proto::v1::{
 
 use super::follow;
 use super::selection::beta_of;
-use super::submit::task_of_dataset;
+use super::submit::{EngineArgs, task_of_dataset};
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::{json, words};
@@ -58,6 +58,8 @@ pub(crate) struct ExportArgs {
     /// New output folder; with --episode, the new output file.
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
+    #[command(flatten)]
+    engine: EngineArgs,
 }
 
 impl ExportArgs {
@@ -98,6 +100,7 @@ impl ExportArgs {
         let request = SubmitJobRequest {
             task: task_of_dataset(&client, None, dataset).await?,
             spec: Some(JobSpec { spec: Some(Spec::Export(spec)) }),
+            engine_options: self.engine.options.clone(),
             ..SubmitJobRequest::default()
         };
         let job = present(client.jobs().submit_job(request).await?.into_inner().job, "a job")?;

@@ -1,12 +1,15 @@
 //! `histogram`: the distribution of q, and what thresholds keep of it.
 
 use clap::Args;
+use gleaner_client::Client;
+use gleaner_core::proto::score::expert_ranking;
+use gleaner_core::score::ExpertRanking;
 use gleaner_proto::v1::{GetHistogramRequest, GetHistogramResponse, KeptCount};
 
 use crate::context::Context;
 use crate::failure::Result;
 use crate::output::terminal_width;
-use crate::table::Column::Right;
+use crate::table::Column::{Left, Right};
 use crate::table::table;
 use crate::{chart, json, words};
 
@@ -53,17 +56,37 @@ pub(crate) fn histogram(histogram: &GetHistogramResponse, width: usize) -> Strin
             of_experts(histogram, kept),
         ]
     };
-    if let Some(auroc) = histogram.expert_auroc {
+    let ranking = expert_ranking(histogram);
+    if let Some(all) = ranking.all {
         lines.push(String::new());
-        lines
-            .push(format!("an expert's segment has the higher q in {:.0} % of pairs (ties count half)", 100.0 * auroc));
-        if auroc < 0.5 {
-            lines.push("warning: the scores favour imperfect episodes over experts".to_owned());
+        lines.push(format!("an expert's segment has the higher q in {} of pairs (ties count half)", share(all)));
+        if ranking.cohorts.len() > 1 {
+            let row = |(cohort, auroc): &(String, f64)| [cohort.clone(), share(*auroc)];
+            lines.push(table([Left("COHORT"), Right("EXPERT HIGHER")], ranking.cohorts.iter().map(row)));
         }
+        lines.extend(warnings(&ranking));
     }
     lines.push(String::new());
     lines.push(table(columns, histogram.kept.iter().map(row)));
     lines.join("\n")
+}
+
+fn share(auroc: f64) -> String {
+    format!("{:.0} %", 100.0 * auroc)
+}
+
+fn warnings(ranking: &ExpertRanking) -> impl Iterator<Item = String> {
+    ranking.warnings().into_iter().map(|warning| format!("warning: {warning}"))
+}
+
+/// Notes what a user should look at before they select segments of a finished run. What was asked for is done, so an error
+/// here is a note too.
+pub(crate) async fn warn(context: &Context, client: &Client, run: &str) {
+    let request = GetHistogramRequest { score_run_id: run.to_owned(), bins: 1, betas: Vec::new() };
+    match client.scores().get_histogram(request).await {
+        Ok(reply) => warnings(&expert_ranking(reply.get_ref())).for_each(|warning| context.output.note(warning)),
+        Err(error) => context.output.note(format_args!("{run} was not compared with its experts: {}", error.message())),
+    }
 }
 
 /// The share of the experts' segments above a threshold; `-` without scores of experts.
@@ -77,6 +100,7 @@ pub(super) fn of_experts(histogram: &GetHistogramResponse, kept: &KeptCount) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use gleaner_proto::v1::CohortAuroc;
 
     #[test]
     fn the_histogram_is_drawn() {
@@ -88,7 +112,10 @@ mod tests {
                 KeptCount { beta: 0.9, segments: 0, episodes: 0, expert_segments: 0 },
             ],
             expert_counts: vec![1, 0, 0, 1],
-            expert_auroc: Some(0.4),
+            expert_auroc: Some(0.6),
+            cohorts: [("late", 0.7), ("wrong", 0.5)]
+                .map(|(cohort, expert_auroc)| CohortAuroc { cohort: cohort.into(), expert_auroc })
+                .into(),
         };
         assert_eq!(
             histogram(&reply, 36),
@@ -98,8 +125,12 @@ mod tests {
              0.50–0.75       10 ██████████\n\
              0.75–1.00        1 █\n\
              \n\
-             an expert's segment has the higher q in 40 % of pairs (ties count half)\n\
-             warning: the scores favour imperfect episodes over experts\n\
+             an expert's segment has the higher q in 60 % of pairs (ties count half)\n\
+             COHORT  EXPERT HIGHER\n\
+             late             70 %\n\
+             wrong            50 %\n\
+             warning: the scores hardly tell cohort wrong from experts (50 % of pairs): either its steps are as good, or \
+             the scorer does not see what is wrong with them\n\
              \n   \
              β  KEPT   SHARE  FROM EPISODES  OF EXPERTS\n\
              0.50    11  68.8 %              3      50.0 %\n\

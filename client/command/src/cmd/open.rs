@@ -132,7 +132,7 @@ impl Viewer {
         if written {
             return Some(layout);
         }
-        let needs = "it needs the Python client (pip install gleaner-client, and rerun-sdk for Rerun)";
+        let needs = "it needs the Python client (pip install client/python of gleaner, and rerun-sdk for Rerun)";
         context.output.note(format_args!("no layout: `{PYTHON} -m {module} {}` writes it; {needs}", file.display()));
         None
     }

@@ -6,13 +6,13 @@ use gleaner_core::kinds::{Family, Kind};
 use gleaner_core::proto::{selection::shape_to_proto, to_struct};
 use gleaner_core::selection::Rule;
 use gleaner_core::{Group as _, InitialWeights, NormaliserKind, OptimSpec, Words as _};
-use gleaner_proto::v1::{EvaluateSpec, Job, PipelineSpec, ScoreSpec, SubmitPipelineRequest, TrainSpec};
+use gleaner_proto::v1::{EvaluateSpec, Job, JobKind, PipelineSpec, ScoreSpec, SubmitPipelineRequest, TrainSpec};
 use prost_types::Struct;
 
 use super::plan::SnapshotArgs;
 use super::selection::SelectionArgs;
-use super::submit::{SubmitArgs, after, outcome};
-use super::{follow, jobs};
+use super::submit::{EngineArgs, SubmitArgs, after, outcome};
+use super::{follow, histogram, jobs};
 use crate::context::Context;
 use crate::failure::Result;
 use crate::json;
@@ -32,12 +32,12 @@ enum Until {
 pub(crate) struct PipelineArgs {
     #[command(flatten)]
     snapshot: SnapshotArgs,
-    /// Last stage of the chain.
+    /// Last stage of the chain. Where neither the scorer nor the policy reads the encoder, as by default, pretraining has
+    /// one step, unless --steps is given.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
-    /// Train for a first look, in minutes: 800 steps of 32 segments for behaviour cloning, where --train-steps,
-    /// --train-batch and --policy are not given, and 300 of 32 for the encoder, where --steps and --batch are not given; 1
-    /// if neither the scorer nor the policy reads it, as by default. The policy is rarely good.
+    /// Train for a first look, in minutes: 800 steps of 32 segments for the policy, where --train-steps and --train-batch
+    /// are not given, and 300 of 32 for the encoder, where --steps and --batch are not given. The policy is rarely good.
     #[arg(long)]
     quick: bool,
     #[command(flatten)]
@@ -47,23 +47,24 @@ pub(crate) struct PipelineArgs {
 }
 
 /// The settings of --quick.
-const QUICK: [(&str, u32); 3] = [("batch", 32), ("train_steps", 800), ("train_batch", 32)];
-/// Steps of an encoder that is read.
-const QUICK_STEPS: u32 = 300;
-/// The policy of --quick, which learns most in short trainings.
-const QUICK_POLICY: &str = "bc";
+const QUICK: [(&str, u32); 4] = [("steps", 300), ("batch", 32), ("train_steps", 800), ("train_batch", 32)];
+/// The settings of a pretraining whose encoder has no use but its name and its sizes.
+const UNREAD: [(&str, u32); 2] = [("steps", 1), ("batch", 32)];
 
 impl PipelineArgs {
     pub(crate) fn spec(&self) -> PipelineSpec {
-        if self.quick {
-            let mut filled = Self { quick: false, ..self.clone() };
-            filled.settings.values.entry("policy").or_insert_with(|| QUICK_POLICY.into());
-            let steps = if filled.reads_encoder() { QUICK_STEPS } else { 1 };
-            for (name, value) in [("steps", steps)].into_iter().chain(QUICK) {
-                filled.settings.values.entry(name).or_insert_with(|| value.into());
-            }
-            return filled.spec();
+        let mut settings = self.settings.clone();
+        let is_unread = !self.reads_encoder() && !settings.values.contains_key("steps");
+        let unread = if is_unread { &UNREAD[..] } else { &[] };
+        let quick = if self.quick { &QUICK[..] } else { &[] };
+        for (name, value) in unread.iter().chain(quick) {
+            settings.values.entry(*name).or_insert_with(|| (*value).into());
         }
+        Self { settings, ..self.clone() }.completed()
+    }
+
+    /// The pipeline of these settings.
+    fn completed(&self) -> PipelineSpec {
         let (scored, selected) = (self.until >= Until::Score, self.until >= Until::Dataset);
         let rule = self.selection.rule().unwrap_or_else(|| Rule::Beta(self.normaliser().default_beta()));
         let (beta, top_fraction) = match rule {
@@ -144,6 +145,8 @@ pub(crate) struct PipelineCommand {
     pipeline: PipelineArgs,
     #[command(flatten)]
     submit: SubmitArgs,
+    #[command(flatten)]
+    engine: EngineArgs,
 }
 
 impl PipelineCommand {
@@ -153,12 +156,16 @@ impl PipelineCommand {
             task: context.task(&client, self.task.as_deref()).await?,
             pipeline: Some(self.pipeline.spec()),
             priority: self.submit.priority,
+            engine_options: self.engine.options,
         };
         let mut reply = client.jobs().submit_pipeline(request).await?.into_inner();
         if self.submit.wait {
             for job in &mut reply.jobs {
                 *job = follow::to_success(context, &client, &job.id).await?;
                 context.output.note(outcome(job));
+                if job.kind() == JobKind::Score {
+                    histogram::warn(context, &client, &job.result_id).await;
+                }
             }
         }
         let text = || {
@@ -230,19 +237,13 @@ mod tests {
             assert_eq!(of(&format!("--quick {unread}")).0, (Some(1), Some(32)), "{unread}");
         }
         assert_eq!(of("--quick --steps 7 --train-batch 8"), ((Some(7), Some(32)), (Some(800), Some(8))));
-        let policy = |options: &str| {
-            let settings = gleaner_core::proto::from_struct(spec(options).train.unwrap().settings);
-            settings.get("policy").and_then(|name| name.as_str()).map(str::to_owned)
-        };
-        assert_eq!(
-            [policy("--quick"), policy("--quick --policy act"), policy("")],
-            [Some("bc".to_owned()), Some("act".to_owned()), None]
-        );
+        let unread = spec("").pretrain.unwrap().settings;
+        assert_eq!(steps(unread), (Some(1), Some(32)), "an encoder without a use is no work");
     }
 
     #[test]
     fn options_that_are_left_out_are_not_sent() {
-        assert!(spec("").pretrain.unwrap().settings.unwrap().fields.is_empty());
+        assert!(spec("--scorer ssdf").pretrain.unwrap().settings.unwrap().fields.is_empty());
         assert!(spec("").train.unwrap().settings.unwrap().fields.is_empty());
     }
 

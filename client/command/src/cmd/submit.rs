@@ -11,7 +11,7 @@ use gleaner_proto::v1::{
 };
 
 use super::plan::SnapshotArgs;
-use super::{encoder, follow};
+use super::{encoder, follow, histogram};
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::ids::{self, Kind};
@@ -35,10 +35,23 @@ pub(crate) struct JobArgs {
     /// a new one.
     #[arg(long, default_value = "", hide_default_value = true)]
     pub(crate) key: String,
-    /// Options of sbatch for this job, which win over the server's: `--engine-options="--partition=gpu --gres=gpu:1"`. Needs
-    /// the role admin and a server with `--engine slurm`.
-    #[arg(long, default_value = "", hide_default_value = true, value_name = "OPTIONS", allow_hyphen_values = true)]
-    pub(crate) engine_options: String,
+    #[command(flatten)]
+    pub(crate) engine: EngineArgs,
+}
+
+/// Options of the engine that runs the submitted jobs.
+#[derive(Args, Debug)]
+pub(crate) struct EngineArgs {
+    /// Options of sbatch for what is submitted here, which win over the server's:
+    /// `--engine-options="--partition=gpu --gres=gpu:1"`. Needs the role admin and a server with `--engine slurm`.
+    #[arg(
+        long = "engine-options",
+        default_value = "",
+        hide_default_value = true,
+        value_name = "OPTIONS",
+        allow_hyphen_values = true
+    )]
+    pub(crate) options: String,
 }
 
 #[derive(Args, Debug)]
@@ -98,7 +111,7 @@ impl ScoreCommand {
             Some(encoder) => encoder,
             None if extends.is_empty() => {
                 let task = context.task(&client, self.task.as_deref()).await?;
-                let (priority, engine_options) = (self.submit.priority, self.job.engine_options.as_str());
+                let (priority, engine_options) = (self.submit.priority, self.job.engine.options.as_str());
                 let from = encoder::From { snapshot: self.snapshot.as_deref(), priority, engine_options };
                 encoder::newest(context, &client, &task, &self.settings.values, from).await?
             }
@@ -200,12 +213,15 @@ impl Submission {
             spec: Some(JobSpec { spec: Some(self.spec) }),
             priority: args.priority,
             key: self.job.key,
-            engine_options: self.job.engine_options,
+            engine_options: self.job.engine.options,
             ..SubmitJobRequest::default()
         };
         let mut job = present(client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
         if args.wait {
             job = follow::to_success(context, client, &job.id).await?;
+        }
+        if args.wait && job.kind() == JobKind::Score {
+            histogram::warn(context, client, &job.result_id).await;
         }
         context.output.result(|| json::value(&job), || outcome(&job))?;
         context.output.next(if args.wait { after(&job) } else { format!("gleaner watch {}", job.id) });

@@ -40,8 +40,8 @@ pub(crate) enum TaskCommand {
         /// Name or id.
         task: String,
     },
-    /// Replace the specification of a task: anything while the task has no episodes and results, afterwards mappings by
-    /// which no episode was read.
+    /// Replace the specification of a task: anything while the task has no episodes and results, afterwards the
+    /// instruction, the keys of openpi's clients, and mappings by which no episode was read.
     Update {
         /// Name or id.
         task: String,

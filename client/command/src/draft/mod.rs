@@ -89,6 +89,7 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
     let spec = TaskSpec {
         name: known.name.clone(),
         instruction: String::new(),
+        openpi: Vec::new(),
         rate_hz,
         cameras: cameras.iter().map(|camera| camera.spec.clone()).collect(),
         proprioception: of(false).collect(),

@@ -1,8 +1,8 @@
 //! `experiment`: a grid of settings from a file, run as jobs of a server, in one report.
 //!
 //! `file`, `scale`, `collection`, `source`, `attempts`, `study`, `grid`, `method`, `cell` and `used` are the settings;
-//! `stage` makes a graph of them in which no stage is done twice, and `plan` shows it. `course` runs it: `recordings`, `submit`, `site` and `follow`
-//! do the work, `order` has the messages, `existing`, `known` and `state` find the work of earlier runs, and `standing`
+//! `stage` makes a graph of them in which no stage is done twice, and `plan` shows it. `course` runs it: `recordings`,
+//! `submit`, `site` and `follow` do the work, `order` has the messages, `existing`, `known` and `state` find the work of earlier runs, and `standing`
 //! is the progress. `gather` and `fetch` return the results; `pool`, `interval`, `difference` and `auroc` sum them up;
 //! `report`, `markdown`, `tables`, `plots` and `reporter` show them.
 //! `demo` is a preset with a report of its own, and `compare` runs stages on a snapshot or encoders that exist.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 try:
     import av
 except ImportError as error:
-    raise ImportError("videos need PyAV; pip install 'gleaner-client[video]'") from error
+    raise ImportError("videos need PyAV: pip install av") from error
 
 
 class Video:

@@ -148,7 +148,7 @@ def evaluate(
 
     `execute` is the number of actions of each chunk to execute before the next chunk counts (open loop).
     `video` is a folder for a video of each episode with the cameras that the policy saw, named by seed and result;
-    it needs `gleaner-client[video]`.
+    it needs PyAV (`pip install av`).
     """
     if episodes < 1:
         raise invalid("episodes", "must be at least 1")

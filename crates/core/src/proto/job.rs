@@ -8,7 +8,7 @@ use crate::{
     error::{Error, Result},
     id::JobId,
     job::{Job, JobKind, JobState, Metric},
-    order::{JobOrder, Queueing},
+    order::{JobOrder, PipelineQueueing, Queueing},
     placement::Placement,
     schedule::PipelineSpec,
 };
@@ -50,13 +50,15 @@ pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder
     Ok((field::text("task", task)?, order::order(spec)?, queueing))
 }
 
-/// The task's name or id, the pipeline, and the priority of its jobs.
+/// The task's name or id, the pipeline, and the settings of its queueing.
 ///
 /// # Errors
 /// Invalid names the field and the remedy.
-pub fn pipeline_request(request: v1::SubmitPipelineRequest) -> Result<(String, PipelineSpec, i32)> {
-    let v1::SubmitPipelineRequest { task, pipeline, priority } = request;
-    Ok((field::text("task", task)?, order::pipeline(pipeline)?, priority))
+pub fn pipeline_request(request: v1::SubmitPipelineRequest) -> Result<(String, PipelineSpec, PipelineQueueing)> {
+    let v1::SubmitPipelineRequest { task, pipeline, priority, engine_options } = request;
+    let engine_options = engine_options::engine_options("engine_options", &engine_options)?;
+    let queueing = PipelineQueueing { priority, engine_options };
+    Ok((field::text("task", task)?, order::pipeline(pipeline)?, queueing))
 }
 
 /// Filter and page of a list of jobs.
@@ -216,6 +218,14 @@ mod tests {
         assert_eq!(submit_request(options(" -p gpu ")).unwrap().2.engine_options, "-p gpu");
         assert!(refusal(options("--wrap=ls")).starts_with("engine_options: --wrap=ls: is set by the server"));
         assert!(refusal(v1::SubmitJobRequest { task: String::new(), ..request }).starts_with("task: "));
+        let pipeline = v1::SubmitPipelineRequest {
+            task: "t".into(),
+            pipeline: Some(v1::PipelineSpec { pretrain: Some(v1::PretrainSpec::default()), ..Default::default() }),
+            engine_options: "--wrap=ls".into(),
+            ..Default::default()
+        };
+        let refused = pipeline_request(pipeline).unwrap_err();
+        assert!(refused.message().starts_with("engine_options: --wrap=ls: is set by the server"), "{refused}");
 
         let list = |request| list_request(request).err().unwrap().message().to_owned();
         assert!(list(v1::ListJobsRequest { page_size: 1001, ..Default::default() }).starts_with("page_size: "));

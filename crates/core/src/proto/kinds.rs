@@ -62,7 +62,7 @@ mod tests {
         let v1::ListKindsResponse { jobs, policies, weightings, objectives, scorers } = list();
         let names = |kinds: &[v1::Kind]| kinds.iter().map(|kind| kind.name.clone()).collect::<Vec<_>>();
         assert_eq!(names(&jobs), ["pretrain", "score", "train", "evaluate"]);
-        assert_eq!((names(&policies)[0].as_str(), names(&scorers)[0].as_str()), ("finetune", "raw"));
+        assert_eq!((names(&policies)[0].as_str(), names(&scorers)[0].as_str()), ("bc", "raw"));
         assert_eq!(
             (names(&weightings)[0].as_str(), &names(&objectives)[..]),
             ("quality", &["mtp", "tr", "aa"].map(str::to_owned)[..])

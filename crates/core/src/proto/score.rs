@@ -7,7 +7,7 @@ use super::{field, snapshot};
 use crate::{
     error::{Error, Result},
     id::{EpisodeId, ScoreRunId},
-    score::{EpisodeScores, Histogram, KeptCount, RunCounts, ScoreRun},
+    score::{EpisodeScores, ExpertRanking, Histogram, KeptCount, RunCounts, ScoreRun},
 };
 
 const MAX_BINS: u32 = 1000;
@@ -49,8 +49,10 @@ pub fn histogram_request(request: v1::GetHistogramRequest) -> Result<(ScoreRunId
     Ok((run, Histogram::new(bins, &betas)))
 }
 
-/// A filled histogram, and the AUROC of experts.
-pub fn histogram_response(histogram: &Histogram, expert_auroc: Option<f64>) -> v1::GetHistogramResponse {
+/// A filled histogram, and how often q ranks experts higher.
+pub fn histogram_response(histogram: &Histogram, ranking: ExpertRanking) -> v1::GetHistogramResponse {
+    let ExpertRanking { all, cohorts } = ranking;
+    let cohorts = cohorts.into_iter().map(|(cohort, expert_auroc)| v1::CohortAuroc { cohort, expert_auroc });
     let kept = histogram.kept().into_iter().map(|KeptCount { beta, segments, episodes, expert_segments }| {
         v1::KeptCount { beta, segments, episodes, expert_segments }
     });
@@ -59,8 +61,15 @@ pub fn histogram_response(histogram: &Histogram, expert_auroc: Option<f64>) -> v
         segments: histogram.segments(),
         kept: kept.collect(),
         expert_counts: histogram.expert_counts().to_vec(),
-        expert_auroc,
+        expert_auroc: all,
+        cohorts: cohorts.collect(),
     }
+}
+
+/// How often q ranks experts higher, of a histogram.
+pub fn expert_ranking(histogram: &v1::GetHistogramResponse) -> ExpertRanking {
+    let cohorts = histogram.cohorts.iter().map(|of| (of.cohort.clone(), of.expert_auroc)).collect();
+    ExpertRanking { all: histogram.expert_auroc, cohorts }
 }
 
 /// A score run with its counts.

@@ -5,7 +5,8 @@ use gleaner_proto::v1;
 use super::field;
 use crate::task_spec::default_static_topic;
 use crate::{
-    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Mapping, RecordedSize, TaskSpec, Transform,
+    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Mapping, OpenpiKey, RecordedSize, TaskSpec,
+    Transform,
     error::{Error, Result},
     task::{OutcomeCounts, Task},
 };
@@ -18,8 +19,18 @@ const TOLERANCE: f64 = 0.25;
 /// # Errors
 /// Invalid under `spec.alignment` for an alignment that this build does not have.
 pub fn spec_from_proto(spec: v1::TaskSpec) -> Result<TaskSpec> {
-    let v1::TaskSpec { name, rate_hz, cameras, proprioception, action, alignment, tolerance, mappings, instruction } =
-        spec;
+    let v1::TaskSpec {
+        name,
+        rate_hz,
+        cameras,
+        proprioception,
+        action,
+        alignment,
+        tolerance,
+        mappings,
+        instruction,
+        openpi,
+    } = spec;
     Ok(TaskSpec {
         name,
         instruction,
@@ -30,6 +41,7 @@ pub fn spec_from_proto(spec: v1::TaskSpec) -> Result<TaskSpec> {
         alignment: alignment_from(alignment)?,
         tolerance: tolerance.unwrap_or(TOLERANCE),
         mappings: mappings.into_iter().map(mapping_from).collect(),
+        openpi: openpi.into_iter().map(|v1::OpenpiKey { name, key }| OpenpiKey { name, key }).collect(),
     })
 }
 
@@ -100,7 +112,18 @@ pub fn task(task: Task, counts: OutcomeCounts) -> v1::Task {
 /// A specification as its message.
 #[must_use]
 pub fn spec_to_proto(spec: TaskSpec) -> v1::TaskSpec {
-    let TaskSpec { name, instruction, rate_hz, cameras, proprioception, action, alignment, tolerance, mappings } = spec;
+    let TaskSpec {
+        name,
+        instruction,
+        rate_hz,
+        cameras,
+        proprioception,
+        action,
+        alignment,
+        tolerance,
+        mappings,
+        openpi,
+    } = spec;
     let alignment = match alignment {
         Alignment::LatestBefore => v1::Alignment::LatestBefore,
         Alignment::Nearest => v1::Alignment::Nearest,
@@ -115,6 +138,7 @@ pub fn spec_to_proto(spec: TaskSpec) -> v1::TaskSpec {
         tolerance: Some(tolerance),
         mappings: mappings.into_iter().map(mapping_to).collect(),
         instruction,
+        openpi: openpi.into_iter().map(|OpenpiKey { name, key }| v1::OpenpiKey { name, key }).collect(),
     }
 }
 
@@ -174,6 +198,7 @@ pub(crate) mod tests {
         TaskSpec {
             name: "reach".into(),
             instruction: "reach the cube".into(),
+            openpi: vec![OpenpiKey { name: "hand".into(), key: "observation/wrist_image".into() }],
             rate_hz: 10.0,
             cameras: vec![CameraSpec {
                 name: "front".into(),

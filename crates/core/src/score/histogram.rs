@@ -1,5 +1,4 @@
-//! The distribution of q in a run, and what thresholds keep of it: filled episode by episode. How often q ranks experts
-//! above imperfect segments.
+//! The distribution of q in a run, and what thresholds keep of it: filled episode by episode.
 
 use crate::selection::Filter;
 
@@ -111,23 +110,6 @@ impl Histogram {
     }
 }
 
-/// The AUROC of q between the segments of experts and imperfect ones: the share of pairs in which the expert's q is
-/// higher, ties counted half. Below 0.5 the scores favour imperfect episodes. `None` without one of the two. Sorts both.
-pub fn expert_auroc(mut imperfect: Vec<f32>, mut experts: Vec<f32>) -> Option<f64> {
-    [&mut imperfect, &mut experts].into_iter().for_each(|q| q.sort_unstable_by(f32::total_cmp));
-    let (mut below, mut upto, mut doubled) = (0, 0, 0_u128);
-    for q in &experts {
-        below += imperfect[below..].iter().take_while(|other| *other < q).count();
-        upto = upto.max(below);
-        upto += imperfect[upto..].iter().take_while(|other| *other <= q).count();
-        doubled += (below + upto) as u128;
-    }
-    let pairs = (experts.len() * imperfect.len()) as u128;
-    #[expect(clippy::cast_precision_loss, reason = "a share to read")]
-    let share = (pairs > 0).then(|| doubled as f64 / (2 * pairs) as f64);
-    share
-}
-
 /// The bin of q among `bins` equal ones.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates; then clamped")]
 fn bin(q: f32, bins: usize) -> usize {
@@ -148,18 +130,6 @@ mod tests {
         assert_eq!((histogram.counts(), histogram.expert_counts()), (&[1, 0, 0, 0][..], &[1, 0, 0, 2][..]));
         let kept = histogram.kept()[0];
         assert_eq!((histogram.segments(), kept.segments, kept.expert_segments), (1, 0, 2));
-    }
-
-    #[test]
-    fn the_auroc_of_experts_is_the_share_of_pairs_that_they_win() {
-        let auroc = |imperfect: &[f32], experts: &[f32]| expert_auroc(imperfect.to_vec(), experts.to_vec());
-        assert_eq!(auroc(&[0.1, 0.2], &[0.3, 0.9]), Some(1.0));
-        assert_eq!(auroc(&[0.5, 0.5], &[0.5]), Some(0.5));
-        assert_eq!(auroc(&[0.1, 0.5, 0.9], &[0.2, 0.5]), Some(2.5 / 6.0));
-        assert_eq!(auroc(&[1.0], &[0.0]), Some(0.0));
-        // An outlier leaves the others close together.
-        assert_eq!(auroc(&[0.0, 0.999_998, 0.999_997], &[1.0, 0.999_999]), Some(1.0));
-        assert_eq!((auroc(&[0.1], &[]), auroc(&[], &[0.1])), (None, None));
     }
 
     #[test]

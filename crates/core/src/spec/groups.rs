@@ -120,8 +120,8 @@ impl ModelSpec {
 }
 
 crate::settings! {
-    /// Random changes to the inputs of a training batch; off by default. All images of one episode in a batch change
-    /// alike, so that motion between them is preserved; proprioception changes at each step.
+    /// Random changes to the inputs of a training batch; off by default in pretraining. All images of one episode in a
+    /// batch change alike, so that motion between them is preserved; proprioception changes at each step.
     #[derive(Copy)]
     pub struct Augmentation {
         /// Shift images randomly by up to this many pixels along each axis; edge pixels are repeated (0: off). Larger

@@ -15,8 +15,9 @@ pub(super) fn pretrain(values: Values) -> Values {
     complete(flat(values))
 }
 
-/// A training's settings in today's form.
-pub(super) fn train(values: Values) -> Values {
+/// A training's settings in today's form. Those without a policy are of the one that was the default.
+pub(super) fn train(mut values: Values) -> Values {
+    values.entry(Family::Policy.as_str()).or_insert_with(|| "finetune".into());
     used(Family::Weighting, used(Family::Policy, chunked(complete(flat(values)))))
 }
 
@@ -35,12 +36,15 @@ fn chunked(mut values: Values) -> Values {
 }
 
 /// Adds the settings that earlier versions lacked, with the values they used: they read the action from the
-/// proprioception, and drew the weights of keypoints like all others. Before a default changes, its old value is added
+/// proprioception, drew the weights of keypoints like all others, and changed no inputs. Before a default changes, its old value is added
 /// here.
 fn complete(mut values: Values) -> Values {
     values.entry("action_token").or_insert_with(|| ActionToken::Proprioception.as_str().into());
     values.entry("image_encoder").or_insert_with(|| ImageEncoder::Keypoints.as_str().into());
     values.entry("keypoint_gain").or_insert_with(|| 1.0.into());
+    // Off, before some policies had them by default.
+    values.entry("shift_pixels").or_insert_with(|| 0.into());
+    values.entry("proprioception_dropout").or_insert_with(|| 0.0.into());
     values
 }
 

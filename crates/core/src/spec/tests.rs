@@ -38,7 +38,7 @@ fn a_setting_of_another_kind_is_rejected() {
         "chunk_length: has no effect: the policy bc does not use it, only act, flow, diffusion; leave it out"
     );
     assert!(message(json!({"chunk_lenght": 3})).starts_with("chunk_lenght: unknown setting; supported: policy, "));
-    assert!(message(json!({"policy": "magic"})).contains("supported: finetune, "));
+    assert!(message(json!({"policy": "magic"})).contains("supported: bc, "));
     let scoring = values(json!({"scorer": "classifier", "similarity": "last_l2"}));
     assert!(ScoreSpec::from_values(&scoring).unwrap_err().to_string().starts_with("similarity: has no effect"));
 }
@@ -66,10 +66,25 @@ fn specs_of_earlier_versions_are_read() {
     .unwrap();
     let expected = json!({
         "preset": "base", "image_encoder": "keypoints", "keypoint_gain": 1.0, "image_weights": "",
+        "shift_pixels": 0, "brightness": 0.0, "contrast": 0.0, "proprioception_noise": 0.0, "proprioception_dropout": 0.0,
         "initial_weights": "random", "history_steps": 0, "history_dropout": 0.5, "image_tokens": "embedding",
         "chunk_length": 5, "chunk_network": "transformer", "chunk_execution": "ensembled", "execute_length": 5, "kl_weight": 1.0, "latent_size": 8,
     });
-    assert_eq!(Value::Object(train.policy.settings), expected);
+    assert_eq!(Value::Object(train.policy.settings.clone()), expected);
+    assert_eq!(train.augmentation(), Ok(Augmentation::default()));
+    let train: TrainSpec = serde_json::from_value(json!({"optim": {"steps": 9}})).unwrap();
+    assert_eq!((train.policy.name.as_str(), train.augmentation()), ("finetune", Ok(Augmentation::default())));
+    for augmentation in
+        [json!({"shift_pixels": 4, "contrast": 0.2}), json!({"augmentation": {"shift_pixels": 4, "contrast": 0.2}})]
+    {
+        let mut stored = values(json!({"policy": "bc", "steps": 9}));
+        stored.extend(values(augmentation));
+        let train: TrainSpec = serde_json::from_value(Value::Object(stored)).unwrap();
+        let read = train.augmentation().unwrap();
+        assert_eq!((read.shift_pixels, read.contrast, read.proprioception_dropout), (4, 0.2, 0.0), "as it was stored");
+    }
+    let bc = TrainSpec::default();
+    assert_eq!((bc.policy.name.as_str(), bc.augmentation().unwrap().shift_pixels), ("bc", 2));
     let score: ScoreSpec = serde_json::from_value(json!({
         "scorer": "ssdf", "similarity": "last_cosine", "feature_scale": "plain", "yardstick": "none",
         "normaliser": "min_max", "modality_scale": [1.0, 0.5, 2.0], "seed": 3, "device": "cpu", "threads": null,

@@ -13,8 +13,6 @@ use crate::settings::Group as _;
 pub struct TrainSpec {
     /// The policy, with its own settings.
     pub policy: Chosen,
-    /// Random changes to inputs.
-    pub augmentation: Augmentation,
     /// Optimiser and batches: each batch is of `batch` expert and `batch` kept segments.
     pub optim: OptimSpec,
     /// The weighting of kept imperfect segments, with its own settings.
@@ -40,7 +38,6 @@ impl Default for TrainSpec {
     fn default() -> Self {
         Self {
             policy: Chosen::first(Family::Policy),
-            augmentation: Augmentation::default(),
             optim: OptimSpec::default(),
             weighting: Chosen::first(Family::Weighting),
             validation_share: Validation::default().validation_share,
@@ -54,7 +51,7 @@ impl TrainSpec {
     /// Every setting that all policies have.
     #[must_use]
     pub fn schema() -> Vec<Setting> {
-        let groups = [Augmentation::schema(), Validation::schema(), OptimSpec::schema(), RunSpec::schema()];
+        let groups = [Validation::schema(), OptimSpec::schema(), RunSpec::schema()];
         [vec![choice(Family::Policy), choice(Family::Weighting)], groups.concat()].concat()
     }
 
@@ -77,7 +74,6 @@ impl TrainSpec {
         Ok(Self {
             policy,
             weighting: weighting.chosen(&values),
-            augmentation: Augmentation::read(&values)?,
             optim,
             validation_share,
             run: RunSpec::read(&values)?,
@@ -93,6 +89,21 @@ impl TrainSpec {
         self.policy.read().map(|ImageWeightsSpec { image_weights }| image_weights)
     }
 
+    /// Random changes to the policy's inputs.
+    ///
+    /// # Errors
+    /// A value that is not allowed; settings that were read before have none such.
+    pub fn augmentation(&self) -> Result<Augmentation, Problem> {
+        self.policy.read()
+    }
+
+    /// The same settings with these changes to the policy's inputs.
+    #[must_use]
+    pub fn with_augmentation(mut self, augmentation: Augmentation) -> Self {
+        augmentation.write(&mut self.policy.settings);
+        self
+    }
+
     /// The same settings with these weights of the policy's image encoder.
     #[must_use]
     pub fn with_image_weights(mut self, image_weights: ImageWeights) -> Self {
@@ -103,11 +114,10 @@ impl TrainSpec {
     /// Every setting with its value.
     #[must_use]
     pub fn values(&self) -> Values {
-        let Self { policy, weighting, augmentation, optim, validation_share, run, threads: _ } = self;
+        let Self { policy, weighting, optim, validation_share, run, threads: _ } = self;
         let mut values = Values::new();
         policy.write(Family::Policy, &mut values);
         weighting.write(Family::Weighting, &mut values);
-        augmentation.write(&mut values);
         Validation { validation_share: *validation_share }.write(&mut values);
         optim.write(&mut values);
         run.write(&mut values);

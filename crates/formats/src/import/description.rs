@@ -29,6 +29,7 @@ pub(super) fn empty_task(rate_hz: f64) -> TaskSpec {
     TaskSpec {
         name: "dataset".to_owned(),
         instruction: String::new(),
+        openpi: Vec::new(),
         rate_hz,
         cameras: Vec::new(),
         proprioception: Vec::new(),

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::number_in;
-use gleaner_core::{Group as _, ModelSpec};
+use gleaner_core::{Augmentation, Group as _, ModelSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
@@ -26,7 +26,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     title: "SSDF",
     about: "The pretrained transformer, finetuned: a causal pass that predicts the newest action.",
     needs: Needs { encoder: true, history: true, images: true, all_episodes: false },
-    settings: HistorySpec::schema,
+    settings: || [HistorySpec::schema(), Augmentation::schema()].concat(),
     model,
     init,
     load,

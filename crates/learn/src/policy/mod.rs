@@ -37,7 +37,7 @@ use kind::{PolicyKind, PolicyModel};
 
 /// Every policy; the first is the default.
 const POLICIES: [&PolicyKind; 7] =
-    [&finetune::KIND, &tf_bc::KIND, &bc::KIND, &act::KIND, &flow::KIND, &diffusion::KIND, &perceptron::KIND];
+    [&bc::KIND, &finetune::KIND, &tf_bc::KIND, &act::KIND, &flow::KIND, &diffusion::KIND, &perceptron::KIND];
 
 /// The policy of that name.
 fn find(name: &str) -> Result<&'static PolicyKind, LearnError> {

@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use gleaner_core::TrainSpec;
+use gleaner_core::{Augmentation, TrainSpec};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
@@ -37,22 +37,32 @@ pub(super) struct Assembly<'a> {
     /// That of the proprioception.
     standard: Standard,
     history_dropout: f64,
+    augmentation: Augmentation,
     spec: &'a TrainSpec,
     part: Part,
 }
 
 impl<'a> Assembly<'a> {
     /// For `policy`, whose task has this `shape`, and a part of its batches.
-    pub(super) fn new(policy: &dyn PolicyModel, shape: &'a TaskShape, spec: &'a TrainSpec, part: Part) -> Self {
+    ///
+    /// # Errors
+    /// A setting of the augmentation that is not allowed.
+    pub(super) fn new(
+        policy: &dyn PolicyModel,
+        shape: &'a TaskShape,
+        spec: &'a TrainSpec,
+        part: Part,
+    ) -> Result<Self, LearnError> {
         let info = policy.info();
         let (device, window, chunk) = (info.device, info.window, info.chunk);
-        Self {
+        Ok(Self {
             form: Form { shape, device, window, chunk },
             standard: info.statistics.proprioception.shared(),
             history_dropout: policy.history_dropout(),
+            augmentation: spec.augmentation()?,
             spec,
             part,
-        }
+        })
     }
 }
 
@@ -86,7 +96,7 @@ impl Source<'_> {
             draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.batch));
         let drawn = self.segments.draw(&mut segments, of.spec.optim.batch, of.spec.optim.stretch);
         let (mut batch, wanted) = self.collect_part(&of.form, &drawn, of.part)?;
-        augment(&mut batch, &of.spec.augmentation, &of.standard, &mut images);
+        augment(&mut batch, &of.augmentation, &of.standard, &mut images);
         let hidden = hide_past(&batch.windows, &batch.whole.windows, batch.whole.count, of.history_dropout, &mut noise);
         Ok(Assembled { batch, wanted, hidden, noise })
     }

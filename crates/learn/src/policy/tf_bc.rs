@@ -2,7 +2,7 @@
 //! data. The comparison with it shows the value of pretraining.
 
 use gleaner_core::kinds::Needs;
-use gleaner_core::{Group as _, ImageWeightsSpec, ModelSpec};
+use gleaner_core::{Augmentation, Group as _, ImageWeightsSpec, ModelSpec};
 
 use super::finetune::{self, CausalTransformer, HistorySpec};
 use super::kind::{NewPolicy, PolicyInit, PolicyKind};
@@ -15,7 +15,9 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     title: "TF-BC",
     about: "The transformer of finetune from scratch, without pretraining.",
     needs: Needs { encoder: false, history: true, images: true, all_episodes: false },
-    settings: || [ModelSpec::schema(), ImageWeightsSpec::schema(), HistorySpec::schema()].concat(),
+    settings: || {
+        [ModelSpec::schema(), ImageWeightsSpec::schema(), HistorySpec::schema(), Augmentation::schema()].concat()
+    },
     model,
     init,
     load: finetune::load,

@@ -68,7 +68,7 @@ pub fn train_policy_with(
     let Participant { resume, peers, monitor } = participant;
     shape.validate()?;
     peers.can_share(spec.optim.batch)?;
-    shape::augmentation_fits(&spec.augmentation, shape)?;
+    shape::augmentation_fits(&spec.augmentation()?, shape)?;
     if experts.is_empty() {
         return Err(LearnError::invalid("experts", "has no episode to learn from"));
     }
@@ -87,7 +87,7 @@ pub fn train_policy_with(
             Resumed::Finished(bytes) => return Ok(peers.lead().then_some(bytes)),
             Resumed::Unfinished(training) => training,
         };
-        let assembly = Assembly::new(training.network().as_ref(), shape, spec, peers.part());
+        let assembly = Assembly::new(training.network().as_ref(), shape, spec, peers.part())?;
         let sources = &sources;
         let assemble = move |number| sources.assemble(&assembly, spec.run.seed, number);
         let loss = |policy: &Policy, batches| sources.loss(policy.as_ref(), batches);

@@ -1,6 +1,6 @@
 //! Maps as openpi's example clients send them, and maps that do not fit.
 
-use gleaner_core::RecordedSize;
+use gleaner_core::{OpenpiKey, RecordedSize};
 use proptest::prelude::*;
 
 use super::*;
@@ -18,6 +18,7 @@ fn task(cameras: &[&str], fields: &[(&str, u32)]) -> TaskSpec {
     TaskSpec {
         name: "stack".into(),
         instruction: String::new(),
+        openpi: Vec::new(),
         rate_hz: 10.0,
         cameras: cameras.iter().map(camera).collect(),
         proprioception: fields.iter().map(field).collect(),
@@ -77,6 +78,34 @@ fn aloha_nests_its_images_channel_by_channel() {
     let read = request(&bytes(&message), &task(&["cam_high"], &[("qpos", 14)])).unwrap();
     assert!(read.reset);
     assert_eq!(raw(&read.cameras[0])[..6], [0, 100, 200, 1, 101, 201]);
+}
+
+#[test]
+fn libero_is_read_by_the_keys_of_the_task() {
+    let mut task = task(&["front", "hand"], &[("pose", 6), ("gripper", 2)]);
+    let given = |name: &str, key: &str| OpenpiKey { name: name.into(), key: key.into() };
+    task.openpi = vec![given("front", "observation/image"), given("hand", "wrist_image")];
+    let wrist = packed("|u1", &[2, 4, 3], &[9; 24]);
+    let sent = |front: &str, state: Vec<(&'static str, Value)>| {
+        let mut entries = vec![(front, image()), ("observation/wrist_image", wrist.clone())];
+        entries.extend(state);
+        entries.push(("prompt", Value::from("put the bowl on the plate")));
+        bytes(&map(entries))
+    };
+    let state = || vec![("observation/state", floats(&[0.5; 8]))];
+    let read = request(&sent("observation/image", state()), &task).unwrap();
+    assert_eq!((raw(&read.cameras[0])[23], raw(&read.cameras[1])[23]), (23, 9));
+    assert_eq!(read.proprioception, [0.5; 8]);
+    let error = request(&sent("observation/front", state()), &task).unwrap_err();
+    let words = "observation/image: is missing; the message has front, wrist_image, state, prompt; if the client names";
+    assert!(error.message().starts_with(words), "{error}");
+
+    task.openpi.push(given("gripper", "observation/gripper/width"));
+    let apart = vec![("pose", floats(&[1.0; 6])), ("observation", map(vec![("gripper/width", floats(&[2.0, 3.0]))]))];
+    let read = request(&sent("image", apart), &task).unwrap();
+    assert_eq!(read.proprioception, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 3.0]);
+    let error = request(&sent("image", state()), &task).unwrap_err();
+    assert!(error.message().starts_with("observation/pose: is missing"), "each field has its own key: {error}");
 }
 
 #[test]

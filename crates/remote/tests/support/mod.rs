@@ -17,6 +17,7 @@ pub(crate) fn task() -> TaskSpec {
     TaskSpec {
         name: "t".into(),
         instruction: String::new(),
+        openpi: Vec::new(),
         rate_hz: 10.0,
         cameras: vec![CameraSpec { name: "top".into(), height: 1, width: 2, depth: false, recorded: None }],
         proprioception: vec![FieldSpec::new("joints", 2)],

@@ -114,6 +114,7 @@ pub fn task_spec(task: Task, config: &SimConfig) -> TaskSpec {
     let mut spec = TaskSpec {
         name: task.name().to_owned(),
         instruction: String::new(),
+        openpi: Vec::new(),
         rate_hz: f64::from(RATE_HZ),
         cameras: vec![camera("table"), camera("hand")],
         proprioception: fields(HAND).chain(fields(goal)).collect(),

@@ -1,6 +1,9 @@
 //! The histogram of q with the threshold, and the experts beside it.
 
-use gleaner_core::{score::Histogram, selection::Rule};
+use gleaner_core::{
+    score::{ExpertRanking, Histogram},
+    selection::Rule,
+};
 use maud::{Markup, html};
 
 use crate::plot::Frame;
@@ -54,15 +57,18 @@ fn stairs(heights: &[f64]) -> Vec<(f64, f64)> {
     heights.iter().zip(places).flat_map(|(height, from)| [(from, *height), (from + 1.0 / bins, *height)]).collect()
 }
 
-/// The share of pairs in which q ranks the expert higher, with a warning below one half.
-pub(super) fn separation(auroc: Option<f64>) -> Markup {
-    let Some(auroc) = auroc else { return html! {} };
+/// The share of pairs in which q ranks the expert higher, of each cohort too, with the warnings about it.
+pub(super) fn separation(ranking: &ExpertRanking) -> Markup {
+    let Some(all) = ranking.all else { return html! {} };
+    let percent = |share: f64| format!("{:.0}\u{a0}%", 100.0 * share);
+    let cohorts: Vec<String> =
+        ranking.cohorts.iter().map(|(cohort, share)| format!("{cohort} {}", percent(*share))).collect();
     html! {
-        p.soft { "Bars: imperfect segments. Line: segments of experts, scaled to the same number. In "
-            (format!("{:.0}\u{a0}%", 100.0 * auroc)) " of pairs the expert's segment has the higher q (ties count half)." }
-        @if auroc < 0.5 {
-            p.note.bad { "The scores favour imperfect episodes over experts. Check the labels, and the scores of some episodes, before "
-                "a dataset is made from this run." }
+        p.soft { "Bars: imperfect segments. Line: segments of experts, scaled to the same number. In " (percent(all))
+            " of pairs the expert's segment has the higher q (ties count half)"
+            @if cohorts.len() > 1 { "; by cohort: " (cohorts.join(", ")) } "." }
+        @for warning in ranking.warnings() {
+            p.note.bad { "Warning: " (warning) "." }
         }
     }
 }
@@ -79,7 +85,7 @@ mod tests {
         assert_eq!(drawn.matches("class=\"q kept\"").count(), 3);
         assert_eq!(drawn.matches("class=\"q\"").count(), 7);
         assert_eq!(drawn.matches("class=\"beta\"").count(), 1);
-        assert!(!drawn.contains("line experts") && separation(None).into_string().is_empty());
+        assert!(!drawn.contains("line experts") && separation(&ExpertRanking::default()).into_string().is_empty());
         let drawn = histogram(&Histogram::new(10, &[]), Rule::TopFraction(0.5)).into_string();
         assert!(!drawn.contains("kept") && !drawn.contains("class=\"beta\"") && !drawn.contains("NaN"));
     }
@@ -91,8 +97,17 @@ mod tests {
         run.add_expert([0.9].into_iter());
         let drawn = histogram(&run, Rule::Beta(0.5)).into_string();
         assert_eq!(drawn.matches("line experts").count(), 1);
-        let shown = separation(Some(0.63)).into_string();
-        assert!(shown.contains("63\u{a0}%") && !shown.contains("favour"), "{shown}");
-        assert!(separation(Some(0.49)).into_string().contains("favour imperfect episodes"));
+        let ranking = |all, cohorts: &[(&str, f64)]| {
+            let cohorts = cohorts.iter().map(|(name, share)| ((*name).to_owned(), *share)).collect();
+            separation(&ExpertRanking { all: Some(all), cohorts }).into_string()
+        };
+        let shown = ranking(0.63, &[("late", 0.7), ("wrong", 0.56)]);
+        assert!(
+            shown.contains("63\u{a0}%") && shown.contains("by cohort: late 70\u{a0}%, wrong 56\u{a0}%."),
+            "{shown}"
+        );
+        assert!(!shown.contains("Warning"), "{shown}");
+        assert!(ranking(0.49, &[("late", 0.49)]).contains("favour imperfect episodes"));
+        assert!(ranking(0.6, &[("late", 0.7), ("wrong", 0.5)]).contains("hardly tell cohort wrong"));
     }
 }

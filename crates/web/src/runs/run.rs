@@ -81,7 +81,7 @@ async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatI
     Ok(html! {
         section.panel.threshold aria-label="Threshold" {
             (picture::histogram(&histogram, what.selection.rule))
-            (picture::separation(summary.expert_auroc().await?))
+            (picture::separation(&summary.expert_ranking().await?))
             div.row {
                 form #threshold.row method="get" action=(format!("/runs/{run}")) data-run=(run.as_str()) {
                     label for="slider" { "Keep segments with q above β" }

@@ -13,6 +13,7 @@ fn spec() -> TaskSpec {
     TaskSpec {
         name: "stack".into(),
         instruction: String::new(),
+        openpi: Vec::new(),
         rate_hz: 10.0,
         cameras: vec![camera("front", 8, 16, true), camera("wrist", 6, 10, false)],
         proprioception: Vec::new(),

@@ -10,7 +10,7 @@ use crate::{
     domain::{
         id::BlobId,
         job::{Job, JobSpec},
-        order::{JobOrder, Queueing},
+        order::{JobOrder, PipelineQueueing, Queueing},
         schedule::PipelineSpec,
         selection::SelectionShape,
         snapshot::RoleRule,
@@ -127,7 +127,8 @@ async fn every_job_of_a_pipeline_gets_its_content() {
         scoring: None,
         evaluate: None,
     };
-    let (jobs, _) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline, 0, None).await.unwrap();
+    let (jobs, _) =
+        bench.jobs.submit_pipeline(&bench.task.id, &pipeline, PipelineQueueing::default(), None).await.unwrap();
     let digests: Vec<_> = jobs.iter().map(|job| digest_of(&job.spec)).collect();
     assert_eq!(digests, [Some(digest(b"weights")), None, Some(digest(b"weights"))]);
 }

@@ -272,7 +272,7 @@ async fn jobs_on_imported_scores_wait_for_no_job() {
             .is_empty()
     );
 
-    let finetune = |dataset| JobOrder::Train { data: TrainData::Dataset(dataset), spec: TrainSpec::default() };
+    let finetune = |dataset| JobOrder::Train { data: TrainData::Dataset(dataset), spec: results::finetune() };
     let error = submit(&bench, finetune(plain)).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition);
     assert!(error.message().contains("imported without an encoder"), "{error}");

@@ -1,19 +1,20 @@
 //! Retries on a queue without workers.
 
-use gleaner_core::{EvaluateSpec, PretrainSpec, TrainSpec};
+use gleaner_core::{EvaluateSpec, PretrainSpec};
 
 use super::*;
 use crate::{
     domain::{
         attempt::AttemptEnd,
         job::JobSpec,
-        order::{JobFilter, JobOrder, Queueing, Subject, TrainData},
+        order::{JobFilter, JobOrder, PipelineQueueing, Queueing, Subject, TrainData},
         schedule::PipelineSpec,
         selection::Selection,
         snapshot::RoleRule,
     },
     error::Kind,
     jobs::testing::Bench,
+    store::testing::results,
 };
 
 fn pipeline() -> PipelineSpec {
@@ -26,7 +27,7 @@ fn pipeline() -> PipelineSpec {
         beta: Some(0.75),
         top_fraction: None,
         shape: crate::domain::selection::SelectionShape::default(),
-        train: Some(TrainSpec::default()),
+        train: Some(results::finetune()),
         evaluate: None,
     }
 }
@@ -56,7 +57,16 @@ impl Bench {
 #[tokio::test]
 async fn dependents_of_a_failed_job_follow_its_retry() {
     let bench = Bench::new().await;
-    let (old, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 3, None).await.unwrap();
+    let (old, dataset) = bench
+        .jobs
+        .submit_pipeline(
+            &bench.task.id,
+            &pipeline(),
+            PipelineQueueing { priority: 3, ..PipelineQueueing::default() },
+            None,
+        )
+        .await
+        .unwrap();
     let refused = bench.jobs.retry(&old[0].id).await.unwrap_err();
     assert!(refused.kind() == Kind::Precondition && refused.message().contains("queued"), "{refused}");
     let (attempt, _) = bench.claim().await;
@@ -146,7 +156,7 @@ fn every_spec_can_be_ordered_again() {
             encoder_id,
             snapshot_id: snapshot.clone(),
             dataset_id,
-            spec: TrainSpec::default(),
+            spec: results::finetune(),
         })
     };
     let data = |order| {

@@ -1,6 +1,6 @@
 //! Results of jobs as fixtures: rows as those of a worker's results.
 
-use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
+use gleaner_core::{Chosen, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
 
 use super::super::{Store, encoder as encoders, policy as policies, row::Column as _, score, sql};
 use crate::domain::{
@@ -145,6 +145,12 @@ pub(crate) fn scores(episode: &EpisodeId, role: Role, q: &[f32]) -> EpisodeScore
     }
 }
 
+/// A training that begins with an encoder.
+pub(crate) fn finetune() -> TrainSpec {
+    let policy = Chosen::new(Family::Policy, "finetune").unwrap();
+    TrainSpec { policy, ..TrainSpec::default() }
+}
+
 /// A finished policy, trained on experts alone, with this checkpoint.
 pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkpoint: BlobId) -> Policy {
     let id = PolicyId::new();
@@ -152,7 +158,7 @@ pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkp
         encoder_id: Some(encoder.id.clone()),
         snapshot_id: encoder.snapshot_id.clone(),
         dataset_id: None,
-        spec: TrainSpec::default(),
+        spec: finetune(),
     };
     let training = Training {
         job_id: job(store, task, spec, id.as_str()).await,

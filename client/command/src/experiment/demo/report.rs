@@ -20,6 +20,8 @@ pub(crate) struct Report {
     pub(crate) cell: CellSettings,
     pub(crate) recorded: Vec<CohortCount>,
     pub(crate) separation: Vec<Separation>,
+    /// What a user should look at before they select segments by these scores.
+    pub(crate) warnings: Vec<String>,
     pub(crate) thresholds: Vec<Threshold>,
     /// Counts of equal bins of q over [0, 1], by the server.
     pub(crate) histogram: Vec<u64>,
@@ -93,6 +95,9 @@ impl Report {
                     row.cohort, row.episodes, row.good_steps, row.wrong_steps
                 ),
             );
+        }
+        for warning in &self.warnings {
+            text.push_str(&format!("\nWarning: {warning}.\n"));
         }
     }
 
@@ -199,6 +204,7 @@ mod tests {
                 auroc: None,
                 interval: None,
             }],
+            warnings: vec!["the scores favour cohort late".into()],
             thresholds: vec![Threshold {
                 beta: 0.9,
                 selected: Selected { kept: 25, of: 100, share: 0.25, precision: Some(0.5), recall: Some(0.125) },
@@ -224,6 +230,7 @@ mod tests {
         for row in [
             "| expert | 4 | 120 | 4 |",
             "| all | 6 | 100 | 0 | 0.750 | - | - |",
+            "Warning: the scores favour cohort late.",
             "| 0.9 | 25 | 25.0 % | 50.0 % | 12.5 % |",
             "| experts | 1 of 4, 25.0 % | 2.0 ms | 4.2 ms |",
             "The same 4 episodes for each, none of them recorded; the dataset's β is 0.5, λ is 0.1, q is the share of expert steps that are at most as good.",

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use gleaner_client::{Client, DrivePlan};
 use gleaner_core::Device;
+use gleaner_core::proto::score::expert_ranking;
 use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{DeployRequest, GetDatasetRequest, GetHistogramRequest, GetHistogramResponse, Job};
 
@@ -53,7 +54,9 @@ impl<'a> Run<'a> {
         let submitted = self.jobs(folder, &recordings).await?;
         let [base, gleaned] = self.chains()?;
         let run = self.result_of(&submitted, &gleaned, "score")?.id.clone();
-        let GetHistogramResponse { counts: histogram, expert_counts: experts, .. } = self.histogram(&run).await?;
+        let reply = self.histogram(&run).await?;
+        let warnings = expert_ranking(&reply).warnings();
+        let GetHistogramResponse { counts: histogram, expert_counts: experts, .. } = reply;
         let comparing = Instant::now();
         let episodes = Gatherer::new(self.client, &recordings, experiment, &self.graph).episodes(&run).await?;
         self.done("compare with mark", comparing.elapsed(), format!("{} imperfect episodes", episodes.len()));
@@ -71,6 +74,7 @@ impl<'a> Run<'a> {
             cell: present(self.plan.cells().last(), "a cell")?.clone(),
             recorded: recordings.counts(experiment.recordings.source()),
             separation: separations(&episodes),
+            warnings,
             thresholds: self.plan.betas.iter().map(threshold).collect(),
             histogram,
             experts,

@@ -162,12 +162,13 @@ fn a_pipeline_with_a_missing_stage_is_rejected() {
     let repeated = v1::PipelineSpec {
         pretrain: Some(v1::PretrainSpec { settings: on_the_wire(json!({"preset": "small"})), ..Default::default() }),
         train: Some(v1::TrainSpec {
-            settings: on_the_wire(json!({"preset": "small", "segment_length": 6})),
+            settings: on_the_wire(json!({"policy": "finetune", "preset": "small", "segment_length": 6})),
             ..Default::default()
         }),
         ..full.clone()
     };
-    assert_eq!(pipeline(Some(repeated)).unwrap().train, read.train, "finetune may repeat the encoder's size");
+    let finetune = TrainSpec::from_values(&values(json!({"policy": "finetune"}))).unwrap();
+    assert_eq!(pipeline(Some(repeated)).unwrap().train, Some(finetune), "it may repeat the encoder's size");
 
     let broken = |change: fn(&mut v1::PipelineSpec)| {
         let mut spec = full.clone();

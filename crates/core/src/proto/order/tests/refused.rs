@@ -60,7 +60,10 @@ fn a_wrong_field_is_named_by_its_path() {
         (Sent::Score(v1::ScoreSpec::default()), "spec.score.encoder_id: "),
         (score_with(|spec| spec.extends = "enc_7".into()), "spec.score.extends: "),
         (train_with(json!({"policy": "act"}), |spec| spec.data = None), "spec.train.data: must be set"),
-        (train_with(json!({}), |_| {}), "spec.train.experts_in: names no encoder, which finetune starts from"),
+        (
+            train_with(json!({"policy": "finetune"}), |_| {}),
+            "spec.train.experts_in: names no encoder, which finetune starts from",
+        ),
         (evaluate_with(|spec| spec.subject = None), "spec.evaluate.subject: must be set"),
         (
             evaluate_with(|spec| spec.subject = Some(v1::evaluate_spec::Subject::Deployment("a b".into()))),
@@ -90,7 +93,10 @@ fn a_setting_that_has_no_effect_is_rejected() {
             "spec.train.settings.chunk_length: has no effect",
         ),
         (act_of(json!({"segment_length": 3})), "spec.train.settings.segment_length: has no effect"),
-        (train_with(json!({"preset": "base"}), |_| {}), "spec.train.settings.preset: has no effect"),
+        (
+            train_with(json!({"policy": "finetune", "preset": "base"}), |_| {}),
+            "spec.train.settings.preset: has no effect",
+        ),
     ]);
 }
 
@@ -112,7 +118,7 @@ fn an_unknown_setting_or_word_is_rejected() {
         (score_of(json!({"local_scale": "local"})), "spec.score.settings.local_scale: expected true or false"),
         (score_of(json!({"device": "tpu"})), "spec.score.settings.device: unknown value"),
         (act_of(json!({"preset": 1})), "spec.train.settings.preset: expected tiny, "),
-        (act_of(json!({"policy": {}})), "spec.train.settings.policy: expected finetune, "),
+        (act_of(json!({"policy": {}})), "spec.train.settings.policy: expected bc, "),
         (evaluate_of(json!({"device": "x"})), "spec.evaluate.settings.device: unknown value"),
     ]);
 }
