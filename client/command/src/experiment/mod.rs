@@ -68,11 +68,11 @@ pub(crate) struct ExperimentArgs {
     /// the same folder. Default: the experiment's name, with --scale followed by `_scaled`.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Device of the jobs. Default: cpu, or with --scale the one that the file's section [scale] names.
+    /// Device of the jobs. Default: cpu, or with --scale the one that the file's table `scale` names.
     #[arg(long)]
     device: Option<Device>,
-    /// Use the sizes of the file's section [scale], which are for a larger machine: preset, steps, batch, seeds,
-    /// episodes and others in place of those of [base] and [data]. A folder holds the results of runs with the flag or
+    /// Use the sizes of the file's table `scale`, which are for a larger machine: preset, steps, batch, seeds,
+    /// episodes and others in place of those of `base` and `data`. A folder holds the results of runs with the flag or
     /// of runs without it.
     #[arg(long)]
     scale: bool,
