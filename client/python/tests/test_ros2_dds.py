@@ -277,7 +277,7 @@ def test_signal_stops_the_robot_and_ends_the_episode(
     robot = driven.robot
     driven.drive(messages(spec, observation(spec)))
     recorded = driven.ends(number)
-    assert robot.wait(lambda: robot.executes(STOP))
+    assert robot.wait(driven.stopped)
     assert client.episodes.get(recorded).cohort == "dds"
 
 
