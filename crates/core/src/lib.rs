@@ -49,6 +49,7 @@ pub mod limit;
 pub mod live;
 pub mod looks;
 pub mod observation;
+pub mod openpi;
 pub mod order;
 mod picture_sizes;
 pub mod placement;

@@ -2,6 +2,7 @@
 //!
 //! Must not know tasks.
 
+use gleaner_core::openpi::within;
 use gleaner_core::printable;
 use rmpv::Value;
 
@@ -50,6 +51,6 @@ fn collect<'a>(path: &str, value: &'a Value, depth: usize, found: &mut Vec<(Stri
         }
         return;
     }
-    let name = path.strip_prefix("observation/").unwrap_or(path);
+    let name = within(path);
     found.push((name.chars().take(128).collect(), value));
 }

@@ -55,35 +55,21 @@ pub fn request(message: &[u8], task: &TaskSpec) -> Result<Request> {
         return Err(Error::invalid("message", "must be one msgpack map, such as {\"observation/state\": …}"));
     }
     let named = Named::of(&value);
-    let cameras =
-        task.cameras.iter().map(|camera| frame(&named, camera, key(task, &camera.name))).collect::<Result<_>>()?;
+    let cameras = task.cameras.iter().map(|camera| frame(&named, camera, task)).collect::<Result<_>>()?;
     let reset = named.first(&["reset"]).is_some_and(|value| value.as_bool() == Some(true));
     Ok(Request { reset, cameras, proprioception: values(&named, task)? })
 }
 
-/// The key that the task names for a camera or field.
-fn key<'a>(task: &'a TaskSpec, name: &str) -> Option<&'a str> {
-    task.openpi.iter().find(|given| given.name == name).map(|given| given.key.as_str())
-}
-
-fn frame(named: &Named<'_>, camera: &CameraSpec, key: Option<&str>) -> Result<CameraFrame> {
-    let picture = |suffix: &str, depth| {
-        let named_keys = |base: &str| format!("{base}{suffix}");
-        let name = named_keys(&camera.name);
-        let keys = match key {
-            Some(key) => vec![named_keys(key)],
-            None => vec![name.clone(), format!("images/{name}"), format!("image/{name}")],
-        };
-        picture(named, camera, &keys, depth)
-    };
-    let color = picture("", false)?;
-    let depth = camera.depth.then(|| picture("_depth", true)).transpose()?;
+fn frame(named: &Named<'_>, camera: &CameraSpec, task: &TaskSpec) -> Result<CameraFrame> {
+    let color = picture(named, camera, &task.openpi_color(&camera.name), false)?;
+    let depth = || picture(named, camera, &task.openpi_depth(&camera.name), true);
+    let depth = camera.depth.then(depth).transpose()?;
     Ok(CameraFrame { camera: camera.name.clone(), color: Some(color), depth })
 }
 
 /// The picture under the first of `keys` that the message has.
 fn picture(named: &Named<'_>, camera: &CameraSpec, keys: &[String], depth: bool) -> Result<Image> {
-    let keys: Vec<&str> = keys.iter().map(|key| within(key)).collect();
+    let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
     let field = format!("observation/{}", keys.first().copied().unwrap_or_default());
     let Some(value) = named.first(&keys) else {
         let words = "if the client names it otherwise, give its key in the task file ([[openpi]])";
@@ -126,21 +112,16 @@ fn unfit(field: &str, array: &Array<'_>, sizes: &[(usize, usize)], depth: bool) 
     Error::invalid(field, format!("has shape {shown:?}; send {kind} of {}{layout}", wanted.join(" or ")))
 }
 
-/// A key without its first part `observation`, as [`Named`] has it.
-fn within(key: &str) -> &str {
-    key.strip_prefix("observation/").unwrap_or(key)
-}
-
 fn values(named: &Named<'_>, task: &TaskSpec) -> Result<Vec<f32>> {
     let fields = &task.proprioception;
-    let apart = fields.iter().any(|field| key(task, &field.name).is_some());
+    let apart = fields.iter().any(|field| task.openpi_key(&field.name).is_some());
     let length = fields.iter().map(|field| field.size as usize).sum();
     if let Some(value) = named.first(&["state", "proprio"]).filter(|_| !apart) {
         return vector("observation/state", value, length, &described(fields));
     }
     let mut all = Vec::with_capacity(length);
     for field in fields {
-        let key = within(key(task, &field.name).unwrap_or(&field.name));
+        let key = task.openpi_key(&field.name).unwrap_or(&field.name);
         let name = format!("observation/{key}");
         let Some(value) = named.first(&[key]) else {
             let words = format!(

@@ -1,8 +1,8 @@
 //! Checks of the keys of openpi's clients: each names one value, and no two cameras or fields are read from one key.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use gleaner_core::{OpenpiKey, TaskSpec};
+use gleaner_core::{OpenpiKey, TaskSpec, openpi::within};
 
 use super::wrong;
 use crate::error::RecordingError;
@@ -11,11 +11,11 @@ use crate::error::RecordingError;
 const MAX_KEY_BYTES: usize = 120;
 
 pub(super) fn check(spec: &TaskSpec) -> Result<(), RecordingError> {
-    let mut given: BTreeMap<&str, &str> = BTreeMap::new();
+    let mut given = BTreeSet::new();
     for (i, OpenpiKey { name, key }) in spec.openpi.iter().enumerate() {
         let known = spec.cameras.iter().any(|camera| camera.name == *name)
             || spec.proprioception.iter().any(|field| field.name == *name);
-        if !known || given.insert(name, key).is_some() {
+        if !known || !given.insert(name) {
             return wrong(
                 format!("openpi[{i}].name"),
                 "name a camera or a proprioception field of the task, each at most once",
@@ -29,7 +29,7 @@ pub(super) fn check(spec: &TaskSpec) -> Result<(), RecordingError> {
         }
     }
     let mut read: BTreeMap<String, &str> = BTreeMap::new();
-    for (name, keys) in keys(spec, &given) {
+    for (name, keys) in keys(spec) {
         for key in keys {
             if let Some(other) = read.insert(key.clone(), name).filter(|other| *other != name) {
                 // Names without a key of their own are apart already, or read alike as they were before.
@@ -43,26 +43,15 @@ pub(super) fn check(spec: &TaskSpec) -> Result<(), RecordingError> {
     Ok(())
 }
 
-/// The keys from which each camera and each proprioception field is read, without the part `observation/`.
-fn keys<'a>(spec: &'a TaskSpec, given: &BTreeMap<&str, &str>) -> Vec<(&'a str, Vec<String>)> {
-    let of_camera = |name: &str| match given.get(name) {
-        Some(key) => vec![within(key).to_owned()],
-        None => vec![name.to_owned(), format!("images/{name}"), format!("image/{name}")],
-    };
+/// The keys from which each camera and each proprioception field is read.
+fn keys(spec: &TaskSpec) -> Vec<(&str, Vec<String>)> {
     let cameras = spec.cameras.iter().map(|camera| {
-        let mut keys = of_camera(&camera.name);
-        if camera.depth {
-            keys.extend(keys.clone().iter().map(|key| format!("{key}_depth")));
-        }
-        (camera.name.as_str(), keys)
+        let depth = if camera.depth { spec.openpi_depth(&camera.name) } else { Vec::new() };
+        (camera.name.as_str(), [spec.openpi_color(&camera.name), depth].concat())
     });
     let fields = spec.proprioception.iter().map(|field| {
-        let key = given.get(field.name.as_str()).map_or(field.name.as_str(), |key| within(key));
+        let key = spec.openpi_key(&field.name).unwrap_or(&field.name);
         (field.name.as_str(), vec![key.to_owned()])
     });
     cameras.chain(fields).collect()
-}
-
-fn within(key: &str) -> &str {
-    key.strip_prefix("observation/").unwrap_or(key)
 }
