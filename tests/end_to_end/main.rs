@@ -26,6 +26,7 @@ mod crash;
 mod deadlines;
 mod discovery;
 mod drain;
+mod evaluate_ranks;
 mod evaluations;
 mod experiment;
 mod exporting;

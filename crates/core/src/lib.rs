@@ -89,7 +89,7 @@ pub use schema::{Problem, Setting, Shape, Values};
 pub use secret::Secret;
 pub use settings::{Group, Word, Words};
 pub use spec::{
-    ActionToken, Augmentation, Chosen, Device, EvaluateSpec, FinishedWeights, ImageEncoder, ImageWeights,
+    ActionToken, Augmentation, Block, Chosen, Device, EvaluateSpec, FinishedWeights, ImageEncoder, ImageWeights,
     ImageWeightsSpec, InitialWeights, ModelSpec, NormaliserKind, ObserverSpec, OptimSpec, Precision, Preset,
     PretrainSpec, RateSchedule, RunSpec, ScoreSpec, TrainSpec, job_kinds, jobs, schema_of,
 };

@@ -10,7 +10,7 @@ mod stored;
 mod train;
 
 pub use chosen::Chosen;
-pub use evaluate::EvaluateSpec;
+pub use evaluate::{Block, EvaluateSpec};
 pub use groups::{
     ActionToken, Augmentation, Device, FinishedWeights, ImageEncoder, InitialWeights, ModelSpec, ObserverSpec,
     OptimSpec, Precision, Preset, RateSchedule, RunSpec,

@@ -10,7 +10,7 @@
 //! 4. [`train_policy`] trains a policy on experts and weighted segments, and [`Policy`] acts with it.
 //!
 //! Several processes can share one training or one score run: [`pretrain_with`], [`train_policy_with`] and [`score_with`]
-//! take [`Peers`].
+//! take [`Peers`]. [`Shards`] divide other work among them.
 //!
 //! Each stage reports to a [`Monitor`], which stores checkpoints and cancels. [`kinds`] lists the policies,
 //! weightings, objectives and scorers of the crate.
@@ -54,9 +54,11 @@ mod peers;
 mod policy;
 mod precision;
 mod pretrain;
+mod progress;
 mod random;
 mod score;
 mod shape;
+mod shards;
 mod steps;
 #[cfg(test)]
 mod toy;
@@ -77,6 +79,7 @@ pub use score::{
     SegmentScore, Similarity, extend_scores, features_kind, score, score_with,
 };
 pub use shape::{CameraShape, TaskShape};
+pub use shards::{Form, Shards};
 pub use steps::{Numbers, StepSource, StepWidths};
 pub use train::{Monitor, Participant, Silent};
 pub use trajectory::{Trajectory, WeightedSegments};

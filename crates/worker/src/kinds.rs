@@ -60,7 +60,7 @@ impl Work {
             JobOrder::Score { spec, .. } => score::perform(&mut self, spec, peers),
             JobOrder::Train { spec, .. } => train::perform(&mut self, spec, peers),
             JobOrder::Export { spec, .. } => export::perform(&mut self, spec).map(Some),
-            JobOrder::Evaluate { spec, .. } => evaluate::perform(&mut self, &spec).map(Some),
+            JobOrder::Evaluate { spec, .. } => evaluate::perform(&mut self, &spec, peers),
         }
     }
 

@@ -83,8 +83,8 @@ fn on_gpu(order: &JobOrder) -> bool {
     match order {
         JobOrder::Pretrain { spec, .. } => spec.run.device == Device::Cuda,
         JobOrder::Train { spec, .. } => spec.run.device == Device::Cuda,
-        // Scores are exchanged in main memory.
-        JobOrder::Score { .. } | JobOrder::Export { .. } | JobOrder::Evaluate { .. } => false,
+        // Scores and results of attempts are exchanged in main memory.
+        JobOrder::Score { .. } | JobOrder::Evaluate { .. } | JobOrder::Export { .. } => false,
     }
 }
 

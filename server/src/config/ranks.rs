@@ -1,4 +1,4 @@
-//! The processes that share a training or a score run.
+//! The processes that share a training, a score run or an evaluation.
 
 use clap::Args;
 
@@ -26,6 +26,12 @@ pub struct RanksConfig {
     #[arg(long, env = "GLEANER_SCORE_RANKS", default_value_t = 1, value_name = "N",
           value_parser = clap::value_parser!(u32).range(1..=64))]
     pub score_ranks: u32,
+    /// Processes that each run a part of the attempts of an evaluate job, 1 to 64, placed as those of a pretrain job. More of
+    /// them shorten evaluations of many attempts, and the results are the same for any number. Attempts are divided in
+    /// blocks of up to 64 of one seed; a job has no more processes than blocks.
+    #[arg(long, env = "GLEANER_EVALUATE_RANKS", default_value_t = 1, value_name = "N",
+          value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub evaluate_ranks: u32,
     /// End an attempt with several processes when one of them has not joined, or not delivered its gradients or progress,
     /// for this many seconds, 1 to 3600. It must be longer than the largest difference between their reading of episodes,
     /// than storing a checkpoint, and than scoring the longest episode. A process that ends is noticed at once.
@@ -42,7 +48,10 @@ impl RanksConfig {
             JobSpec::Train { .. } => self.train_ranks,
             JobSpec::Score { spec, .. } if spec.needs_all_episodes() => 1,
             JobSpec::Score { .. } => self.score_ranks,
-            JobSpec::Export { .. } | JobSpec::Evaluate { .. } => 1,
+            JobSpec::Evaluate { spec, .. } => {
+                self.evaluate_ranks.min(u32::try_from(spec.blocks().len()).unwrap_or(u32::MAX))
+            }
+            JobSpec::Export { .. } => 1,
         }
     }
 }
@@ -52,7 +61,7 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::domain::id::{EncoderId, SnapshotId};
+    use crate::domain::id::{EncoderId, PolicyId, SnapshotId};
 
     #[derive(Parser)]
     struct Flags {
@@ -70,15 +79,23 @@ mod tests {
     fn jobs_have_the_ranks_of_their_kind_and_one_by_default() {
         let flags = |flags: &[&str]| Flags::try_parse_from([&["serve"], flags].concat()).map(|flags| flags.ranks);
         let spec = gleaner_core::PretrainSpec::default();
-        let jobs = [JobSpec::Pretrain { snapshot_id: SnapshotId::new(), spec }, score("raw"), score("vote")];
+        let evaluate = |episodes| JobSpec::Evaluate {
+            policy_id: PolicyId::new(),
+            spec: gleaner_core::EvaluateSpec { episodes, ..gleaner_core::EvaluateSpec::default() },
+        };
+        let pretrain = JobSpec::Pretrain { snapshot_id: SnapshotId::new(), spec };
+        let jobs = [pretrain, score("raw"), score("vote"), evaluate(1000), evaluate(100)];
         let ranks = |config: &RanksConfig| jobs.each_ref().map(|job| config.of(job));
-        assert_eq!(ranks(&flags(&[]).unwrap()), [1; 3]);
-        let several = flags(&["--pretrain-ranks", "2", "--train-ranks", "3", "--score-ranks", "4"]).unwrap();
-        assert_eq!(ranks(&several), [2, 4, 1], "every score of vote depends on all episodes");
+        assert_eq!(ranks(&flags(&[]).unwrap()), [1; 5]);
+        let several = ["--pretrain-ranks", "2", "--train-ranks", "3", "--score-ranks", "4", "--evaluate-ranks", "5"];
+        let several = ranks(&flags(&several).unwrap());
+        assert_eq!(several[..3], [2, 4, 1], "every score of vote depends on all episodes");
+        assert_eq!(several[3..], [5, 2], "100 attempts are two blocks");
         for wrong in [
             ["--pretrain-ranks", "0"],
             ["--train-ranks", "65"],
             ["--score-ranks", "0"],
+            ["--evaluate-ranks", "65"],
             ["--rank-timeout-seconds", "0"],
         ] {
             assert!(flags(&wrong).is_err(), "{wrong:?}");

@@ -1,4 +1,4 @@
-//! Trainings and score runs that several nodes share, by srun.
+//! Trainings, score runs and evaluations that several nodes share, by srun.
 
 use gleaner_proto::v1::*;
 use serde_json::json;
@@ -72,5 +72,36 @@ async fn score_run_over_nodes_gives_the_bytes_of_a_local_one_also_after_a_node_i
     assert_eq!(ended.state(), JobState::Succeeded, "{}", ended.error);
     assert_ne!(ended.engine_id, running.engine_id, "the node was lost in the middle of the run");
     assert_eq!(digest(&mut api, &ended.result_id).await, expected);
+    cluster.until_empty().await;
+}
+
+#[tokio::test]
+async fn evaluation_over_two_nodes_gives_the_results_of_a_local_one() {
+    let Some(cluster) = Cluster::start(2).await else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let mut server = TestServer::start_over(&data, &[]).await;
+    let mut api = Api::connect(&server).await;
+    lab::set_up(&mut api).await;
+    let policy = api.train_policy(3).await.1;
+    let evaluate = || {
+        let subject = Some(evaluate_spec::Subject::PolicyId(policy.clone()));
+        let settings = lab::settings(json!({"episodes": 100, "seeds": [3, 1], "max_steps": 12}));
+        job_spec::Spec::Evaluate(EvaluateSpec { subject, settings })
+    };
+    let seeds = async |api: &mut Api, job: &Job| {
+        let request = GetEvaluationRequest { evaluation_id: job.result_id.clone() };
+        api.policies.get_evaluation(request).await.unwrap().into_inner().evaluation.unwrap().seeds
+    };
+    let local = api.succeed(lab::TASK, evaluate()).await;
+    let expected = seeds(&mut api, &local).await;
+    assert!(server.stop().await);
+
+    let flags = [cluster.flags(), ["--evaluate-ranks", "2"].map(str::to_owned).to_vec()].concat();
+    let server = TestServer::start_over(&data, &flags.iter().map(String::as_str).collect::<Vec<_>>()).await;
+    let mut api = Api::connect(&server).await;
+    let job = api.succeed(lab::TASK, evaluate()).await;
+    assert_eq!(seeds(&mut api, &job).await, expected);
+    assert!(job.engine == "slurm" && job.node.contains("1-2"), "both nodes: {job:?}");
     cluster.until_empty().await;
 }

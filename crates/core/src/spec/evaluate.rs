@@ -1,9 +1,13 @@
 //! The settings of closed-loop trials in the embedded simulator.
 
+use std::ops::Range;
+
 use super::groups::Device;
 use crate::schema::{Problem, Setting, Shape, Values, complete, integer_in};
 use crate::settings::{Group as _, Words as _};
 
+/// Most attempts that run side by side: enough for an efficient pass, few enough that one seed has several blocks.
+const BLOCK: u32 = 64;
 /// Upper bound of seeds, so that no two seeds share an attempt.
 const SEED_LIMIT: u64 = u32::MAX as u64;
 
@@ -61,8 +65,34 @@ impl EvaluateSpec {
 
     /// The simulator's seeds of a seed's attempts, from 2³² · (seed + 1) upwards: no two seeds share one, and none is a
     /// seed of a small recorded set.
-    pub fn attempts(&self, seed: u64) -> impl Iterator<Item = u64> + use<> {
+    #[must_use]
+    pub fn attempts(&self, seed: u64) -> Range<u64> {
         let first = seed.saturating_add(1).saturating_mul(1 << 32);
-        (0..u64::from(self.episodes)).map(move |attempt| first.saturating_add(attempt))
+        first..first.saturating_add(u64::from(self.episodes))
     }
+
+    /// The blocks of attempts that run side by side, in order: a seed and some of its attempts. The last bits of a pass
+    /// depend on how many share it, so a block has the same results wherever it runs.
+    #[must_use]
+    pub fn blocks(&self) -> Vec<Block> {
+        let count = self.episodes.div_ceil(BLOCK);
+        let bound = |block: u32| u64::from(self.episodes) * u64::from(block) / u64::from(count);
+        let of_seed = |(seed_index, seed): (usize, &u64)| {
+            let first = self.attempts(*seed).start;
+            (0..count).map(move |block| Block {
+                seed_index,
+                attempts: first.saturating_add(bound(block))..first.saturating_add(bound(block + 1)),
+            })
+        };
+        self.seeds.iter().enumerate().flat_map(of_seed).collect()
+    }
+}
+
+/// Attempts of one seed that run side by side.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Block {
+    /// Place of the seed among the seeds of the evaluation.
+    pub seed_index: usize,
+    /// Seeds of the simulator, one for each attempt.
+    pub attempts: Range<u64>,
 }

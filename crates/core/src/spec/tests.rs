@@ -126,12 +126,28 @@ fn a_resume_may_change_only_how_the_run_is_carried_out() {
 #[test]
 fn no_two_seeds_of_an_evaluation_share_an_attempt() {
     let spec = EvaluateSpec { episodes: 3, ..EvaluateSpec::default() };
-    assert_eq!(spec.attempts(0).collect::<Vec<_>>(), [1 << 32, (1 << 32) + 1, (1 << 32) + 2]);
-    assert_eq!(spec.attempts(1).next(), Some(2 << 32));
+    assert_eq!(spec.attempts(0), 1 << 32..(1 << 32) + 3);
+    assert_eq!(spec.attempts(1).start, 2 << 32);
     let last = u64::from(u32::MAX) - 1;
-    assert!(spec.attempts(last).is_sorted() && spec.attempts(last).all(|attempt| attempt < u64::MAX));
+    assert!(spec.attempts(last).count() == 3 && spec.attempts(last).all(|attempt| attempt < u64::MAX));
     for wrong in [json!({"episodes": 0}), json!({"seeds": [3, 3]}), json!({"seeds": [1, 2], "episodes": 500_001})] {
         assert!(EvaluateSpec::from_values(&values(wrong)).is_err());
+    }
+}
+
+#[test]
+fn blocks_have_every_attempt_of_every_seed_once_and_about_equal_sizes() {
+    for episodes in [1, 64, 65, 200, 1000] {
+        let spec = EvaluateSpec { episodes, seeds: vec![7, 2], ..EvaluateSpec::default() };
+        let blocks = spec.blocks();
+        for (seed_index, seed) in [7, 2].into_iter().enumerate() {
+            let of_seed: Vec<_> = blocks.iter().filter(|block| block.seed_index == seed_index).collect();
+            let all: Vec<u64> = of_seed.iter().flat_map(|block| block.attempts.clone()).collect();
+            assert_eq!(all, spec.attempts(seed).collect::<Vec<_>>());
+            let sizes: Vec<u64> = of_seed.iter().map(|block| block.attempts.end - block.attempts.start).collect();
+            assert!(sizes.iter().max().unwrap() - sizes.iter().min().unwrap() <= 1, "{sizes:?}");
+            assert!(sizes.iter().all(|size| (1..=64).contains(size)), "{sizes:?}");
+        }
     }
 }
 

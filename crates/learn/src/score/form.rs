@@ -1,16 +1,8 @@
-//! The form in which results of one rank go to another: exact bytes. Independent of how they are sent.
+//! The form in which matches and numbers of one rank go to another. Independent of how they are sent.
 
 use gleaner_search::Match;
 
-use crate::error::LearnError;
-
-/// The form of one kind of result.
-pub(super) struct Form<'a, T> {
-    /// A result as bytes.
-    pub(super) write: &'a dyn Fn(&T) -> Result<Vec<u8>, LearnError>,
-    /// The result of the item of this number; `None` if the bytes are not one.
-    pub(super) read: &'a dyn Fn(usize, &[u8]) -> Option<T>,
-}
+use crate::shards::Form;
 
 /// The matches of an episode; `None` if no expert is left to match.
 pub(super) type Matches = Option<Vec<Match>>;

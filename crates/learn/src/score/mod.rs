@@ -13,10 +13,8 @@ mod local;
 mod measure;
 mod normaliser;
 mod opened;
-mod progress;
 mod run;
 pub(crate) mod scorer;
-mod shards;
 mod similarity;
 
 pub use comparison::{FeatureScale, Similarity};
@@ -32,6 +30,8 @@ use tch::no_grad_guard;
 
 use crate::error::{LearnError, guard};
 use crate::peers::Peers;
+use crate::progress::SEGMENTS;
+use crate::shards::Shards;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use base::Known;
@@ -40,10 +40,8 @@ use features::Encoder;
 use gleaner_core::{NormaliserKind, ScoreSpec};
 use measure::Measure;
 use opened::Opened;
-use progress::{Progress, count};
 use run::{Found, Run};
 use scorer::Scorer;
-use shards::Shards;
 
 /// The scores of one episode's segments, by the episode's name; entry t is the segment that ends at step t. w is the
 /// classifier's log p(expert), DemInf's information, the gain of `progress` or the share of `vote` if that is the scorer,
@@ -244,7 +242,7 @@ impl Call<'_> {
             Some(base) => Known::new(base, &experts, imperfect)?,
             None => Known::default(),
         };
-        let mut shards = Shards::new(peers, Progress::new(monitor, total));
+        let mut shards = Shards::new(peers, monitor, total, Some(SEGMENTS));
         let kept = features_kind(self.spec)?.map(|_| kept);
         let (experts, places, known) = (&experts, &places, &known);
         let run = Run { encoder, comparison, experts, places, known, kept };
@@ -254,6 +252,11 @@ impl Call<'_> {
             Found { imperfect, experts: placed(places, experts), local }
         }))
     }
+}
+
+/// Number of segments of `episodes`.
+pub(crate) fn count<'a>(episodes: impl IntoIterator<Item = &'a Trajectory>) -> u64 {
+    episodes.into_iter().map(|episode| episode.steps() as u64).sum()
 }
 
 /// Values of experts in the order of their numbers, rearranged to the given order.

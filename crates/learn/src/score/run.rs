@@ -8,11 +8,11 @@ use super::base::Known;
 use super::comparison::Comparison;
 use super::features::kept::{self, Kept};
 use super::features::{Encoder, FeatureStore, Features, Rough, episode_features, widths};
-use super::form::{Form, MATCHES, Matches, NUMBERS};
+use super::form::{MATCHES, Matches, NUMBERS};
 use super::local::Spread;
-use super::shards::Shards;
 use super::similarity::metric;
 use crate::error::LearnError;
+use crate::shards::{Form, Shards};
 use crate::trajectory::Trajectory;
 
 /// The features of episode `of`; fails unless they can be compared.

@@ -218,3 +218,4 @@ fn a_cancelled_run_stops() {
 
 /// Tests of runs that extend an earlier one.
 mod extend;
+mod shards;

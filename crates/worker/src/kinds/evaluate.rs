@@ -4,8 +4,8 @@
 mod steps;
 
 use gleaner_core::action::ActionRanges;
-use gleaner_core::{EvaluateSpec, evaluation::SeedResult, work::Made};
-use gleaner_learn::{Monitor as _, Observed, Policy, PolicySession, Trajectory};
+use gleaner_core::{Block, EvaluateSpec, evaluation::SeedResult, work::Made};
+use gleaner_learn::{Form, LearnError, Monitor as _, Observed, Peers, Policy, PolicySession, Shards, Trajectory};
 use gleaner_recording::TaskSpec;
 use gleaner_sim::{ACTION_SIZE, Observation, Sim, SimConfig, Task, simulated, task_spec};
 
@@ -13,11 +13,8 @@ use super::Work;
 use crate::{failure::Failure, monitor::Watcher};
 use steps::Steps;
 
-/// Attempts that run at the same time.
-const SIDE_BY_SIDE: usize = 32;
-
-/// Runs the trials of every seed.
-pub(super) fn perform(work: &mut Work, spec: &EvaluateSpec) -> Result<Made, Failure> {
+/// Runs the trials of every seed; `None` for a rank that does not lead.
+pub(super) fn perform(work: &mut Work, spec: &EvaluateSpec, mut peers: Peers) -> Result<Option<Made>, Failure> {
     let checkpoint = work.input("policy", work.inputs.policy.as_ref())?;
     gleaner_learn::set_threads(work.threads);
     let mut policy = Policy::load_on(&checkpoint, spec.device)?;
@@ -25,45 +22,78 @@ pub(super) fn perform(work: &mut Work, spec: &EvaluateSpec) -> Result<Made, Fail
         policy = policy.hiding_history()?;
     }
     work.monitor.phase("evaluating");
-    evaluate(&work.inputs.task, &policy, spec, &mut work.monitor).map(Made::Trials)
+    let results = evaluate(&work.inputs.task, &policy, spec, (&mut peers, &mut work.monitor))?;
+    Ok(results.map(Made::Trials))
 }
 
-/// The results of every seed, in order. Each seed runs alone, so that its result does not depend on the others.
+/// The results of every seed, in order; `None` at a rank that does not lead. Ranks share the blocks of attempts.
 fn evaluate(
     task: &TaskSpec,
     policy: &Policy,
     spec: &EvaluateSpec,
-    monitor: &mut Watcher,
-) -> Result<Vec<SeedResult>, Failure> {
+    (peers, monitor): (&mut Peers, &mut Watcher),
+) -> Result<Option<Vec<SeedResult>>, Failure> {
     let (simulation, config) =
         simulated(task, &spec.simulation).map_err(|error| Failure::Permanent(error.to_string()))?;
     let config = SimConfig { max_steps: spec.max_steps, ..config };
+    let ranges = ActionRanges::of(&task_spec(simulation, &config).action);
+    let trials = Trials { policy, simulation, config, ranges };
+    let blocks = spec.blocks();
+    let sizes: Vec<usize> = blocks.iter().map(|block| block.attempts.clone().count()).collect();
     let total = u64::from(spec.episodes) * spec.seeds.len() as u64;
-    let mut episodes = Vec::new();
-    let mut results = Vec::with_capacity(spec.seeds.len());
-    for &seed in &spec.seeds {
-        let before = u64::from(spec.episodes) * results.len() as u64;
-        let ranges = ActionRanges::of(&task_spec(simulation, &config).action);
-        let kept = steps::ATTEMPTS.saturating_sub(u32::try_from(episodes.len()).unwrap_or(u32::MAX));
-        let trials =
-            Trials { policy, simulation, config, ranges, kept, episodes: &mut episodes, tally: Tally::default() };
-        let tally = trials.run(spec.attempts(seed), &mut |tally| {
-            monitor.progress(before + u64::from(tally.episodes), total, &[]);
-            if monitor.cancelled() { Err(Failure::Cancelled) } else { Ok(()) }
-        })?;
-        results.push(tally.result(seed));
-    }
-    let shares = policy.shares(&episodes, spec.seeds.first().copied().unwrap_or_default())?;
+    let mut kept = Vec::new();
+    let mut shards = Shards::new(peers, &mut *monitor, total, None);
+    let tallies = shards.at_lead(&sizes, &TALLY, |shards, item| {
+        // The lead does the first block.
+        let keep = if item == 0 { steps::ATTEMPTS } else { 0 };
+        let (tally, steps) = trials.run(&blocks[item], keep, &mut |ended| shards.advance(ended))?;
+        kept.extend(steps);
+        Ok(tally)
+    })?;
+    let Some(tallies) = tallies else { return Ok(None) };
+    let shares = policy.shares(&kept, spec.seeds.first().copied().unwrap_or_default())?;
     monitor.progress(total, total, &shares);
-    Ok(results)
+    Ok(Some(of_seeds(spec, &blocks, &tallies)))
 }
 
-/// The results of a seed so far.
-#[derive(Debug, Clone, Copy, Default)]
+/// The results of every seed, of the tallies of its blocks.
+fn of_seeds(spec: &EvaluateSpec, blocks: &[Block], tallies: &[Tally]) -> Vec<SeedResult> {
+    let mut sums = vec![Tally::default(); spec.seeds.len()];
+    for (block, tally) in blocks.iter().zip(tallies) {
+        sums[block.seed_index] += *tally;
+    }
+    sums.into_iter().zip(&spec.seeds).map(|(tally, seed)| tally.result(*seed)).collect()
+}
+
+/// The results of some attempts.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Tally {
     episodes: u32,
     successes: u32,
     steps: u64,
+}
+
+/// A tally as three numbers.
+const TALLY: Form<'static, Tally> = Form {
+    write: &|Tally { episodes, successes, steps }| {
+        Ok([u64::from(*episodes), u64::from(*successes), *steps].map(u64::to_le_bytes).concat())
+    },
+    read: &|_, bytes| {
+        let (numbers, rest) = bytes.as_chunks();
+        let [episodes, successes, steps] = *numbers else { return None };
+        let number = |bytes| u32::try_from(u64::from_le_bytes(bytes)).ok();
+        let tally =
+            Tally { episodes: number(episodes)?, successes: number(successes)?, steps: u64::from_le_bytes(steps) };
+        rest.is_empty().then_some(tally)
+    },
+};
+
+impl std::ops::AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.episodes += other.episodes;
+        self.successes += other.successes;
+        self.steps += other.steps;
+    }
 }
 
 impl Tally {
@@ -90,51 +120,42 @@ struct Attempt {
     steps: Option<Steps>,
 }
 
-/// The attempts of one seed.
+/// Attempts of a policy in a simulated task.
 struct Trials<'a> {
     policy: &'a Policy,
     simulation: Task,
     config: SimConfig,
     ranges: ActionRanges,
-    /// Attempts whose steps are still to be kept.
-    kept: u32,
-    /// Those whose steps were kept.
-    episodes: &'a mut Vec<Trajectory>,
-    tally: Tally,
 }
 
 impl Trials<'_> {
-    /// Runs every attempt; the next one starts when a place is free. `each` is called at every step and may return an
-    /// error to stop.
+    /// Runs the attempts of a block side by side. Returns their results and the steps of the first `keep`. `each` takes how
+    /// many ended at every step, and may return an error to stop.
     fn run(
-        mut self,
-        mut seeds: impl Iterator<Item = u64>,
-        each: &mut dyn FnMut(&Tally) -> Result<(), Failure>,
-    ) -> Result<Tally, Failure> {
-        let mut running: Vec<Attempt> = Vec::with_capacity(SIDE_BY_SIDE);
-        loop {
-            let free = SIDE_BY_SIDE - running.len();
-            for seed in seeds.by_ref().take(free) {
-                running.push(self.begin(seed));
-            }
-            if running.is_empty() {
-                return Ok(self.tally);
-            }
+        &self,
+        block: &Block,
+        keep: usize,
+        each: &mut dyn FnMut(usize) -> Result<(), LearnError>,
+    ) -> Result<(Tally, Vec<Trajectory>), LearnError> {
+        let begin = |(place, seed)| self.begin(seed, place < keep);
+        let mut running: Vec<Attempt> = block.attempts.clone().enumerate().map(begin).collect();
+        let (mut tally, mut kept) = (Tally::default(), Vec::new());
+        while !running.is_empty() {
             self.step(&mut running)?;
+            let before = running.len();
             for attempt in running.extract_if(.., |attempt| attempt.sim.done()) {
-                self.tally.add(&attempt.sim);
-                let steps = attempt.steps.map(|steps| steps.episode(self.policy.shape(), self.episodes.len()));
-                self.episodes.extend(steps.transpose()?.flatten());
+                tally.add(&attempt.sim);
+                let steps = attempt.steps.map(|steps| steps.episode(self.policy.shape(), kept.len()));
+                kept.extend(steps.transpose()?.flatten());
             }
-            each(&self.tally)?;
+            each(before - running.len())?;
         }
+        Ok((tally, kept))
     }
 
-    fn begin(&mut self, seed: u64) -> Attempt {
-        let steps = (self.kept > 0).then(Steps::default);
-        self.kept = self.kept.saturating_sub(1);
+    fn begin(&self, seed: u64, keep: bool) -> Attempt {
         Attempt {
-            steps,
+            steps: keep.then(Steps::default),
             sim: Sim::new(self.simulation, self.config, seed),
             session: self.policy.session(seed).within(self.ranges.clone()),
             executed: None,
@@ -142,7 +163,7 @@ impl Trials<'_> {
     }
 
     /// One control step of every attempt.
-    fn step(&self, running: &mut [Attempt]) -> Result<(), Failure> {
+    fn step(&self, running: &mut [Attempt]) -> Result<(), LearnError> {
         let seen: Vec<_> = running.iter().map(|attempt| attempt.sim.observe()).collect();
         let executed: Vec<_> = running.iter_mut().map(|attempt| attempt.executed.take()).collect();
         let steps: Vec<_> = seen.iter().zip(&executed).map(|(seen, executed)| [observed(seen, executed)]).collect();
@@ -152,11 +173,9 @@ impl Trials<'_> {
         for ((attempt, seen), actions) in running.iter_mut().zip(&seen).zip(actions) {
             // The task's ranges are the simulator's, so this is the action that it executes.
             let action = actions.into_iter().next().unwrap_or_default();
-            let command: &[f32; ACTION_SIZE] = action.as_slice().try_into().map_err(|_| {
-                Failure::Permanent(format!(
-                    "the policy gives {} values, the simulator takes {ACTION_SIZE}",
-                    action.len()
-                ))
+            let command: &[f32; ACTION_SIZE] = action.as_slice().try_into().map_err(|_| LearnError::Invalid {
+                field: "policy".into(),
+                message: format!("gives {} values, the simulator takes {ACTION_SIZE}", action.len()),
             })?;
             attempt.sim.step(command);
             if let Some(steps) = &mut attempt.steps {
@@ -170,4 +189,27 @@ impl Trials<'_> {
 
 fn observed<'a>(seen: &'a Observation, executed: &'a Option<Vec<f32>>) -> Observed<'a> {
     Observed { frame: &seen.frames, proprioception: &seen.proprioception, executed: executed.as_deref() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tally_keeps_its_numbers_and_cut_bytes_are_none() {
+        let tally = Tally { episodes: 64, successes: u32::MAX, steps: u64::MAX };
+        let bytes = (TALLY.write)(&tally).unwrap();
+        assert_eq!((TALLY.read)(0, &bytes), Some(tally));
+        assert_eq!((TALLY.read)(0, &bytes[..23]), None);
+        assert_eq!((TALLY.read)(0, &[bytes.as_slice(), &[0]].concat()), None);
+    }
+
+    #[test]
+    fn a_seed_has_the_sum_of_its_blocks() {
+        let spec = EvaluateSpec { episodes: 100, seeds: vec![8, 3], ..EvaluateSpec::default() };
+        let of = |successes, steps| Tally { episodes: 50, successes, steps };
+        let results = of_seeds(&spec, &spec.blocks(), &[of(1, 100), of(20, 200), of(0, 50), of(50, 350)]);
+        let result = |seed, successes, mean_steps| SeedResult { seed, episodes: 100, successes, mean_steps };
+        assert_eq!(results, [result(8, 21, 3.0), result(3, 50, 4.0)]);
+    }
 }

@@ -9,9 +9,10 @@ use rand::RngExt;
 use super::{ScorerKind, SeedSpec, seeded, unmatched};
 use crate::error::LearnError;
 use crate::model::Network;
+use crate::progress::Progress;
 use crate::random::{Purpose, generator};
 use crate::score::EpisodeScores;
-use crate::score::progress::{Progress, count};
+use crate::score::count;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 
@@ -31,7 +32,7 @@ fn scores(
     seed: u64,
     monitor: &mut dyn Monitor,
 ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
-    let mut progress = Progress::new(monitor, count(experts.iter().chain(imperfect)));
+    let mut progress = Progress::of_segments(monitor, count(experts.iter().chain(imperfect)));
     let mut draw = |episodes: &[Trajectory], role| -> Result<Vec<EpisodeScores>, LearnError> {
         let mut drawn = Vec::with_capacity(episodes.len());
         for episode in episodes {

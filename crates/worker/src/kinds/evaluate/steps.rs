@@ -1,14 +1,12 @@
 //! The steps of some attempts of an evaluation, from which it reports what the policy looked at. Must not depend on the
 //! simulator's tasks.
 
-use gleaner_learn::{TaskShape, Trajectory};
+use gleaner_learn::{LearnError, TaskShape, Trajectory};
 use gleaner_sim::Observation;
 
-use crate::failure::Failure;
-
-/// Attempts whose steps are kept, the first of an evaluation. Steps of the same attempt are alike, so that more attempts
+/// Attempts whose steps are kept, the first of an evaluation's first block. Steps of the same attempt are alike, so that more attempts
 /// say more than more steps.
-pub(super) const ATTEMPTS: u32 = 24;
+pub(super) const ATTEMPTS: usize = 24;
 /// Bytes of images kept of an attempt; its further steps are left out.
 const MAX_BYTES: usize = 4 << 20;
 
@@ -31,7 +29,7 @@ impl Steps {
     }
 
     /// The steps as an episode; `None` if an image is larger than all that is kept.
-    pub(super) fn episode(self, shape: &TaskShape, attempt: usize) -> Result<Option<Trajectory>, Failure> {
+    pub(super) fn episode(self, shape: &TaskShape, attempt: usize) -> Result<Option<Trajectory>, LearnError> {
         if self.action.is_empty() {
             return Ok(None);
         }

@@ -7,8 +7,8 @@ use tch::{Device, Kind, Tensor, no_grad_guard};
 use crate::batch::{int, values};
 use crate::error::LearnError;
 use crate::optimizer::AdamW;
+use crate::progress::Progress;
 use crate::random::{Purpose, generator};
-use crate::score::progress::Progress;
 use gleaner_core::OptimSpec;
 
 /// Gradient steps.

@@ -17,9 +17,10 @@ use super::{ScorerKind, SeedSpec, seeded, unmatched};
 use crate::batch::rows;
 use crate::error::LearnError;
 use crate::model::Network;
+use crate::progress::Progress;
 use crate::score::EpisodeScores;
+use crate::score::count;
 use crate::score::features::{Features, raw, too_far};
-use crate::score::progress::{Progress, count};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use mlp::{BATCH, Mlp, STEPS};
@@ -49,7 +50,7 @@ pub(super) fn scores(
     monitor: &mut dyn Monitor,
 ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
     let steps = count(experts.iter().chain(imperfect));
-    let mut progress = Progress::new(monitor, steps + 2 * STEPS * u64::from(BATCH));
+    let mut progress = Progress::of_segments(monitor, steps + 2 * STEPS * u64::from(BATCH));
     let folds = folds(experts, imperfect)?;
     let mut gather = |episodes| gather(network, episodes, &folds, &mut progress);
     let (experts, imperfect) = (gather(experts)?, gather(imperfect)?);

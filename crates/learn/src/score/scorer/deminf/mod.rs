@@ -22,10 +22,11 @@ use super::{ScorerKind, SeedSpec, seeded, unmatched};
 use crate::batch::{int, rows, values};
 use crate::error::LearnError;
 use crate::model::Network;
+use crate::progress::Progress;
 use crate::random::{Purpose, generator};
 use crate::score::EpisodeScores;
+use crate::score::count;
 use crate::score::features::{states, too_far};
-use crate::score::progress::{Progress, count};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use estimate::{estimate, standardised, whitened, windows};
@@ -59,7 +60,8 @@ fn scores(
     check_ids(experts, imperfect)?;
     sorted.dedup_by(|a, b| a.id == b.id);
     let steps = count(sorted.iter().copied());
-    let mut progress = Progress::new(monitor, steps * (1 + passes(usize::try_from(steps).unwrap_or(usize::MAX))));
+    let mut progress =
+        Progress::of_segments(monitor, steps * (1 + passes(usize::try_from(steps).unwrap_or(usize::MAX))));
     let (mut observed, mut actions) = (Vec::with_capacity(sorted.len()), Vec::with_capacity(sorted.len()));
     for episode in &sorted {
         observed.push(states(network, episode)?);
@@ -146,7 +148,7 @@ mod tests {
         let column = |values: &[f32]| Tensor::from_slice(values).view([-1, 1]);
         let found = |seed: u64| {
             let mut silent = Silent;
-            let mut progress = Progress::new(&mut silent, 3000 * PASSES);
+            let mut progress = Progress::of_segments(&mut silent, 3000 * PASSES);
             information(&column(&state), &column(&action), seed, &mut progress).unwrap()
         };
         let first = found(1);

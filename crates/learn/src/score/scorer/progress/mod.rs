@@ -19,9 +19,10 @@ use super::recordings::{Recordings, check_ids};
 use super::{Scorer, ScorerKind, SeedSpec, Trained, unmatched};
 use crate::error::LearnError;
 use crate::model::Network;
+use crate::progress::Progress;
 use crate::score::EpisodeScores;
+use crate::score::count;
 use crate::score::features::states;
-use crate::score::progress::{Progress, count};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use clip::SHORTEST;
@@ -75,7 +76,7 @@ fn scores(
         return Err(LearnError::invalid("experts", message));
     }
     let steps = count(learned.iter().copied()) + count(experts.iter().chain(imperfect));
-    let mut progress = Progress::new(monitor, steps + 2 * spec.progress_steps * u64::from(BATCH));
+    let mut progress = Progress::of_segments(monitor, steps + 2 * spec.progress_steps * u64::from(BATCH));
     let mut observed = Vec::with_capacity(learned.len());
     for expert in learned {
         observed.push(states(network, expert)?);

@@ -11,8 +11,8 @@ use crate::error::LearnError;
 use crate::model::{Size, Transformer, weights};
 use crate::normalize::Standard;
 use crate::optimizer::AdamW;
+use crate::progress::Progress;
 use crate::random::{Purpose, generator};
-use crate::score::progress::Progress;
 use gleaner_core::OptimSpec;
 use rand::RngExt;
 
@@ -152,7 +152,7 @@ mod tests {
     fn train(episodes: &[Tensor], steps: u64, seed: u64) -> Result<Net, LearnError> {
         let spec = ProgressSpec { progress_steps: steps, ..ProgressSpec::default() };
         let mut silent = Silent;
-        let mut progress = Progress::new(&mut silent, 0);
+        let mut progress = Progress::of_segments(&mut silent, 0);
         Net::train(&episodes.iter().collect::<Vec<_>>(), (&spec, seed), 0, Device::Cpu, &mut progress)
     }
 

@@ -19,11 +19,12 @@ use super::recordings::{Recordings, check_ids};
 use super::{Scorer, ScorerKind, SeedSpec, Trained, unmatched};
 use crate::batch::{int, rows};
 use crate::error::LearnError;
+use crate::progress::Progress;
 use crate::random::{Purpose, generator};
 use crate::score::EpisodeScores;
 use crate::score::comparison::{Comparison, FeatureScale, NearestSpec, Similarity, Source};
+use crate::score::count;
 use crate::score::features::{Encoder, Features, episode_features};
-use crate::score::progress::{Progress, count};
 use crate::score::run::sound;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
@@ -75,7 +76,7 @@ fn scores(
     }
     let of_recordings = count(recordings.experts().iter().copied());
     let of_episodes = count(experts.iter().chain(imperfect));
-    let mut progress = Progress::new(monitor, (1 + WAYS as u64) * of_recordings + of_episodes);
+    let mut progress = Progress::of_segments(monitor, (1 + WAYS as u64) * of_recordings + of_episodes);
     let comparison =
         Comparison::new(Source::Features(FeatureScale::Whitened), (Similarity::LastL2, 0.0), NearestSpec::default());
     let features = |episode: &Trajectory| sound(episode_features(encoder, episode, &comparison)?, &episode.id);

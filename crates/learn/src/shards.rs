@@ -1,13 +1,14 @@
-//! The shards of a score run: each rank does a part of the items, and the results are those of one process, in the order of
-//! the items. Ranks meet in rounds at short intervals, which carry progress, requests to stop and failures. Independent of
-//! what an item is.
+//! Work that consists of items, shared by ranks: each rank does a part of the items, and the results are those of one
+//! process, in the order of the items. Ranks meet in rounds at short intervals, which carry progress, requests to stop and
+//! failures. Independent of what an item is.
 
+use std::fmt;
 use std::time::{Duration, Instant};
 
-use super::form::Form;
-use super::progress::Progress;
 use crate::error::LearnError;
 use crate::peers::{Peers, Receivers};
+use crate::progress::Progress;
+use crate::train::Monitor;
 
 /// Shortest interval between two rounds. A round waits for the rank with the longest item, so it is far longer than an
 /// item, and short enough for progress and requests to stop.
@@ -26,43 +27,68 @@ enum State {
     Failed,
 }
 
-/// The ranks of a run.
-pub(super) struct Shards<'a> {
+/// The form in which one kind of result goes from one rank to another: exact bytes.
+pub struct Form<'a, T> {
+    /// A result as bytes.
+    pub write: &'a dyn Fn(&T) -> Result<Vec<u8>, LearnError>,
+    /// The result of the item of this number; `None` if the bytes are not one.
+    pub read: &'a dyn Fn(usize, &[u8]) -> Option<T>,
+}
+
+impl<T> fmt::Debug for Form<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Form").finish_non_exhaustive()
+    }
+}
+
+/// The ranks of an attempt and its progress.
+pub struct Shards<'a> {
     peers: &'a mut Peers,
     progress: Progress<'a>,
-    /// Segments done here since the last round.
+    /// Units done here since the last round.
     done: u64,
     last_round: Instant,
-    /// Whether a round has ended the run with an error, which every rank has.
+    /// Whether a round has ended the work with an error, which every rank has.
     ended: bool,
 }
 
+impl fmt::Debug for Shards<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Shards").field("peers", &self.peers).field("done", &self.done).finish_non_exhaustive()
+    }
+}
+
 impl<'a> Shards<'a> {
-    pub(super) fn new(peers: &'a mut Peers, progress: Progress<'a>) -> Self {
-        Self { peers, progress, done: 0, last_round: Instant::now(), ended: false }
+    /// Work of `total` units, such as segments. `rate` names the metric of units for each second.
+    #[must_use]
+    pub fn new(peers: &'a mut Peers, monitor: &'a mut dyn Monitor, total: u64, rate: Option<&'static str>) -> Self {
+        Self { peers, progress: Progress::new(monitor, total, rate), done: 0, last_round: Instant::now(), ended: false }
     }
 
     /// Whether this rank has the result.
-    pub(super) fn lead(&self) -> bool {
+    pub(crate) fn lead(&self) -> bool {
         self.peers.lead()
     }
 
-    /// Counts scored segments, reports them at intervals, and checks for cancellation.
-    pub(super) fn advance(&mut self, segments: usize) -> Result<(), LearnError> {
+    /// Counts units that are done, reports them at intervals, and checks for cancellation.
+    ///
+    /// # Errors
+    /// [`LearnError::Cancelled`]; when another rank fails or is lost.
+    pub fn advance(&mut self, units: usize) -> Result<(), LearnError> {
         if !self.peers.several() {
-            return self.progress.advance(segments);
+            return self.progress.advance(units);
         }
-        self.done += segments as u64;
+        self.done += units as u64;
         if self.last_round.elapsed() >= ROUND { self.round(State::Working, None).map(drop) } else { Ok(()) }
     }
 
-    /// Reports that all segments are done, without a round.
-    pub(super) fn finish(&mut self) -> Result<(), LearnError> {
+    /// Reports that all units are done, without a round.
+    pub(crate) fn finish(&mut self) -> Result<(), LearnError> {
         if self.peers.lead() { self.progress.finish() } else { Ok(()) }
     }
 
     /// The results of `act` for all items, whose sizes are given, at every rank.
-    pub(super) fn all<T>(
+    pub(crate) fn all<T>(
         &mut self,
         sizes: &[usize],
         form: &Form<'_, T>,
@@ -71,8 +97,12 @@ impl<'a> Shards<'a> {
         self.share(sizes, (form, Receivers::All), act)?.into_iter().collect::<Option<_>>().ok_or(LearnError::Exchange)
     }
 
-    /// The results of `act` for all items, whose sizes are given, at rank 0; `None` at the others.
-    pub(super) fn at_lead<T>(
+    /// The results of `act` for all items, whose sizes are given, at rank 0, which does the first item; `None` at the
+    /// others.
+    ///
+    /// # Errors
+    /// Those of `act`, at every rank; when another rank is lost; [`LearnError::Cancelled`].
+    pub fn at_lead<T>(
         &mut self,
         sizes: &[usize],
         form: &Form<'_, T>,
@@ -129,7 +159,7 @@ impl<'a> Shards<'a> {
         Ok(results)
     }
 
-    /// Ends the run at every rank with the error of an item here; an error that ends this process is noticed by the
+    /// Ends the work at every rank with the error of an item here; an error that ends this process is noticed by the
     /// others.
     fn fail(&mut self, error: LearnError) -> LearnError {
         if self.ended || portable(&error).is_none() {
@@ -147,7 +177,7 @@ impl<'a> Shards<'a> {
         let stop = u64::from(self.progress.cancelled());
         self.ended = true;
         let counts = [self.done, flag(State::Done), flag(State::Failed), stop];
-        let [segments, done, failed, stop] = self.peers.sum_counts(counts)?;
+        let [units, done, failed, stop] = self.peers.sum_counts(counts)?;
         if stop > 0 {
             return Err(LearnError::Cancelled);
         }
@@ -156,7 +186,7 @@ impl<'a> Shards<'a> {
         }
         self.ended = false;
         if self.peers.lead() {
-            self.progress.report(segments);
+            self.progress.report(units);
         }
         (self.done, self.last_round) = (0, Instant::now());
         Ok(done == self.peers.ranks() as u64)
