@@ -1,4 +1,5 @@
-//! The weights of a finished model: those of the last step, their moving average, or the best by validation.
+//! The weights of a finished model: those of the last step, their moving average, the mean of five late steps, or the best
+//! by validation.
 //! Independent of the loss.
 
 use std::collections::BTreeMap;
@@ -14,12 +15,19 @@ const KEPT: &str = "finished.";
 /// The name of the lowest validation loss there.
 const LOSS: &str = "finished_loss";
 
+/// Steps whose weights `mean` averages.
+const LATE: u64 = 5;
+/// Their distance as a part of all steps.
+const APART: u64 = 20;
+
 /// The weights that a run would finish with.
 pub(crate) struct Finished {
     rule: FinishedWeights,
     decay: f64,
+    /// Steps of the run.
+    steps: u64,
     parameters: Vec<(String, Tensor)>,
-    /// The average, or the best so far; empty before there are any.
+    /// The average so far, or the best so far; empty before there are any.
     kept: Vec<(String, Tensor)>,
     /// The lowest validation loss.
     loss: f64,
@@ -28,8 +36,8 @@ pub(crate) struct Finished {
 impl Finished {
     /// Of a run from the first step, whose parameters these are.
     pub(crate) fn new(optim: &OptimSpec, parameters: Vec<(String, Tensor)>) -> Self {
-        let OptimSpec { finished_weights: rule, ema_decay: decay, .. } = *optim;
-        Self { rule, decay, parameters, kept: Vec::new(), loss: f64::INFINITY }
+        let OptimSpec { finished_weights: rule, ema_decay: decay, steps, .. } = *optim;
+        Self { rule, decay, steps, parameters, kept: Vec::new(), loss: f64::INFINITY }
     }
 
     /// Takes the state from `named`.
@@ -53,17 +61,33 @@ impl Finished {
 
     /// Adds the weights after `done` steps to the average.
     pub(crate) fn after_step(&mut self, done: u64) {
-        if self.rule != FinishedWeights::Ema {
-            return;
-        }
+        let Some(share) = self.share(done) else { return };
         if self.kept.is_empty() {
             self.kept = self.copies();
         }
         let _no_grad = no_grad_guard();
-        #[expect(clippy::cast_precision_loss, reason = "step counts are far below 2^52")]
-        let decay = (1.0 - (1.0 + done as f64).powf(-0.75)).min(self.decay);
         for ((_, kept), (_, parameter)) in self.kept.iter_mut().zip(&self.parameters) {
-            let _ = kept.lerp_(parameter, 1.0 - decay);
+            let _ = kept.lerp_(parameter, share);
+        }
+    }
+
+    /// The share of the weights after `done` steps in the average up to them; `None` if they are no part of it.
+    fn share(&self, done: u64) -> Option<f64> {
+        match self.rule {
+            FinishedWeights::Last | FinishedWeights::Best => None,
+            FinishedWeights::Ema => {
+                #[expect(clippy::cast_precision_loss, reason = "step counts are far below 2^52")]
+                let decay = (1.0 - (1.0 + done as f64).powf(-0.75)).min(self.decay);
+                Some(1.0 - decay)
+            }
+            FinishedWeights::Mean => {
+                let apart = self.steps.div_ceil(APART);
+                let left = self.steps.checked_sub(done)?;
+                let first = ((self.steps - 1) / apart).min(LATE - 1);
+                let after = left / apart;
+                #[expect(clippy::cast_precision_loss, reason = "at most five")]
+                (left.is_multiple_of(apart) && after <= first).then(|| 1.0 / (first - after + 1) as f64)
+            }
         }
     }
 
@@ -135,6 +159,25 @@ mod tests {
         let second = 1.0 + 3f32.powf(-0.75);
         let third = second + 0.4 * (4.0 - second);
         assert!((values(&parameters[0].1)[0] - third).abs() < 1e-6, "{:?}", values(&parameters[0].1));
+    }
+
+    #[test]
+    fn the_mean_is_of_five_late_steps_and_survives_a_resume() {
+        for (steps, at) in [(100, vec![80, 85, 90, 95, 100]), (50, vec![38, 41, 44, 47, 50]), (3, vec![1, 2, 3])] {
+            let optim = OptimSpec { steps, ..rule(FinishedWeights::Mean) };
+            let parameters = parameter(0.0);
+            let mut finished = Finished::new(&optim, shared(&parameters));
+            for done in 1..=steps {
+                set(&parameters, f64::from(u32::try_from(done).unwrap()));
+                finished.after_step(done);
+                let mut resumed = Finished::new(&optim, shared(&parameters));
+                resumed.load(&finished.named().into_iter().collect()).unwrap();
+                finished = resumed;
+            }
+            finished.finish();
+            let mean = at.iter().sum::<u16>() as f32 / at.len() as f32;
+            assert!((values(&parameters[0].1)[0] - mean).abs() < 1e-4, "{steps}: {:?}", values(&parameters[0].1));
+        }
     }
 
     #[test]

@@ -64,6 +64,7 @@ mod steps;
 mod toy;
 mod train;
 mod trajectory;
+mod validation;
 mod weighting;
 
 pub use checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION, inspect};

@@ -17,8 +17,9 @@ use crate::peers::Peers;
 use crate::random::{Purpose, generator};
 use crate::score::last_steps;
 use crate::shape::{self, TaskShape};
-use crate::train::{Loss, Monitor, Participant, Resumed, Training};
+use crate::train::{LOSS_VALIDATION, Loss, Monitor, Participant, Resumed, Training};
 use crate::trajectory::Trajectory;
+use crate::validation;
 use gleaner_core::{PretrainSpec, Values};
 
 /// Segments on which the scale of features is measured, in whole episodes: many times the dimension of features.
@@ -30,7 +31,7 @@ const SCALE_SEGMENTS: usize = 4096;
 /// monitor stored; on the CPU, with the same number of threads, the resumed run gives the same bytes as an
 /// uninterrupted one. Metrics: `loss`, `loss_mtp`, `loss_tr`, `loss_aa`, `grad_norm`, `learning_rate`, `ms_per_step`,
 /// `ms_per_batch` (that assembling a batch took on the batches' own thread), `waited_share` (of the step's time, waiting
-/// for its batches).
+/// for its batches); twenty times `loss_validation`, if a share of the episodes is held out.
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Cancelled`], [`LearnError::Diverged`],
@@ -73,7 +74,8 @@ pub fn pretrain_with(
     for trajectory in data {
         trajectory.validate(shape)?;
     }
-    let data: Vec<&Trajectory> = data.iter().collect();
+    let share = (spec.validation_share, spec.run.seed);
+    let (data, held_out) = validation::split(data, share, (spec.optim.finished_weights, "data"))?;
     guard(|| {
         let training = match begin(shape, &data, spec, (image_weights, resume))? {
             Resumed::Finished(bytes) => return Ok(peers.lead().then_some(bytes)),
@@ -83,12 +85,22 @@ pub fn pretrain_with(
         let standard = network.statistics.proprioception.shared();
         let (device, part) = (network.device(), peers.part());
         let source = Source { shape, data: &data, segments: &segments, spec, device, standard, part };
+        let (held_out_segments, standard) = (Segments::every(&held_out), source.standard.shared());
+        let part = Part::WHOLE;
+        let unseen = Source { shape, data: &held_out, segments: &held_out_segments, spec, device, standard, part };
         let draw = move |number| Ok((source.draw(number)?, number));
         let loss = |network: &Network, (batch, number): (Batch, u64)| {
             pretrain_loss(&objectives, network, &batch, spec, number)
         };
+        let report = |network: &Network, done: u64| {
+            if !validation::due(done, spec.optim.steps) {
+                return Ok(Vec::new());
+            }
+            let loss = unseen.loss_validation(network, &objectives)?;
+            Ok(loss.map(|loss| (LOSS_VALIDATION, loss)).into_iter().collect())
+        };
         let every = spec.run.checkpoint_every;
-        let finished = training.run(every, draw, &loss, &|_, _| Ok(Vec::new()), (peers, monitor))?;
+        let finished = training.run(every, draw, &loss, &report, (peers, monitor))?;
         finished.map(|finished| with_feature_scale(&finished, &data, spec)).transpose()
     })
 }
@@ -169,6 +181,15 @@ impl Source<'_> {
         let mut rng = generator(seed, Purpose::Augmentation, number);
         augment(&mut batch, &self.spec.augmentation, &self.standard, &mut rng);
         Ok(batch)
+    }
+
+    /// The mean loss on all segments, without changes to their inputs and with the same masked elements every time;
+    /// `None` if there are none.
+    fn loss_validation(&self, network: &Network, objectives: &[&Objective]) -> Result<Option<f64>, LearnError> {
+        validation::mean(self.segments, |number, chunk| {
+            let batch = Batch::collect(self.shape, self.data, chunk, self.spec.model.window(), self.device)?;
+            Ok(pretrain_loss(objectives, network, &batch, self.spec, number).total.double_value(&[]))
+        })
     }
 }
 

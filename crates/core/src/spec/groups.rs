@@ -1,6 +1,6 @@
 //! Groups of settings that several kinds of jobs share.
 
-use crate::schema::{Setting, integer_in, number_in};
+use crate::schema::{Problem, Setting, integer_in, number_in};
 use crate::settings::{Group as _, Words as _};
 
 crate::words! {
@@ -159,9 +159,31 @@ crate::words! {
         Last = "last",
         /// The exponential moving average of all steps, steadier than any single step; only the last metrics are of it.
         Ema = "ema",
-        /// Those with the lowest `loss_validation`, which is measured up to twenty times; needs a `validation_share`,
-        /// and is not for pretraining.
+        /// The mean of the weights at five late steps, a twentieth of the run apart, the last step among them. The paper
+        /// averages the results of five late checkpoints; a mean of weights is one policy with one result.
+        Mean = "mean",
+        /// Those with the lowest `loss_validation`, which is measured up to twenty times; needs a `validation_share`.
         Best = "best",
+    }
+}
+
+crate::settings! {
+    /// Episodes that are held out.
+    pub(super) struct Validation {
+        /// Share of the episodes, drawn by the seed, that are held out of training to report `loss_validation` on (0: none):
+        /// of the experts for a policy, of all episodes in pretraining. A larger share measures overfitting better and leaves
+        /// fewer episodes to learn from.
+        pub(super) validation_share: f64 = 0.0, number_in(0.0, 0.9);
+    }
+}
+
+impl Validation {
+    /// The share, if `finished` can be had with it.
+    pub(super) fn checked(self, finished: FinishedWeights) -> Result<f64, Problem> {
+        if finished == FinishedWeights::Best && self.validation_share == 0.0 {
+            return Err(Problem::new("finished_weights", "best needs a validation_share above 0"));
+        }
+        Ok(self.validation_share)
     }
 }
 

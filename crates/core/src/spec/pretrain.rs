@@ -1,6 +1,6 @@
 //! The settings of pretraining.
 
-use super::groups::{Augmentation, FinishedWeights, ModelSpec, OptimSpec, RunSpec};
+use super::groups::{Augmentation, ModelSpec, OptimSpec, RunSpec, Validation};
 use super::image_weights::{ImageWeights, ImageWeightsSpec};
 use super::{stored, stored_as_values};
 use crate::kinds::Family;
@@ -20,6 +20,8 @@ pub struct PretrainSpec {
     pub augmentation: Augmentation,
     /// Optimiser and batches.
     pub optim: OptimSpec,
+    /// Share of the episodes that are held out.
+    pub validation_share: f64,
     /// Seed, checkpoints and device.
     pub run: RunSpec,
     /// Intra-op threads, set by the worker; `None` keeps the setting of the process. Numbers repeat bit for bit only
@@ -35,6 +37,7 @@ impl Default for PretrainSpec {
             objectives: Family::Objective.kinds().iter().map(|kind| kind.name.clone()).collect(),
             augmentation: Augmentation::default(),
             optim: OptimSpec::default(),
+            validation_share: Validation::default().validation_share,
             run: RunSpec::default(),
             threads: None,
         }
@@ -46,7 +49,7 @@ impl PretrainSpec {
     #[must_use]
     pub fn schema() -> Vec<Setting> {
         let model = [ModelSpec::schema(), ImageWeightsSpec::schema(), vec![objectives()]];
-        let training = [Augmentation::schema(), OptimSpec::schema(), RunSpec::schema()];
+        let training = [Augmentation::schema(), Validation::schema(), OptimSpec::schema(), RunSpec::schema()];
         [model.concat(), training.concat()].concat()
     }
 
@@ -58,12 +61,7 @@ impl PretrainSpec {
         let values = complete(&Self::schema(), values, |_| None)?;
         let chosen: Vec<String> = take(&values, &objectives())?;
         let optim = OptimSpec::read(&values)?;
-        if optim.finished_weights == FinishedWeights::Best {
-            return Err(Problem::new(
-                "finished_weights",
-                "best needs loss_validation, which pretraining does not measure; use last or ema (in an experiment, set best under `train`)",
-            ));
-        }
+        let validation_share = Validation::read(&values)?.checked(optim.finished_weights)?;
         let (model, weights) = (ModelSpec::read(&values)?, ImageWeightsSpec::read(&values)?);
         weights.check(model)?;
         let listed = Family::Objective.kinds().iter().map(|kind| kind.name.clone());
@@ -73,6 +71,7 @@ impl PretrainSpec {
             objectives: listed.filter(|name| chosen.contains(name)).collect(),
             augmentation: Augmentation::read(&values)?,
             optim,
+            validation_share,
             run: RunSpec::read(&values)?,
             threads: None,
         })
@@ -81,12 +80,13 @@ impl PretrainSpec {
     /// Every setting with its value.
     #[must_use]
     pub fn values(&self) -> Values {
-        let Self { model, image_weights, objectives, augmentation, optim, run, threads: _ } = self;
+        let Self { model, image_weights, objectives, augmentation, optim, validation_share, run, threads: _ } = self;
         let mut values = Values::new();
         model.write(&mut values);
         ImageWeightsSpec { image_weights: image_weights.clone() }.write(&mut values);
         values.insert("objectives".to_owned(), objectives.clone().into());
         augmentation.write(&mut values);
+        Validation { validation_share: *validation_share }.write(&mut values);
         optim.write(&mut values);
         run.write(&mut values);
         values

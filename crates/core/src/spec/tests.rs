@@ -174,8 +174,9 @@ fn the_best_weights_need_a_validation() {
     let message = TrainSpec::from_values(&best(0.0)).unwrap_err().to_string();
     assert_eq!(message, "finished_weights: best needs a validation_share above 0");
     assert!(TrainSpec::from_values(&best(0.2)).is_ok());
-    let message = PretrainSpec::from_values(&values(json!({"finished_weights": "best"}))).unwrap_err().to_string();
-    assert!(message.starts_with("finished_weights: best needs loss_validation"), "{message}");
+    let message = PretrainSpec::from_values(&best(0.0)).unwrap_err().to_string();
+    assert_eq!(message, "finished_weights: best needs a validation_share above 0");
+    assert_eq!(PretrainSpec::from_values(&best(0.2)).unwrap().validation_share, 0.2);
 }
 
 #[test]

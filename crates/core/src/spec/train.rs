@@ -1,11 +1,11 @@
 //! The settings of training a policy.
 
 use super::chosen::{Choice, Chosen, choice};
-use super::groups::{Augmentation, FinishedWeights, OptimSpec, RunSpec};
+use super::groups::{Augmentation, OptimSpec, RunSpec, Validation};
 use super::image_weights::{ImageWeights, ImageWeightsSpec};
 use super::{stored, stored_as_values};
 use crate::kinds::Family;
-use crate::schema::{Problem, Setting, Values, number_in};
+use crate::schema::{Problem, Setting, Values};
 use crate::settings::Group as _;
 
 /// Settings of a training job.
@@ -23,15 +23,6 @@ pub struct TrainSpec {
     pub run: RunSpec,
     /// Intra-op threads, set by the worker; `None` keeps the setting of the process.
     pub threads: Option<u32>,
-}
-
-crate::settings! {
-    /// Experts that are held out.
-    struct Validation {
-        /// Share of the experts, drawn by the seed, that are held out of training to report `loss_validation` on (0:
-        /// none). A larger share measures overfitting better and leaves fewer experts to learn from.
-        validation_share: f64 = 0.0, number_in(0.0, 0.9);
-    }
 }
 
 impl Default for TrainSpec {
@@ -65,10 +56,7 @@ impl TrainSpec {
         let [policy, weighting] = &choices;
         let values = Choice::complete(&[policy, weighting], &Self::schema(), values)?;
         let optim = OptimSpec::read(&values)?;
-        let Validation { validation_share } = Validation::read(&values)?;
-        if optim.finished_weights == FinishedWeights::Best && validation_share == 0.0 {
-            return Err(Problem::new("finished_weights", "best needs a validation_share above 0"));
-        }
+        let validation_share = Validation::read(&values)?.checked(optim.finished_weights)?;
         let policy = policy.chosen(&values);
         ImageWeightsSpec::check_policy(&policy.settings)?;
         Ok(Self {

@@ -17,7 +17,6 @@ mod shares;
 mod source;
 mod tf_bc;
 mod train;
-mod validation;
 
 pub use kind::Pretrained;
 pub use serve::Policy;

@@ -3,24 +3,24 @@
 //! L_full = E_{τ∼D_e}[−log P_θ′(a | τ)] + λ E_{τ∼D_f}[−w(q(τ)) log P_θ′(a | τ)]; the chosen weighting gives λ and w,
 //! in the paper w(q) = q.
 
-use gleaner_core::{FinishedWeights, TrainSpec};
+use gleaner_core::TrainSpec;
 use tch::Tensor;
 
 use super::find;
 use super::kind::{PolicyInit, PolicyModel, Pretrained};
 use super::shares::shares;
-use super::source::{Assembled, Assembly, Draw, Source};
-use super::validation;
+use super::source::{Assembled, Assembly, Draw, Source, mean_loss};
 use crate::batch::Segments;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::normalize::Sample;
 use crate::peers::Peers;
-use crate::random::Purpose;
+use crate::random::{Purpose, generator};
 use crate::shape::{self, TaskShape};
 use crate::train::{LOSS_VALIDATION, Loss, Metrics, Monitor, Participant, Resumed, Training};
 use crate::trajectory::{Trajectory, WeightedSegments};
+use crate::validation;
 use crate::weighting::{self, Weighting};
 
 type Policy = Box<dyn PolicyModel>;
@@ -125,21 +125,14 @@ struct Sources<'a> {
     weighting: Weighting,
 }
 
-/// How often a training measures its loss on the experts that it does not see.
-const VALIDATIONS: u64 = 20;
-
 const EXPERT: [Purpose; 3] = [Purpose::Batch, Purpose::Augmentation, Purpose::Style];
 const KEPT: [Purpose; 3] = [Purpose::KeptBatch, Purpose::KeptAugmentation, Purpose::KeptStyle];
 
 impl<'a> Sources<'a> {
     fn new(experts: &'a [Trajectory], kept: &'a [WeightedSegments], spec: &TrainSpec) -> Result<Self, LearnError> {
         let weighting = weighting::open(&spec.weighting)?;
-        let (experts, held_out) = validation::split(experts, spec);
-        if spec.optim.finished_weights == FinishedWeights::Best && held_out.is_empty() {
-            let message =
-                "has one episode, but finished_weights best holds one out; add another expert, or use last or ema";
-            return Err(LearnError::invalid("experts", message));
-        }
+        let share = (spec.validation_share, spec.run.seed);
+        let (experts, held_out) = validation::split(experts, share, (spec.optim.finished_weights, "experts"))?;
         let kept = if weighting.ignores_segments() { &[] } else { kept };
         Ok(Self {
             experts: Source { segments: Segments::every(&experts), data: experts },
@@ -156,15 +149,24 @@ impl<'a> Sources<'a> {
     /// policy looks at.
     fn report(&self, policy: &dyn PolicyModel, spec: &TrainSpec, done: u64) -> Result<Metrics, LearnError> {
         let mut metrics = Vec::new();
-        let last = done == spec.optim.steps;
-        if last || done.is_multiple_of(spec.optim.steps.div_ceil(VALIDATIONS)) {
-            let loss = validation::loss(policy, &self.held_out, spec.run.seed)?;
+        if validation::due(done, spec.optim.steps) {
+            let loss = self.loss_validation(policy, spec.run.seed)?;
             metrics.extend(loss.map(|loss| (LOSS_VALIDATION, loss)));
         }
-        if last {
+        if done == spec.optim.steps {
             metrics.extend(shares(policy, &self.experts, false, spec.run.seed)?);
         }
         Ok(metrics)
+    }
+
+    /// The mean loss on the experts that are held out, without changes to their inputs and with the same random parts
+    /// every time; `None` if none is.
+    fn loss_validation(&self, policy: &dyn PolicyModel, seed: u64) -> Result<Option<f64>, LearnError> {
+        let mut rng = generator(seed, Purpose::Validation, 1);
+        validation::mean(&self.held_out.segments, |_, chunk| {
+            let (batch, wanted) = self.held_out.collect(&policy.info().form(), chunk)?;
+            Ok(mean_loss(policy, batch, None, &wanted, &mut rng).0.double_value(&[]))
+        })
     }
 
     /// All steps of experts and the kept steps.

@@ -7,7 +7,7 @@ use crate::ahead::Assembled;
 use crate::checkpoint::inspect;
 use crate::toy::{self, Recorder};
 use crate::train::Silent;
-use gleaner_core::Augmentation;
+use gleaner_core::{Augmentation, FinishedWeights};
 
 #[test]
 fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
@@ -53,6 +53,47 @@ fn a_run_equals_one_whose_batches_are_assembled_when_due() {
     let run = (&mut Peers::alone(), &mut due as &mut dyn Monitor);
     let bytes = training.take_steps(9, &mut next, &loss, &|_, _| Ok(Vec::new()), run).unwrap().unwrap();
     assert_eq!((ahead.losses, finished), (due.losses, with_feature_scale(&bytes, &data, &spec).unwrap()));
+}
+
+#[test]
+fn the_loss_on_episodes_that_are_held_out_is_reported_and_they_have_no_influence() {
+    let shape = toy::shape();
+    let spec = PretrainSpec { validation_share: 0.25, ..toy::pretrain_spec(4) };
+    let train = |data: &[Trajectory]| {
+        let mut monitor = Recorder::default();
+        (pretrain(&shape, data, &spec, None, None, &mut monitor).unwrap(), monitor)
+    };
+    let data = toy::experts(4, 12);
+    let (bytes, report) = train(&data);
+    assert_eq!(report.metric("loss_validation").len(), 4, "{:?}", report.losses);
+    // One of the four is held out; another in its place changes its loss alone.
+    let (_, held_out) = validation::split(&data, (0.25, spec.run.seed), (FinishedWeights::Last, "data")).unwrap();
+    let place = data.iter().position(|one| one.id == held_out[0].id).unwrap();
+    let mut others = data.clone();
+    others[place] = toy::episode("another", 77, 12, true);
+    let (same, other) = train(&others);
+    assert_eq!(same, bytes);
+    assert_eq!(other.losses, report.losses);
+    assert_ne!(other.metric("loss_validation"), report.metric("loss_validation"));
+    // Without a share, all four are learned from.
+    let whole = pretrain(&shape, &data, &toy::pretrain_spec(4), None, None, &mut Silent).unwrap();
+    assert_ne!(whole, bytes);
+}
+
+#[test]
+fn the_best_weights_of_a_pretraining_have_the_lowest_validation_loss_and_need_two_episodes() {
+    let (shape, data) = (toy::shape(), toy::experts(4, 12));
+    // At this rate the loss grows.
+    let mut spec = PretrainSpec { validation_share: 0.5, ..toy::pretrain_spec(6) };
+    (spec.optim.learning_rate, spec.optim.finished_weights) = (0.5, FinishedWeights::Best);
+    let mut monitor = Recorder::default();
+    pretrain(&shape, &data, &spec, None, None, &mut monitor).unwrap();
+    let losses = monitor.metric("loss_validation");
+    let lowest = losses.iter().copied().fold(f64::INFINITY, f64::min);
+    assert_eq!(losses.last(), Some(&lowest), "the last metric is of the weights that are kept: {losses:?}");
+    assert!(losses[..losses.len() - 1].iter().any(|loss| *loss > lowest), "{losses:?}");
+    let error = pretrain(&shape, &data[..1], &spec, None, None, &mut Silent).unwrap_err().to_string();
+    assert!(error.starts_with("data: has one episode, but finished_weights best"), "{error}");
 }
 
 #[test]

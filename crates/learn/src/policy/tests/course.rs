@@ -32,6 +32,7 @@ fn every_course_gives_other_weights_and_resumes_bit_for_bit() {
     let plain = train(toy::optim(6), None).0;
     for optim in [
         finishing(FinishedWeights::Ema),
+        finishing(FinishedWeights::Mean),
         OptimSpec { gradient_accumulation: 3, ..toy::optim(6) },
         OptimSpec { rate_schedule: gleaner_core::RateSchedule::Constant, ..toy::optim(6) },
         OptimSpec { image_rate_factor: 0.5, ..toy::optim(6) },
