@@ -212,9 +212,9 @@ doc: .libtorch
 deny:
 	scripts/cargo-deny.sh
 
-# What a training step, encoding, an ACT inference and the nearest search cost here.
+# What a training step, encoding, scoring from the cache, an ACT inference and the nearest search cost here.
 bench: .libtorch
-	$(CARGO) bench -p gleaner-search -p gleaner-learn --bench '*' --locked --profile $(BENCH_PROFILE)
+	$(CARGO) bench -p gleaner-search -p gleaner-learn -p gleaner-worker --bench '*' --locked --profile $(BENCH_PROFILE)
 
 # An hour of four cameras at 480 × 640, inspected within 512 MiB. Takes most of an hour and 70 GB in the temporary folder.
 bench-hour:

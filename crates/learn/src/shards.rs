@@ -70,6 +70,11 @@ impl<'a> Shards<'a> {
         self.peers.lead()
     }
 
+    /// The items that this rank does, in the order in which it does them.
+    pub(crate) fn own(&self, sizes: &[usize]) -> Vec<usize> {
+        divide(sizes, self.peers.ranks()).into_iter().nth(self.peers.rank()).unwrap_or_default()
+    }
+
     /// Counts units that are done, reports them at intervals, and checks for cancellation.
     ///
     /// # Errors

@@ -2,10 +2,10 @@
 //! compares with other settings, encodes only new episodes. They can be computed again, so no error here fails a job.
 
 use std::{
-    cell::Cell,
     collections::HashMap,
     io::Write as _,
     path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use gleaner_learn::FeatureStore;
@@ -33,7 +33,7 @@ pub(crate) struct KeptFeatures<'a> {
     /// Places by the episodes' ids.
     places: HashMap<&'a str, Place>,
     /// Set once a write failed; no features are stored after that.
-    full: Cell<bool>,
+    full: AtomicBool,
 }
 
 /// The file of one episode's features.
@@ -51,7 +51,7 @@ impl<'a> KeptFeatures<'a> {
             Some((episode.id.as_str(), place))
         };
         let places = inputs.experts.iter().chain(&inputs.imperfect).filter_map(place).collect();
-        Self { blobs, unfinished: data_dir.join("tmp"), places, full: Cell::new(false) }
+        Self { blobs, unfinished: data_dir.join("tmp"), places, full: AtomicBool::new(false) }
     }
 
     /// Writes a digest of the key and of the compressed bytes, then these; the file gets its name once it is complete.
@@ -100,12 +100,12 @@ impl FeatureStore for KeptFeatures<'_> {
 
     fn put(&self, episode: &str, bytes: &[u8]) {
         let Some(place) = self.places.get(episode) else { return };
-        if self.full.get() {
+        if self.full.load(Ordering::Relaxed) {
             return;
         }
         if let Err(error) = self.write(place, bytes) {
             tracing::warn!(%error, "features cannot be written; further ones are not kept");
-            self.full.set(true);
+            self.full.store(true, Ordering::Relaxed);
         }
     }
 }

@@ -7,22 +7,16 @@ use super::EpisodeScores;
 use super::base::Known;
 use super::comparison::Comparison;
 use super::features::kept::{self, Kept};
-use super::features::{Encoder, FeatureStore, Features, Rough, episode_features, widths};
+use super::features::{Encoder, FeatureStore, Features, Rough, episode_features, features_from, widths};
 use super::form::{MATCHES, Matches, NUMBERS};
 use super::local::Spread;
+use super::matched::{described, sound};
+use super::reader::{Begun, Reader, Source};
 use super::similarity::metric;
+use crate::batch::Batch;
 use crate::error::LearnError;
 use crate::shards::{Form, Shards};
 use crate::trajectory::Trajectory;
-
-/// The features of episode `of`; fails unless they can be compared.
-pub(super) fn sound(features: Features, of: &str) -> Result<Features, LearnError> {
-    if features.comparable() {
-        return Ok(features);
-    }
-    let message = format!("gives features of episode {of} that are not finite; train the encoder again");
-    Err(LearnError::Checkpoint(message))
-}
 
 /// A running computation.
 pub(super) struct Run<'a> {
@@ -83,8 +77,13 @@ impl Run<'_> {
             new: (!had.is_empty() && news).then(|| Index::new(&new, metric)).transpose()?,
         };
         let sizes: Vec<usize> = imperfect.iter().map(Trajectory::steps).collect();
-        let scored = shards
-            .at_lead(&sizes, &MATCHES, |shards, at| self.imperfect(&imperfect[at], &indexes, shards).map(Some))?;
+        let own = shards.own(&sizes).into_iter().map(|at| &imperfect[at]);
+        let own: Vec<&Trajectory> = own.filter(|episode| self.is_read(episode, &indexes)).collect();
+        let scored = self.source().read_ahead(&own, |reader| {
+            let mut score =
+                |shards: &mut Shards<'_>, at: usize| self.imperfect(&imperfect[at], &indexes, (&mut *reader, shards));
+            shards.at_lead(&sizes, &MATCHES, |shards, at| score(shards, at).map(Some))
+        })?;
         let alone = shards.all(&self.sizes(), &MATCHES, |shards, at| {
             let (expert, features) = (self.experts[at], &features[at]);
             let matches = self.nearest(&expert.id, features, &indexes, self.known.matches(&expert.id))?;
@@ -109,7 +108,23 @@ impl Run<'_> {
             Kept::Rough(_) => None,
         };
         let form = Form { write: &kept::exact_bytes, read: &read };
-        shards.all(&self.sizes(), &form, |shards, at| self.exact(self.experts[at], shards))
+        let sizes = self.sizes();
+        let own: Vec<&Trajectory> = shards.own(&sizes).into_iter().map(|at| self.experts[at]).collect();
+        self.source().read_ahead(&own, |reader| {
+            shards.all(&sizes, &form, |shards, at| self.exact(self.experts[at], (&mut *reader, shards)))
+        })
+    }
+
+    /// Where episodes are read from.
+    fn source(&self) -> Source<'_> {
+        let network = self.encoder.network;
+        let (shape, device) = (&network.shape, network.device());
+        Source { shape, device, widths: widths(network, self.comparison), kept: self.kept }
+    }
+
+    /// Whether an imperfect episode is read: one is not if its matches are known and no expert is new.
+    fn is_read(&self, episode: &Trajectory, indexes: &Indexes) -> bool {
+        indexes.new.is_some() || self.known.matches(&episode.id).is_none()
     }
 
     /// The local scale around each segment of the experts; `None` with a single expert.
@@ -149,25 +164,27 @@ impl Run<'_> {
         &self,
         episode: &Trajectory,
         indexes: &Indexes,
-        shards: &mut Shards<'_>,
+        (reader, shards): (&mut Reader<'_>, &mut Shards<'_>),
     ) -> Result<Vec<Match>, LearnError> {
         let known = self.known.matches(&episode.id);
-        if let (Some(known), None) = (&known, &indexes.new) {
+        let unchanged = |known: &[Option<Match>]| known.iter().flatten().copied().collect();
+        if let (Some(known), false) = (&known, self.is_read(episode, indexes)) {
             shards.advance(known.len())?;
-            return Ok(known.iter().flatten().copied().collect());
+            return Ok(unchanged(known));
         }
-        let kept = self.kept_features(episode);
-        if let (Some(known), Some(new), Some(Kept::Rough(rough))) = (&known, &indexes.new, &kept)
-            && self.stay(episode, new, rough, known)?
-        {
-            shards.advance(known.len())?;
-            return Ok(known.iter().flatten().copied().collect());
-        }
-        let features = match kept {
-            Some(Kept::Exact(features)) => features,
-            Some(Kept::Rough(_)) => self.encoded(episode)?,
-            None => {
-                let features = self.encoded(episode)?;
+        let features = match reader.begin(episode)? {
+            Begun::Kept(Kept::Exact(features)) => features,
+            Begun::Kept(Kept::Rough(rough)) => {
+                if let (Some(known), Some(new)) = (&known, &indexes.new)
+                    && self.stay(episode, new, &rough, known)?
+                {
+                    shards.advance(known.len())?;
+                    return Ok(unchanged(known));
+                }
+                sound(episode_features(self.encoder, episode, self.comparison)?, &episode.id)?
+            }
+            Begun::Steps(first) => {
+                let features = self.encoded(episode, first, reader)?;
                 self.keep(episode, kept::rough_bytes(&features));
                 features
             }
@@ -221,28 +238,36 @@ impl Run<'_> {
     }
 
     /// The features of an expert, which all others are compared with, so they are kept as they are.
-    fn exact(&self, expert: &Trajectory, shards: &mut Shards<'_>) -> Result<Features, LearnError> {
-        let features = if let Some(Kept::Exact(features)) = self.kept_features(expert) {
-            features
-        } else {
-            let features = self.encoded(expert)?;
-            self.keep(expert, kept::exact_bytes(&features));
-            features
+    fn exact(
+        &self,
+        expert: &Trajectory,
+        (reader, shards): (&mut Reader<'_>, &mut Shards<'_>),
+    ) -> Result<Features, LearnError> {
+        let features = match reader.begin(expert)? {
+            Begun::Kept(Kept::Exact(features)) => features,
+            // Of an earlier run, in which this episode was imperfect.
+            begun => {
+                let features = match begun {
+                    Begun::Steps(first) => self.encoded(expert, first, reader)?,
+                    Begun::Kept(_) => sound(episode_features(self.encoder, expert, self.comparison)?, &expert.id)?,
+                };
+                self.keep(expert, kept::exact_bytes(&features));
+                features
+            }
         };
         shards.advance(features.count())?;
         Ok(features)
-    }
-
-    fn kept_features(&self, trajectory: &Trajectory) -> Option<Kept> {
-        self.kept_from(&self.kept?.get(&trajectory.id)?, trajectory)
     }
 
     fn kept_from(&self, bytes: &[u8], trajectory: &Trajectory) -> Option<Kept> {
         kept::from_bytes(bytes, trajectory.steps(), widths(self.encoder.network, self.comparison))
     }
 
-    fn encoded(&self, trajectory: &Trajectory) -> Result<Features, LearnError> {
-        sound(episode_features(self.encoder, trajectory, self.comparison)?, &trajectory.id)
+    /// The features of an episode whose first chunk is read.
+    fn encoded(&self, episode: &Trajectory, first: Batch, reader: &mut Reader<'_>) -> Result<Features, LearnError> {
+        let mut first = Some(first);
+        let mut next = || first.take().map_or_else(|| reader.chunk(), Ok);
+        sound(features_from(self.encoder, episode, self.comparison, &mut next)?, &episode.id)
     }
 
     fn keep(&self, trajectory: &Trajectory, bytes: Result<Vec<u8>, LearnError>) {
@@ -265,22 +290,4 @@ impl Run<'_> {
     fn describe(&self, episode: &Trajectory, role: Role, matches: &[Match]) -> EpisodeScores {
         described((&episode.id, role), self.places, matches)
     }
-}
-
-/// The scores of an episode by its matches, without q. `places` has the index of every expert in the given order.
-pub(super) fn described((id, role): (&str, Role), places: &[u32], matches: &[Match]) -> EpisodeScores {
-    EpisodeScores {
-        episode_id: id.to_owned(),
-        role,
-        w: matches.iter().map(w_of).collect(),
-        q: Vec::new(),
-        match_episode: matches.iter().map(|found| places[found.group as usize]).collect(),
-        match_step: matches.iter().map(|found| found.row).collect(),
-        distances: matches.iter().map(|found| found.parts).collect(),
-    }
-}
-
-/// w of a match. Not −distance, which would make −0 of the best w.
-pub(super) fn w_of(found: &Match) -> f64 {
-    0.0 - found.distance
 }

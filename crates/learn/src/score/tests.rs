@@ -1,6 +1,7 @@
 //! Score runs from encoder bytes to qualities.
 
-use std::sync::OnceLock;
+use std::collections::HashMap;
+use std::sync::{Mutex, OnceLock};
 
 use super::*;
 use crate::pretrain::pretrain;
@@ -217,5 +218,19 @@ fn a_cancelled_run_stops() {
 }
 
 /// Tests of runs that extend an earlier one.
+/// Stores features in memory.
+#[derive(Default)]
+pub(super) struct Shared(pub(super) Mutex<HashMap<String, Vec<u8>>>);
+
+impl FeatureStore for Shared {
+    fn get(&self, episode: &str) -> Option<Vec<u8>> {
+        self.0.lock().unwrap().get(episode).cloned()
+    }
+
+    fn put(&self, episode: &str, bytes: &[u8]) {
+        self.0.lock().unwrap().insert(episode.to_owned(), bytes.to_vec());
+    }
+}
+
 mod extend;
 mod shards;

@@ -15,8 +15,8 @@ const NAMES: [&str; 3] = ["o", "m", "a"];
 const BOUNDS: [&str; 2] = ["steps", "moved"];
 
 /// Stores features from one run to the next. One store is for one encoder and one
-/// [`features_kind`](crate::features_kind).
-pub trait FeatureStore {
+/// [`features_kind`](crate::features_kind). Features are read and stored by several threads.
+pub trait FeatureStore: Sync {
     /// The stored bytes for the episode of this id; `None` without any. Bytes that cannot be its features are ignored.
     fn get(&self, episode: &str) -> Option<Vec<u8>>;
 

@@ -3,21 +3,18 @@
 
 use tch::Tensor;
 
-use super::{CHUNK, Encoder, Features, extend, lay_out, padding};
-use crate::batch::{Batch, Segment, Segments, Windows};
+use super::{CHUNK, Encoder, Episode, Features, extend, lay_out, padding};
+use crate::batch::Windows;
 use crate::error::LearnError;
-use crate::model::{Modality, Network};
-use crate::trajectory::Trajectory;
+use crate::model::Modality;
 
 /// The features of each segment's last `keep` steps: per modality `keep` times d values, zero for places before the
 /// episode.
-pub(super) fn features(encoder: Encoder<'_>, trajectory: &Trajectory, keep: usize) -> Result<Features, LearnError> {
+pub(super) fn features(encoder: Encoder<'_>, mut episode: Episode<'_>, keep: usize) -> Result<Features, LearnError> {
     let network = encoder.network;
-    let every = Segments::every(&[trajectory]).all();
-    let steps = every.chunks(CHUNK).map(|chunk| encode(network, trajectory, chunk));
-    let steps = Tensor::cat(&steps.collect::<Result<Vec<Tensor>, LearnError>>()?, 0);
+    let steps = Tensor::cat(&episode.each(|chunk| network.batch_steps(chunk))?, 0);
     let mut features = Features::empty([keep * network.width(); 3]);
-    for chunk in every.chunks(CHUNK) {
+    for chunk in episode.every.chunks(CHUNK) {
         let (windows, needed) = lay_out(network, chunk);
         let steps = steps.index_select(0, &needed);
         extend(&mut features, &pass(encoder, &steps, &windows, keep));
@@ -36,10 +33,4 @@ pub(super) fn pass(encoder: Encoder<'_>, steps: &Tensor, windows: &Windows, keep
         let z = scale.map_or(z.shallow_clone(), |scale| scale.apply(modality as usize, &z));
         z.masked_fill(&padding, 0.0).flatten(1, -1)
     })
-}
-
-/// The steps of `chunk`, `[chunk.len(), 3, d]`.
-fn encode(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> Result<Tensor, LearnError> {
-    let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device())?;
-    Ok(network.batch_steps(&batch))
 }

@@ -7,14 +7,15 @@ pub(super) mod raw;
 mod rough;
 mod states;
 
-use crate::batch::{Segment, Windows, int, rows, values};
+use crate::batch::{Batch, Segment, Segments, Windows, int, rows, values};
 use crate::error::LearnError;
 use crate::history::Stacked;
 use crate::model::{Network, View};
 use crate::normalize::FeatureScale;
 use crate::score::comparison::{Comparison, Source};
+use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
-use tch::Tensor;
+use tch::{Device, Tensor};
 
 pub use kept::{FeatureStore, Forgetful};
 pub(super) use rough::Rough;
@@ -23,6 +24,36 @@ pub(super) use states::states;
 /// Number of steps encoded, and of windows passed, at a time. It bounds memory; being fixed, it makes an episode's
 /// features independent of the other episodes.
 const CHUNK: usize = 128;
+
+/// The number of chunks of an episode of so many steps.
+pub(super) fn chunks(steps: usize) -> usize {
+    steps.div_ceil(CHUNK)
+}
+
+/// The steps of the chunk of this number.
+pub(super) fn chunk(
+    shape: &TaskShape,
+    trajectory: &Trajectory,
+    number: usize,
+    device: Device,
+) -> Result<Batch, LearnError> {
+    let every = Segments::every(&[trajectory]).all();
+    let segments = every.chunks(CHUNK).nth(number).unwrap_or_default();
+    Batch::collect(shape, &[trajectory], segments, 1, device)
+}
+
+/// An episode whose features are computed: its segments, and its chunks in order, each of which is called for once.
+pub(super) struct Episode<'a> {
+    every: Vec<Segment>,
+    next: &'a mut dyn FnMut() -> Result<Batch, LearnError>,
+}
+
+impl Episode<'_> {
+    /// What `act` makes of each chunk of steps.
+    fn each<T>(&mut self, act: impl Fn(&Batch) -> T) -> Result<Vec<T>, LearnError> {
+        (0..chunks(self.every.len())).map(|_| Ok(act(&(self.next)()?))).collect()
+    }
+}
 
 /// Features of T segments: one point each, with the parts o, m and a.
 pub(super) type Features = gleaner_search::Points;
@@ -115,7 +146,8 @@ pub(crate) fn last_steps(
     view: View<'static>,
     trajectory: &Trajectory,
 ) -> Result<[Tensor; 3], LearnError> {
-    let features = learned::features(Encoder { network, scale: None, view }, trajectory, 1)?;
+    let encoder = Encoder { network, scale: None, view };
+    let features = read(network, trajectory, |episode| learned::features(encoder, episode, 1))?;
     Ok([0, 1, 2].map(|modality| rows(features.values(modality), features.widths()[modality], network.device())))
 }
 
@@ -125,11 +157,36 @@ pub(super) fn episode_features(
     trajectory: &Trajectory,
     comparison: &Comparison,
 ) -> Result<Features, LearnError> {
+    read(encoder.network, trajectory, |episode| features_of(encoder, episode, comparison))
+}
+
+/// As [`episode_features`], of chunks that are read by `next`.
+pub(super) fn features_from(
+    encoder: Encoder<'_>,
+    trajectory: &Trajectory,
+    comparison: &Comparison,
+    next: &mut dyn FnMut() -> Result<Batch, LearnError>,
+) -> Result<Features, LearnError> {
+    features_of(encoder, Episode { every: Segments::every(&[trajectory]).all(), next }, comparison)
+}
+
+fn features_of(encoder: Encoder<'_>, episode: Episode<'_>, comparison: &Comparison) -> Result<Features, LearnError> {
     let keep = keep(encoder.network, comparison);
     match comparison.source {
-        Source::Features(_) => learned::features(encoder, trajectory, keep),
-        Source::Observations => raw::features(encoder.network, trajectory, keep),
+        Source::Features(_) => learned::features(encoder, episode, keep),
+        Source::Observations => raw::features(encoder.network, episode, keep),
     }
+}
+
+/// What `make` makes of an episode whose chunks are read when they are due.
+fn read<T>(
+    network: &Network,
+    trajectory: &Trajectory,
+    make: impl FnOnce(Episode<'_>) -> Result<T, LearnError>,
+) -> Result<T, LearnError> {
+    let mut numbers = 0..;
+    let mut next = || chunk(&network.shape, trajectory, numbers.next().unwrap_or_default(), network.device());
+    make(Episode { every: Segments::every(&[trajectory]).all(), next: &mut next })
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 
 use tch::Tensor;
 
-use super::{CHUNK, Features, extend, lay_out, padding};
-use crate::batch::{Batch, Segment, Segments, Windows, images, int};
+use super::{CHUNK, Episode, Features, extend, lay_out, padding, read};
+use crate::batch::{Batch, Windows, images, int};
 use crate::error::LearnError;
 use crate::history::Stacked;
 use crate::model::Network;
@@ -31,10 +31,10 @@ pub(super) fn embed_frames(network: &Network, frames: &[&[u8]]) -> Tensor {
 }
 
 /// Features of every segment's last `keep` steps; zero for places before the episode.
-pub(super) fn features(network: &Network, trajectory: &Trajectory, keep: usize) -> Result<Features, LearnError> {
-    let steps = standard(network, trajectory)?;
+pub(super) fn features(network: &Network, mut episode: Episode<'_>, keep: usize) -> Result<Features, LearnError> {
+    let steps = standard(network, &mut episode)?;
     let mut features = Features::empty(step_widths(network).map(|width| keep * width));
-    for chunk in Segments::every(&[trajectory]).all().chunks(CHUNK) {
+    for chunk in episode.every.chunks(CHUNK) {
         let (windows, needed) = lay_out(network, chunk);
         let steps = steps.each_ref().map(|part| part.index_select(0, &needed));
         extend(&mut features, &pass(steps, &windows, keep));
@@ -56,7 +56,7 @@ pub(super) fn newest(network: &Network, stacked: &Stacked, keep: usize) -> [Tens
 /// Standardised o, m and a of every step.
 pub(in crate::score) fn steps(network: &Network, trajectory: &Trajectory) -> Result<Features, LearnError> {
     let mut features = Features::empty(step_widths(network));
-    extend(&mut features, &standard(network, trajectory)?);
+    extend(&mut features, &read(network, trajectory, |mut episode| standard(network, &mut episode))?);
     Ok(features)
 }
 
@@ -73,21 +73,18 @@ fn pass(steps: [Tensor; 3], windows: &Windows, keep: usize) -> [Tensor; 3] {
 }
 
 /// Standardised o, m and a of every step, `[T, width]` each.
-fn standard(network: &Network, trajectory: &Trajectory) -> Result<[Tensor; 3], LearnError> {
-    let every = Segments::every(&[trajectory]).all();
-    let parts = every.chunks(CHUNK).map(|chunk| standard_chunk(network, trajectory, chunk));
-    let parts: Vec<[Tensor; 3]> = parts.collect::<Result<_, LearnError>>()?;
+fn standard(network: &Network, episode: &mut Episode<'_>) -> Result<[Tensor; 3], LearnError> {
+    let parts = episode.each(|chunk| standard_chunk(network, chunk))?;
     Ok([0, 1, 2].map(|modality| Tensor::cat(&parts.iter().map(|part| &part[modality]).collect::<Vec<_>>(), 0)))
 }
 
-fn standard_chunk(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> Result<[Tensor; 3], LearnError> {
-    let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device())?;
+fn standard_chunk(network: &Network, chunk: &Batch) -> [Tensor; 3] {
     let statistics = &network.statistics;
-    Ok([
-        small(network, &batch.images),
-        statistics.proprioception.apply(&batch.proprioception),
-        statistics.action.apply(&batch.action),
-    ])
+    [
+        small(network, &chunk.images),
+        statistics.proprioception.apply(&chunk.proprioception),
+        statistics.action.apply(&chunk.action),
+    ]
 }
 
 /// Images, per camera `[N, C, H, W]`, to the down-sampled and standardised values of all cameras, `[N, width]`.

@@ -1,8 +1,5 @@
 //! Extending an earlier run gives the result of a full run.
 
-use std::cell::RefCell;
-use std::collections::HashMap;
-
 use super::*;
 
 /// The part of a run that the server stores.
@@ -153,31 +150,17 @@ fn a_base_that_does_not_fit_is_named() {
     assert!(message(&experts, &ScoreBase { normaliser, ..good.clone() }, &spec).starts_with("base.normaliser: "));
 }
 
-/// Stores features in memory.
-#[derive(Default)]
-struct Memory(RefCell<HashMap<String, Vec<u8>>>);
-
-impl FeatureStore for Memory {
-    fn get(&self, episode: &str) -> Option<Vec<u8>> {
-        self.0.borrow().get(episode).cloned()
-    }
-
-    fn put(&self, episode: &str, bytes: &[u8]) {
-        self.0.borrow_mut().insert(episode.to_owned(), bytes.to_vec());
-    }
-}
-
 #[test]
 fn kept_features_give_the_same_bits_and_are_not_encoded_again_without_need() {
     let (experts, mut imperfect) = (toy::experts(4, 8), failures(3));
     // So near to the first expert that no further one is nearer.
     imperfect[0] = Trajectory { id: imperfect[0].id.clone(), ..experts[0].clone() };
     for spec in specs() {
-        let kept = Memory::default();
+        let kept = Shared::default();
         let inputs = ScoreInputs { encoder: &encoder(), experts: &experts[..3], imperfect: &imperfect, kept: &kept };
         let first = score(inputs, &spec, &mut Silent).unwrap();
         assert_eq!(bits(&first), bits(&run(&experts[..3], &imperfect, &spec)));
-        let of_all = kept.0.borrow().len();
+        let of_all = kept.0.lock().unwrap().len();
         if spec.scorer.name == "raw" {
             assert_eq!(of_all, 0, "observations are not kept twice");
             continue;
@@ -187,11 +170,11 @@ fn kept_features_give_the_same_bits_and_are_not_encoded_again_without_need() {
         let mut blind = imperfect.clone();
         blind[0] = blind[0].changed(|arrays| arrays.proprioception.iter_mut().for_each(|value| *value += 3.0));
         // Truncated, as by a disk fault: computed again.
-        kept.0.borrow_mut().get_mut("failure 1").unwrap().pop();
+        kept.0.lock().unwrap().get_mut("failure 1").unwrap().pop();
         let base = base(first.clone(), &experts[..3]);
         let inputs = ScoreInputs { experts: &experts, imperfect: &blind, ..inputs };
         let extended = extend_scores(inputs, &base, &spec, &mut Silent).unwrap();
         assert_eq!(bits(&extended), bits(&full(&experts, &imperfect, &first.normaliser, &spec)), "{spec:?}");
-        assert_eq!(kept.0.borrow().len(), 7);
+        assert_eq!(kept.0.lock().unwrap().len(), 7);
     }
 }

@@ -1,28 +1,11 @@
 //! Score runs of two and three ranks, each on a thread of its own, beside the same run in one process.
 
-use std::collections::HashMap;
-use std::sync::Mutex;
-
 use gleaner_core::ScoreSpec;
 
 use super::*;
 use crate::peers::testing::ranks;
 use crate::toy::{self, Recorder};
 use crate::trajectory::Trajectory;
-
-/// Stores features in memory, for several ranks.
-#[derive(Default)]
-struct Shared(Mutex<HashMap<String, Vec<u8>>>);
-
-impl FeatureStore for Shared {
-    fn get(&self, episode: &str) -> Option<Vec<u8>> {
-        self.0.lock().unwrap().get(episode).cloned()
-    }
-
-    fn put(&self, episode: &str, bytes: &[u8]) {
-        self.0.lock().unwrap().insert(episode.to_owned(), bytes.to_vec());
-    }
-}
 
 fn failures(count: u64) -> Vec<Trajectory> {
     let failure =

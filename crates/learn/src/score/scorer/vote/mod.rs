@@ -25,7 +25,7 @@ use crate::score::EpisodeScores;
 use crate::score::comparison::{Comparison, FeatureScale, NearestSpec, Similarity, Source};
 use crate::score::count;
 use crate::score::features::{Encoder, Features, episode_features};
-use crate::score::run::sound;
+use crate::score::matched::sound;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use corrupt::{WAYS, copies};

@@ -1,0 +1,184 @@
+//! The steps and kept features of episodes, read on a thread of their own ahead of the episode's turn, so that encoding
+//! does not wait for a disk or for decompression. Independent of what is computed from them.
+
+use std::cell::Cell;
+
+use tch::Device;
+
+use super::features::kept::{self, Kept};
+use super::features::{FeatureStore, chunk, chunks};
+use crate::ahead::{Next, ahead};
+use crate::batch::Batch;
+use crate::error::LearnError;
+use crate::shape::TaskShape;
+use crate::trajectory::Trajectory;
+
+/// Where episodes are read from, and how.
+pub(super) struct Source<'a> {
+    pub(super) shape: &'a TaskShape,
+    /// That of the steps.
+    pub(super) device: Device,
+    /// Widths of kept features.
+    pub(super) widths: [usize; 3],
+    /// Features of earlier runs; `None` where storing them does not pay off.
+    pub(super) kept: Option<&'a dyn FeatureStore>,
+}
+
+/// A piece of an episode.
+enum Piece {
+    /// Its kept features, in place of the first chunk of its steps.
+    Kept(Kept),
+    /// A chunk of its steps.
+    Steps(Batch),
+    /// In place of the further chunks of an episode with kept features.
+    Nothing,
+}
+
+/// What was read of an episode when its turn comes.
+pub(super) enum Begun {
+    /// Its kept features.
+    Kept(Kept),
+    /// The first chunk of its steps; [`Reader::chunk`] gives the others.
+    Steps(Batch),
+}
+
+/// The pieces of episodes, in their order.
+pub(super) struct Reader<'a>(Next<'a, Piece>);
+
+impl Source<'_> {
+    /// Runs `work` with a reader of `episodes`, which takes them in this order.
+    pub(super) fn read_ahead<R>(
+        &self,
+        episodes: &[&Trajectory],
+        work: impl FnOnce(&mut Reader<'_>) -> Result<R, LearnError>,
+    ) -> Result<R, LearnError> {
+        let of_episode = |(episode, of): (usize, &&Trajectory)| (0..chunks(of.steps())).map(move |at| (episode, at));
+        let pieces: Vec<(usize, usize)> = episodes.iter().enumerate().flat_map(of_episode).collect();
+        let (numbers, in_turn) = (0..pieces.len() as u64, Cell::new(false));
+        let read = move |number: u64| {
+            let (episode, at) =
+                usize::try_from(number).ok().and_then(|number| pieces.get(number)).ok_or_else(beyond)?;
+            let episode = episodes[*episode];
+            if *at == 0 {
+                let kept = self.kept_features(episode);
+                in_turn.set(kept.is_some());
+                if let Some(kept) = kept {
+                    return Ok(Piece::Kept(kept));
+                }
+            }
+            if in_turn.get() {
+                return Ok(Piece::Nothing);
+            }
+            chunk(self.shape, episode, *at, self.device).map(Piece::Steps)
+        };
+        ahead(numbers, read, |next| work(&mut Reader(next)))
+    }
+
+    fn kept_features(&self, episode: &Trajectory) -> Option<Kept> {
+        kept::from_bytes(&self.kept?.get(&episode.id)?, episode.steps(), self.widths)
+    }
+}
+
+impl Reader<'_> {
+    /// Begins `episode`, whose turn it is.
+    pub(super) fn begin(&mut self, episode: &Trajectory) -> Result<Begun, LearnError> {
+        match (self.0)()?.batch {
+            Piece::Steps(chunk) => Ok(Begun::Steps(chunk)),
+            Piece::Kept(kept) => {
+                for _ in 1..chunks(episode.steps()) {
+                    (self.0)()?;
+                }
+                Ok(Begun::Kept(kept))
+            }
+            Piece::Nothing => Err(beyond()),
+        }
+    }
+
+    /// The next chunk of the episode that began with steps.
+    pub(super) fn chunk(&mut self) -> Result<Batch, LearnError> {
+        match (self.0)()?.batch {
+            Piece::Steps(chunk) => Ok(chunk),
+            Piece::Kept(_) | Piece::Nothing => Err(beyond()),
+        }
+    }
+}
+
+/// A defect of this program.
+fn beyond() -> LearnError {
+    LearnError::Torch("steps were requested out of their order".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::score::tests::Shared;
+    use crate::toy;
+
+    /// Of 300 steps each: three chunks.
+    fn episodes() -> Vec<Trajectory> {
+        toy::experts(3, 300)
+    }
+
+    fn features(steps: usize) -> crate::score::features::Features {
+        let mut features = crate::score::features::Features::empty([1; 3]);
+        features.extend([1.0, 2.0, 3.0].map(|value| vec![value; steps]));
+        features
+    }
+
+    #[test]
+    fn episodes_come_in_turn_with_their_steps_or_their_kept_features() {
+        let (shape, episodes, kept) = (toy::shape(), episodes(), Shared::default());
+        kept.put(&episodes[1].id, &kept::exact_bytes(&features(300)).unwrap());
+        let source = Source { shape: &shape, device: Device::Cpu, widths: [1; 3], kept: Some(&kept) };
+        let all: Vec<&Trajectory> = episodes.iter().collect();
+        source
+            .read_ahead(&all, |reader| {
+                for (place, episode) in all.iter().enumerate() {
+                    match reader.begin(episode)? {
+                        Begun::Kept(Kept::Exact(found)) => assert!(place == 1 && found.values(2)[299] == 3.0),
+                        Begun::Kept(Kept::Rough(_)) => panic!("exact features were kept"),
+                        Begun::Steps(first) => {
+                            assert_ne!(place, 1);
+                            let read = [first, reader.chunk()?, reader.chunk()?];
+                            for (at, read) in read.iter().enumerate() {
+                                let due = chunk(&shape, episode, at, Device::Cpu)?;
+                                assert_eq!(read.proprioception, due.proprioception);
+                                assert_eq!(read.images, due.images);
+                            }
+                        }
+                    }
+                }
+                assert!(reader.begin(all[0]).is_err() && reader.chunk().is_err(), "there are no more");
+                Ok(())
+            })
+            .unwrap();
+    }
+
+    #[test]
+    fn an_error_of_reading_is_that_of_its_episode() {
+        struct Unreadable;
+        impl crate::StepSource for Unreadable {
+            fn steps(&self) -> usize {
+                5
+            }
+            fn widths(&self) -> crate::StepWidths {
+                crate::StepWidths::from(&toy::shape())
+            }
+            fn numbers(&self, _: std::ops::Range<usize>) -> Result<crate::Numbers, crate::SourceError> {
+                Err("the disk is gone".into())
+            }
+            fn frames(&self, _: std::ops::Range<usize>, _: &mut [u8]) -> Result<(), crate::SourceError> {
+                Err("the disk is gone".into())
+            }
+        }
+        let (shape, episodes) = (toy::shape(), episodes());
+        let broken = Trajectory::read_from(&shape, "broken", std::sync::Arc::new(Unreadable)).unwrap();
+        let source = Source { shape: &shape, device: Device::Cpu, widths: [1; 3], kept: None };
+        let error = source.read_ahead(&[&episodes[0], &broken, &episodes[1]], |reader| {
+            assert!(matches!(reader.begin(&episodes[0])?, Begun::Steps(_)));
+            (reader.chunk()?, reader.chunk()?);
+            Ok(reader.begin(&broken).map(drop).unwrap_err().to_string())
+        });
+        assert!(error.unwrap().contains("the disk is gone"));
+    }
+}
