@@ -59,8 +59,27 @@ async fn a_lerobot_dataset_is_pushed_and_drafts_its_task() {
     let refused = gleaner(server.url(), &[&words[..], &["reward"]].concat()).await;
     assert!(!refused.success && refused.text().contains("next.success"), "{}", refused.text());
     // Another robot's features do not fit this task, and each episode is refused by name.
-    let refused = gleaner(server.url(), &["push", text(&fixture("robomimic.hdf5"))]).await;
+    let other = fixture("robomimic.hdf5");
+    let refused = gleaner(server.url(), &["push", text(&other), "--task", "lerobot_v30_video"]).await;
     assert!(!refused.success && refused.text().contains("episode_000000"), "{}", refused.text());
+    // Without a name they become another task, and every dataset finds its own.
+    let created = gleaner(server.url(), &["push", text(&other)]).await;
+    assert!(created.success && created.text().contains("created task robomimic"), "{}", created.text());
+    for (dataset, task) in [("lerobot_v30_video", "lerobot_v30_video"), ("robomimic.hdf5", "robomimic")] {
+        let again = gleaner(server.url(), &["push", text(&fixture(dataset))]).await;
+        assert!(again.success && !again.text().contains("created"), "{}", again.text());
+        let episodes = shown(server.url(), &["episodes", "--task", task]).await;
+        assert!(!episodes["episodes"].as_array().unwrap().is_empty(), "{episodes}");
+    }
+    // Two tasks alike are one question.
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("task.toml");
+    let drafted = gleaner(NOWHERE, &["task", "draft", text(&other), "--name", "alike"]).await;
+    std::fs::write(&file, &drafted.out).unwrap();
+    assert!(gleaner(server.url(), &["task", "create", text(&file)]).await.success);
+    let refused = gleaner(server.url(), &["push", text(&other)]).await;
+    let asked = refused.text();
+    assert!(!refused.success && asked.contains("fits several tasks") && asked.contains("alike"), "{asked}");
 }
 
 #[tokio::test]

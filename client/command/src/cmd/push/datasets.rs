@@ -4,14 +4,16 @@ use std::time::Instant;
 
 use futures::StreamExt as _;
 use gleaner_client::{Client, ClientError, PushItem, PushResult, Pushed, UploadLabel};
-use gleaner_core::proto::task::spec_to_proto;
+use gleaner_core::proto::task::{spec_from_proto, spec_to_proto};
 use gleaner_proto::v1::{CreateTaskRequest, ListTasksRequest, Outcome};
+use gleaner_recording::TaskSpec;
 
 use super::PushArgs;
 use super::items::known_task;
 use crate::context::Context;
 use crate::draft::of_description;
 use crate::failure::{Failure, Result};
+use crate::inspector::Inspector;
 use crate::intake::Intake;
 
 /// Sends every episode of these datasets; returns the results, and the task.
@@ -67,25 +69,58 @@ async fn episode(
     Ok(PushResult { path, result })
 }
 
-/// The task that was named, or the only one of the server; a server without tasks gets the one that the first dataset
-/// describes.
+/// The task that was named, or the one that the first dataset fits; if it fits none, one is created from its features.
 async fn task(args: &PushArgs, context: &Context, client: &Client, intakes: &[Intake]) -> Result<String> {
-    let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
-    let Some(first) = intakes.first().filter(|_| args.task.is_none() && tasks.is_empty()) else {
-        let task = context.task(client, args.task.as_deref()).await?;
-        let known = known_task(client, task, None).await;
-        return known.map_err(|error| {
-            let path = intakes.first().map(|intake| intake.path.display().to_string()).unwrap_or_default();
-            Failure::message(format!("{error}; `gleaner task draft {path} > task.toml` drafts it"))
-        });
-    };
+    let Some(first) = intakes.first() else { return context.task(client, args.task.as_deref()).await };
+    let path = first.path.display();
+    if let Some(named) = &args.task {
+        let known = known_task(client, named.clone(), None).await;
+        return known
+            .map_err(|error| Failure::message(format!("{error}; `gleaner task draft {path} > task.toml` drafts it")));
+    }
+    let specs = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+    let specs = specs.into_iter().filter_map(|task| spec_from_proto(task.spec?).ok()).collect::<Vec<_>>();
+    let mut fitting = fitting(first, &specs).await?;
+    match fitting.len() {
+        1 => return Ok(fitting.remove(0)),
+        0 => {}
+        _ => {
+            let names = fitting.join(", ");
+            return Err(Failure::message(format!("{path} fits several tasks; add --task with one of: {names}")));
+        }
+    }
     let spec = of_description(&first.description, first.name()).spec;
     gleaner_recording::validate(&spec)?;
     let name = spec.name.clone();
+    if specs.iter().any(|known| known.name == name) {
+        return Err(Failure::message(format!(
+            "{path} does not fit the server's task {name}; push with --task {name} to see why, or create another one: \
+             `gleaner task draft {path} --name OTHER > task.toml`"
+        )));
+    }
     client.tasks().create_task(CreateTaskRequest { spec: Some(spec_to_proto(spec)) }).await?;
     context.output.note(format_args!(
-        "created task {name} from the features of {}; `gleaner task show {name}` shows it",
-        first.path.display()
+        "created task {name} from the features of {path}, which fit no other task; `gleaner task show {name}` shows it"
     ));
     Ok(name)
+}
+
+/// The names of the tasks that would accept the dataset's first usable episode.
+async fn fitting(dataset: &Intake, specs: &[TaskSpec]) -> Result<Vec<String>> {
+    let mut names = Vec::new();
+    if specs.is_empty() {
+        return Ok(names);
+    }
+    let inspector = Inspector::find()?;
+    for number in 0..dataset.description.episodes {
+        let Ok(episode) = dataset.episode(number).await? else { continue };
+        for spec in specs {
+            let reports = inspector.check(std::slice::from_ref(&episode.recording), spec).await?;
+            if reports.iter().all(|(_, report)| report.is_ok()) {
+                names.push(spec.name.clone());
+            }
+        }
+        break;
+    }
+    Ok(names)
 }
