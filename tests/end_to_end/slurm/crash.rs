@@ -1,5 +1,6 @@
 //! Random kills of nodes, workers, the controller and the server under a queue of jobs: every job ends with the result of
-//! an undisturbed one, and no attempt is counted that no job caused. `make crash-test-slurm` is the long form.
+//! an undisturbed one, once, and no attempt is counted but for a worker that was killed. `make crash-test-slurm` is the
+//! long form.
 
 use gleaner_proto::v1::*;
 use rand::RngExt as _;
@@ -9,6 +10,22 @@ use crate::support::{api::Api, crash::Settings, lab, slurm::Cluster};
 
 const STEPS: u32 = 30;
 
+/// What was killed, how often.
+#[derive(Debug, Default)]
+struct Kills {
+    nodes: u32,
+    controllers: u32,
+    /// Of all workers that run.
+    workers: u32,
+    servers: u32,
+}
+
+/// A job that has not ended, and the kills of workers before it.
+struct Open {
+    id: String,
+    workers_before: u32,
+}
+
 #[tokio::test]
 async fn every_job_ends_once_under_random_kills() {
     let settings = Settings::read();
@@ -17,8 +34,8 @@ async fn every_job_ends_once_under_random_kills() {
     let (mut server, mut api, episodes) = with_episodes(&cluster).await;
     let expected = api.succeed(lab::TASK, lab::pretrain(STEPS)).await;
     let expected_losses = losses(&mut api, &expected.id).await;
-    let mut open: Vec<String> = Vec::new();
-    let mut done = 0;
+    let (mut open, mut results): (Vec<Open>, _) = (Vec::new(), vec![expected.result_id]);
+    let mut killed = Kills::default();
     for kill in 0..kills {
         while open.len() < 3 {
             // A crash of a worker counts as an attempt, and the kills are many.
@@ -28,9 +45,10 @@ async fn every_job_ends_once_under_random_kills() {
                 max_attempts: Some(100),
                 ..SubmitJobRequest::default()
             };
-            open.push(api.jobs.submit_job(request).await.unwrap().into_inner().job.unwrap().id);
+            let id = api.jobs.submit_job(request).await.unwrap().into_inner().job.unwrap().id;
+            open.push(Open { id, workers_before: killed.workers });
         }
-        let victim = open[dice.random_range(0..open.len())].clone();
+        let victim = open[dice.random_range(0..open.len())].id.clone();
         let further = super::job(&mut api, &victim).await.job.unwrap().done + dice.random_range(1..=10);
         let passed = |job: &Job| job.done >= further || gleaner_client::has_ended(job.state());
         let job = api.watch_until(&victim, passed).await;
@@ -38,40 +56,57 @@ async fn every_job_ends_once_under_random_kills() {
             0 if cluster.up().contains(&job.node) => {
                 cluster.kill_node(&job.node).await;
                 cluster.revive(&job.node);
+                killed.nodes += 1;
             }
             1 => {
                 cluster.kill_controller().await;
                 cluster.start_controller().await;
+                killed.controllers += 1;
             }
-            2 => cluster.kill_workers(),
+            2 => {
+                cluster.kill_workers();
+                killed.workers += 1;
+            }
             _ => {
+                killed.servers += 1;
                 server.kill().await;
                 server.start_again().await;
                 api = Api::connect(&server).await;
             }
         }
         let mut left = Vec::new();
-        for id in open {
-            let job = super::job(&mut api, &id).await.job.unwrap();
-            if gleaner_client::has_ended(job.state()) {
-                done += 1;
-                check(&mut api, &job, &expected_losses).await;
+        for job in open {
+            let now = super::job(&mut api, &job.id).await.job.unwrap();
+            if gleaner_client::has_ended(now.state()) {
+                results.push(check(&mut api, &now, killed.workers - job.workers_before, &expected_losses).await);
             } else {
-                left.push(id);
+                left.push(job);
             }
         }
         open = left;
-        eprintln!("kill {} of {kills}: {done} jobs done", kill + 1);
+        eprintln!("kill {} of {kills}: {} jobs done", kill + 1, results.len() - 1);
     }
-    for id in open {
-        let job = api.watch(&id).await;
-        check(&mut api, &job, &expected_losses).await;
+    for job in open {
+        let ended = api.watch(&job.id).await;
+        results.push(check(&mut api, &ended, killed.workers - job.workers_before, &expected_losses).await);
     }
+    eprintln!("{} jobs after {killed:?}", results.len() - 1);
+    let jobs =
+        api.jobs.list_jobs(ListJobsRequest { page_size: 1000, ..Default::default() }).await.unwrap().into_inner();
+    let mut listed: Vec<_> = jobs.jobs.into_iter().map(|job| job.result_id).collect();
+    (listed.sort(), results.sort());
+    assert_eq!(listed, results, "every job that was submitted has one result, of its own");
+    results.dedup();
+    assert_eq!(listed.len(), results.len());
     assert_eq!(api.episodes().await, episodes, "no episode is lost");
     cluster.until_empty().await;
 }
 
-async fn check(api: &mut Api, job: &Job, expected: &[(u64, f64)]) {
+/// The result of a job that ended, after this many kills of its worker at most.
+async fn check(api: &mut Api, job: &Job, worker_kills: u32, expected: &[(u64, f64)]) -> String {
     assert_eq!(job.state(), JobState::Succeeded, "{}: {}", job.id, job.error);
     assert_eq!(losses(api, &job.id).await, expected, "{}", job.id);
+    let log = super::job(api, &job.id).await.log;
+    assert!(job.attempt <= 1 + worker_kills, "{} attempts, {worker_kills} kills of workers: {log}", job.attempt);
+    job.result_id.clone()
 }

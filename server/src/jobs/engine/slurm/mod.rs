@@ -257,6 +257,10 @@ impl SlurmJob {
                 End::Interrupted("the server stopped before the job was submitted to Slurm".to_owned())
             }
             From::EarlierServer if !seen => End::Interrupted(format!("Slurm job {id} ended while the server was down")),
+            // A controller that is killed can lose the jobs of its last seconds.
+            From::Submission(_) if !self.lease.begun() && self.placement.borrow().node.is_empty() => {
+                End::Interrupted(format!("Slurm lost job {id} before it was seen to run"))
+            }
             From::EarlierServer | From::Submission(_) => {
                 End::Broken(format!("Slurm job {id} has ended, and Slurm has no record of how"))
             }

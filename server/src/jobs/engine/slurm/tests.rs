@@ -128,6 +128,30 @@ async fn a_failing_squeue_is_no_statement_about_a_job() {
 }
 
 #[tokio::test]
+async fn a_job_that_slurm_forgets_counts_only_if_it_was_seen_to_run() {
+    for (listed, node) in [("17|PENDING||Resources", ""), ("17|RUNNING|node1|None", "node1")] {
+        let fake = Fake::new().await;
+        fake.install("sbatch", "echo 17");
+        fake.list(listed);
+        let mut execution = fake.start();
+        let mut places = execution.placement();
+        let forgotten = async {
+            place(&mut places, |place| place.engine_id == "17" && place.node == node).await;
+            fake.install("squeue", "true");
+            std::future::pending::<()>().await;
+        };
+        tokio::select! {
+            end = execution.ended() => match &end {
+                End::Interrupted(why) => assert!(node.is_empty() && why.contains("lost job 17"), "{end:?}"),
+                End::Broken(why) => assert!(!node.is_empty() && why.contains("no record"), "{end:?}"),
+                End::Stopped(_) => panic!("{end:?}"),
+            },
+            () = forgotten => {}
+        }
+    }
+}
+
+#[tokio::test]
 async fn squeue_runs_only_while_an_attempt_is_open() {
     let fake = Fake::new().await;
     fake.install("sbatch", "echo 17");
