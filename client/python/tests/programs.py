@@ -20,10 +20,11 @@ def binary(name: str) -> str:
     return str(found)
 
 
-def cli(*args: str) -> None:
-    """Runs the command line tool."""
+def cli(*args: str) -> str:
+    """Runs the command line tool, and returns what it prints."""
     done = subprocess.run([binary("gleaner"), *args], check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def certificates(data: Path, *command: str) -> None:

@@ -228,3 +228,21 @@ async fn audit(wanted: &Wanted, services: &Services, outcome: String) {
     };
     access::write_audit(services.store.clone(), entry).await;
 }
+
+#[cfg(test)]
+mod tests {
+    use tokio_tungstenite::tungstenite::protocol::Role;
+
+    use super::*;
+    use crate::error::Kind;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_that_never_reads_is_left_after_the_limit() {
+        let (ours, _theirs) = tokio::io::duplex(64);
+        let mut socket = WebSocketStream::from_raw_socket(ours, Role::Server, None).await;
+        let begun = tokio::time::Instant::now();
+        let error = send(&mut socket, Message::binary(vec![0; 4096])).await.unwrap_err();
+        assert_eq!((error.kind(), begun.elapsed()), (Kind::Late, READ_WITHIN), "{error}");
+        assert!(error.to_string().contains("the client read nothing for 30 s"), "{error}");
+    }
+}

@@ -1,5 +1,7 @@
 //! `jobs`, `job`, `watch`, `cancel`.
 
+use std::path::{Path, PathBuf};
+
 use clap::{Args, Subcommand, ValueEnum};
 use gleaner_client::{Client, ClientError};
 use gleaner_proto::v1::{
@@ -8,7 +10,7 @@ use gleaner_proto::v1::{
 };
 
 use super::follow;
-use super::metrics::curves;
+use super::metrics::{self, curves};
 use super::submit::{after, outcome};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
@@ -60,13 +62,17 @@ enum JobsCommand {
         /// Print only jobs of this task.
         #[arg(long, default_value = "", hide_default_value = true)]
         task: String,
+        /// Also write the curves of each job as an event file into a folder of its own in this one, as runs of TensorBoard. A
+        /// second run replaces the files.
+        #[arg(long, value_name = "DIR")]
+        tensorboard: Option<PathBuf>,
     },
 }
 
 impl JobsArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        if let Some(JobsCommand::Export { task }) = self.command {
-            return export(context, task).await;
+        if let Some(JobsCommand::Export { task, tensorboard }) = self.command {
+            return export(context, task, tensorboard.as_deref()).await;
         }
         let request = ListJobsRequest {
             task: self.task,
@@ -84,7 +90,7 @@ impl JobsArgs {
     }
 }
 
-async fn export(context: &Context, task: String) -> Result<()> {
+async fn export(context: &Context, task: String, tensorboard: Option<&Path>) -> Result<()> {
     let client = context.client().await?;
     let mut request = ListJobsRequest { task, page_size: 1000, ..ListJobsRequest::default() };
     let mut jobs: Vec<Job> = Vec::new();
@@ -99,15 +105,21 @@ async fn export(context: &Context, task: String) -> Result<()> {
     // Ids sort by the time at which they were made.
     jobs.sort_by(|one, other| one.id.cmp(&other.id));
     for job in &jobs {
-        let metrics = client.jobs().list_metrics(ListMetricsRequest { job_id: job.id.clone() }).await?.into_inner();
+        let read = client.jobs().list_metrics(ListMetricsRequest { job_id: job.id.clone() }).await?.into_inner();
         let mut line = json::value(job)?;
         let last = |(name, points): (&str, Vec<(u64, f64)>)| Some((name.to_owned(), points.last()?.1.into()));
         let last: serde_json::Map<String, serde_json::Value> =
-            curves(&metrics.metrics).into_iter().filter_map(last).collect();
+            curves(&read.metrics).into_iter().filter_map(last).collect();
         if let Some(fields) = line.as_object_mut() {
             fields.insert("metrics".to_owned(), last.into());
         }
+        if let Some(folder) = tensorboard.filter(|_| !read.metrics.is_empty()) {
+            metrics::write(&folder.join(&job.id), job, &read.metrics)?;
+        }
         context.output.line(line)?;
+    }
+    if let Some(folder) = tensorboard {
+        context.output.next(format_args!("tensorboard --logdir {}", folder.display()));
     }
     Ok(())
 }

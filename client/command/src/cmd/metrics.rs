@@ -84,7 +84,7 @@ fn shown(metrics: &[Metric]) -> String {
 }
 
 /// Writes the event file of a job, under a name that a second run gives again.
-fn write(folder: &Path, job: &Job, metrics: &[Metric]) -> Result<PathBuf> {
+pub(super) fn write(folder: &Path, job: &Job, metrics: &[Metric]) -> Result<PathBuf> {
     let seconds =
         |time: Option<&prost_types::Timestamp>| words::timestamp(time).map(|time| time.as_duration().as_secs_f64());
     let begun = seconds(job.start_time.as_ref()).or_else(|| seconds(job.create_time.as_ref())).unwrap_or_default();
