@@ -1,6 +1,6 @@
 //! Random kills of nodes, workers, the controller and the server under a queue of jobs: every job ends with the result of
-//! an undisturbed one, once, and no attempt is counted but for a worker that was killed. `make crash-test-slurm` is the
-//! long form.
+//! an undisturbed one, once, and no attempt is counted without a kill of a worker, a node or the controller.
+//! `make crash-test-slurm` is the long form.
 
 use gleaner_proto::v1::*;
 use rand::RngExt as _;
@@ -20,10 +20,18 @@ struct Kills {
     servers: u32,
 }
 
-/// A job that has not ended, and the kills of workers before it.
+impl Kills {
+    /// Those that can count as an attempt. Slurm cancels the jobs of a controller's last seconds, and those that it was
+    /// starting on a node.
+    fn that_count(&self) -> u32 {
+        self.workers + self.nodes + self.controllers
+    }
+}
+
+/// A job that has not ended, and the kills before it that count.
 struct Open {
     id: String,
-    workers_before: u32,
+    before: u32,
 }
 
 #[tokio::test]
@@ -46,7 +54,7 @@ async fn every_job_ends_once_under_random_kills() {
                 ..SubmitJobRequest::default()
             };
             let id = api.jobs.submit_job(request).await.unwrap().into_inner().job.unwrap().id;
-            open.push(Open { id, workers_before: killed.workers });
+            open.push(Open { id, before: killed.that_count() });
         }
         let victim = open[dice.random_range(0..open.len())].id.clone();
         let further = super::job(&mut api, &victim).await.job.unwrap().done + dice.random_range(1..=10);
@@ -78,7 +86,7 @@ async fn every_job_ends_once_under_random_kills() {
         for job in open {
             let now = super::job(&mut api, &job.id).await.job.unwrap();
             if gleaner_client::has_ended(now.state()) {
-                results.push(check(&mut api, &now, killed.workers - job.workers_before, &expected_losses).await);
+                results.push(check(&mut api, &now, killed.that_count() - job.before, &expected_losses).await);
             } else {
                 left.push(job);
             }
@@ -88,7 +96,7 @@ async fn every_job_ends_once_under_random_kills() {
     }
     for job in open {
         let ended = api.watch(&job.id).await;
-        results.push(check(&mut api, &ended, killed.workers - job.workers_before, &expected_losses).await);
+        results.push(check(&mut api, &ended, killed.that_count() - job.before, &expected_losses).await);
     }
     eprintln!("{} jobs after {killed:?}", results.len() - 1);
     let jobs =
@@ -102,11 +110,11 @@ async fn every_job_ends_once_under_random_kills() {
     cluster.until_empty().await;
 }
 
-/// The result of a job that ended, after this many kills of its worker at most.
-async fn check(api: &mut Api, job: &Job, worker_kills: u32, expected: &[(u64, f64)]) -> String {
+/// The result of a job that ended, after this many kills that count.
+async fn check(api: &mut Api, job: &Job, kills: u32, expected: &[(u64, f64)]) -> String {
     assert_eq!(job.state(), JobState::Succeeded, "{}: {}", job.id, job.error);
     assert_eq!(losses(api, &job.id).await, expected, "{}", job.id);
     let log = super::job(api, &job.id).await.log;
-    assert!(job.attempt <= 1 + worker_kills, "{} attempts, {worker_kills} kills of workers: {log}", job.attempt);
+    assert!(job.attempt <= 1 + kills, "{} attempts, {kills} kills that count: {log}", job.attempt);
     job.result_id.clone()
 }

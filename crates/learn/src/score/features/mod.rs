@@ -25,7 +25,7 @@ pub(super) use states::states;
 /// features independent of the other episodes.
 const CHUNK: usize = 128;
 
-/// The number of chunks of an episode of so many steps.
+/// The number of chunks of an episode of this many steps.
 pub(super) fn chunks(steps: usize) -> usize {
     steps.div_ceil(CHUNK)
 }
