@@ -61,7 +61,8 @@ mod tests {
     fn candidate(topic: &str, path: &str, command: Command) -> Candidate {
         let (name, topic, path) = (path.to_owned(), topic.to_owned(), path.to_owned());
         let (orders, values) = (Vec::new(), Vec::new());
-        Candidate { name, topic, path, stamped: false, command, beside: None, open: false, orders, values }
+        let schema = String::new();
+        Candidate { name, topic, schema, path, stamped: false, command, beside: None, open: false, orders, values }
     }
 
     #[test]

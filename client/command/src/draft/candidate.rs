@@ -24,6 +24,8 @@ const POSES: &str = "it has the poses of frames: a field of size 7 takes one wit
 pub(super) struct Candidate {
     pub(super) name: String,
     pub(super) topic: String,
+    /// The name of the topic's schema.
+    pub(super) schema: String,
     /// The path of its numbers, or the part that theirs have in common.
     pub(super) path: String,
     pub(super) stamped: bool,
@@ -169,9 +171,9 @@ fn candidate(topic: &WayTopic, group: &str, fields: &[&SurveyedField]) -> Candid
         Some(field) => by_name(field),
         None => by_path(fields),
     };
-    let (topic, stamped) = (topic.found.topic.clone(), topic.found.stamped);
+    let (schema, stamped, topic) = (topic.found.schema.clone(), topic.found.stamped, topic.found.topic.clone());
     let path = group.to_owned();
-    Candidate { name, topic, path, stamped, command: Command::No, beside: None, open: false, orders, values }
+    Candidate { name, topic, schema, path, stamped, command: Command::No, beside: None, open: false, orders, values }
 }
 
 fn by_name(field: &SurveyedField) -> Vec<Order> {

@@ -7,6 +7,7 @@ use gleaner_recording::{FieldSource, FieldSpec, ValueRange};
 use super::actions::Actions;
 use super::candidate::{Candidate, LeftOut, Order};
 use super::tokens;
+use super::units;
 use super::way::Way;
 
 /// Likeness of names and ranges together, from 0 to 2, from which two candidates are the same numbers.
@@ -174,6 +175,7 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
     let mut sources = vec![source(first, order)];
     reasons.push(format!("{} {}{}.", first.topic, shown_paths(order), shown_order(first, own)));
     reasons.push(actions.reason(first));
+    reasons.extend(units::sentence(&first.schema, &order.paths));
     for (Like { candidate, its, fits, .. }, way) in alike.iter().zip(ways.iter().skip(1)) {
         let reason = if *fits { "its ranges fit" } else { "but its ranges do not fit, so compare their meaning" };
         let theirs = &candidate.orders[*its];

@@ -12,6 +12,7 @@ mod role;
 #[cfg(test)]
 mod tests;
 mod tokens;
+mod units;
 mod way;
 mod write;
 

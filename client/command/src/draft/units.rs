@@ -1,0 +1,96 @@
+//! The units of numbers in messages of ROS 2, which its conventions (REP 103) and the messages' own definitions fix. Must
+//! not know how fields are found.
+
+/// What a message's numbers are measured in, by the last part of the schema's name: the parts of a path, and the unit.
+const UNITS: &[(&[&str], &[(&str, &str)])] = &[
+    (
+        &["JointState", "JointTrajectory", "JointTrajectoryPoint", "MultiDOFJointState"],
+        &[
+            ("position", "rad (m where a joint slides)"),
+            ("positions", "rad (m where a joint slides)"),
+            ("velocity", "rad/s (m/s where a joint slides)"),
+            ("velocities", "rad/s (m/s where a joint slides)"),
+            ("accelerations", "rad/s² (m/s² where a joint slides)"),
+            ("effort", "N m (N where a joint slides)"),
+        ],
+    ),
+    (&["Twist", "TwistStamped", "TwistWithCovarianceStamped"], &[("linear", "m/s"), ("angular", "rad/s")]),
+    (&["Accel", "AccelStamped"], &[("linear", "m/s²"), ("angular", "rad/s²")]),
+    (&["Wrench", "WrenchStamped"], &[("force", "N"), ("torque", "N m")]),
+    (
+        &["Pose", "PoseStamped", "PoseWithCovarianceStamped", "Odometry", "TransformStamped"],
+        &[
+            ("position", "m"),
+            ("translation", "m"),
+            ("orientation", "no unit (a quaternion)"),
+            ("rotation", "no unit (a quaternion)"),
+            ("linear", "m/s"),
+            ("angular", "rad/s"),
+        ],
+    ),
+    (
+        &["Imu"],
+        &[("angular_velocity", "rad/s"), ("linear_acceleration", "m/s²"), ("orientation", "no unit (a quaternion)")],
+    ),
+];
+/// The packages whose messages have these units.
+const PACKAGES: &[&str] = &["sensor_msgs", "geometry_msgs", "nav_msgs", "trajectory_msgs"];
+
+/// What the numbers at these paths are measured in, in a sentence; `None` for messages whose definition does not state it.
+pub(super) fn sentence(schema: &str, paths: &[String]) -> Option<String> {
+    let mut units: Vec<&str> = paths.iter().map(|path| unit(schema, path)).collect::<Option<_>>()?;
+    units.dedup();
+    (!units.is_empty()).then(|| format!("Measured in {}, by the definition of {schema}.", units.join(", then ")))
+}
+
+fn unit(schema: &str, path: &str) -> Option<&'static str> {
+    let mut parts = schema.split('/');
+    let (package, name) = (parts.next()?, parts.next_back()?);
+    if !PACKAGES.contains(&package) {
+        return None;
+    }
+    let (_, units) = UNITS.iter().find(|(names, _)| names.contains(&name))?;
+    let of = |part: &str| units.iter().find(|(known, _)| *known == part).map(|(_, unit)| *unit);
+    // The innermost part: `twist.twist.linear.x` is a velocity.
+    path.split(['.', '[']).rev().find_map(of)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(schema: &str, paths: &[&str]) -> Option<String> {
+        sentence(schema, &paths.iter().map(|path| (*path).to_owned()).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn units_are_those_of_the_messages_definition() {
+        for (schema, path, unit) in [
+            ("sensor_msgs/msg/JointState", "position", "rad (m where"),
+            ("sensor_msgs/JointState", "effort", "N m"),
+            ("trajectory_msgs/msg/JointTrajectory", "points[0].velocities", "rad/s (m/s"),
+            ("geometry_msgs/msg/TwistStamped", "twist.angular.z", "rad/s,"),
+            ("nav_msgs/msg/Odometry", "twist.twist.linear.x", "m/s,"),
+            ("sensor_msgs/msg/Imu", "linear_acceleration.y", "m/s²,"),
+        ] {
+            let found = of(schema, &[path]).unwrap();
+            assert!(found.starts_with(&format!("Measured in {unit}")) && found.contains(schema), "{schema}: {found}");
+        }
+    }
+
+    #[test]
+    fn a_pose_has_two_units_and_other_messages_have_none() {
+        let pose = ["pose.position.x", "pose.position.y", "pose.orientation.z", "pose.orientation.w"];
+        let found = of("geometry_msgs/msg/PoseStamped", &pose).unwrap();
+        assert!(found.starts_with("Measured in m, then no unit (a quaternion), by"), "{found}");
+        for (schema, path) in [
+            ("std_msgs/msg/Float64MultiArray", "data"),
+            ("my_robot/msg/JointState", "position"),
+            ("sensor_msgs/msg/JointState", "header.stamp.sec"),
+            ("gleaner.v1.Numbers", "joints"),
+            ("", "position"),
+        ] {
+            assert_eq!(of(schema, &[path]), None, "{schema} {path}");
+        }
+    }
+}
