@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Opens an exported LeRobot dataset with the `lerobot` package itself, offline, and trains ACT on it for a few steps.
+"""Opens an exported LeRobot dataset with the `lerobot` package itself, offline, and trains ACT on it for a few steps:
+with the weights of its frames, and by the program `lerobot-train`.
 
     python lerobot_dataset.py FOLDER [--episodes N] [--frames N] [--steps N] [--pictures FOLDER]
 
@@ -13,6 +14,7 @@ import argparse
 import json
 import math
 import os
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -153,6 +155,26 @@ def train(folder: Path, info: dict, steps: int) -> list[float]:
     return losses
 
 
+def train_by_program(folder: Path, steps: int) -> int:
+    """Trains by `lerobot-train`, as a user does; the size of its last checkpoint in bytes."""
+    small = {"chunk_size": 4, "n_action_steps": 4, "dim_model": 32, "n_heads": 2, "dim_feedforward": 64}
+    policy = {"type": "act", "device": "cpu", "push_to_hub": "false", "pretrained_backbone_weights": "null", **small}
+    with tempfile.TemporaryDirectory(prefix="lerobot_train_") as scratch:
+        out = Path(scratch) / "out"
+        command = [str(Path(sys.executable).with_name("lerobot-train")), "--dataset.repo_id=local/check"]
+        command += [f"--dataset.root={folder.resolve()}", f"--output_dir={out}", f"--steps={steps}", "--batch_size=2"]
+        command += [
+            "--num_workers=0",
+            "--wandb.enable=false",
+            *(f"--policy.{key}={value}" for key, value in policy.items()),
+        ]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        expect(done.returncode == 0, f"lerobot-train ended with {done.returncode}: {done.stderr[-2000:]}")
+        checkpoints = sorted(out.glob("checkpoints/*/pretrained_model/model.safetensors"))
+        expect(bool(checkpoints), "lerobot-train left no checkpoint")
+        return checkpoints[-1].stat().st_size
+
+
 def main() -> None:
     """Opens, iterates and trains."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -175,6 +197,7 @@ def main() -> None:
             found["lowest_ratio_db"] = round(ratio, 1)
         if given.steps:
             found["losses"] = [round(loss, 4) for loss in train(given.folder, info, given.steps)]
+            found["lerobot_train_bytes"] = train_by_program(given.folder, given.steps)
     except Unfit as problem:
         sys.exit(f"lerobot_dataset: {problem}")
     print(json.dumps(found))
