@@ -8,6 +8,7 @@ use serde_json::Value;
 use crate::support::{
     api::Api,
     command::{Output, gleaner, json},
+    lab,
     server::TestServer,
 };
 
@@ -89,6 +90,27 @@ async fn scorers_are_compared_with_marks_and_policies_and_a_second_run_adds_no_j
     assert!(std::fs::read_to_string(out.join("scorers.csv")).unwrap().contains("ssdf / deminf,agreement,,"));
     assert_eq!(document(&compare(&server, &words).await), found);
     assert_eq!(jobs(&server).await.len(), made.len(), "finished jobs are not repeated");
+
+    // Scores made elsewhere are a further row, with policies of their own.
+    let mut api = Api::connect(&server).await;
+    let messages = lab::import(&mut api, &snapshot, "my_scores").await;
+    let imported = api.scores.import_scores(tokio_stream::iter(messages)).await.unwrap().into_inner();
+    let run = imported.score_run.unwrap().id;
+    let found = document(&compare(&server, &[&words[..], &["--run", &run]].concat()).await);
+    let scorers = found["scorers"].as_array().unwrap();
+    assert_eq!((scorers.len(), found["agreement"].as_array().unwrap().len()), (4, 6));
+    let own = &scorers[3];
+    assert_eq!(own["label"], format!("my_scores {run}"));
+    assert_eq!((&own["runs"], &own["success"]["pooled"]["episodes"]), (&1.into(), &4.into()), "{own}");
+    assert!(own["settings"].as_object().is_none_or(serde_json::Map::is_empty), "{own}");
+    let added = jobs(&server).await.len() - made.len();
+    assert_eq!(added, 4, "a training and an evaluation for each of two seeds");
+    assert!(found["command"].as_str().unwrap().contains(&format!("--run {run}")), "{found}");
+    let other =
+        json(server.url(), &["snapshot", "create", "--expert-cohort", "expert", "--imperfect-cohort", "mild"]).await;
+    let other = other["snapshot"]["id"].as_str().unwrap();
+    let refused = compare(&server, &[other, "--run", &run]).await;
+    assert!(!refused.success && refused.errors.contains("give a run of that snapshot"), "{}", refused.text());
 }
 
 #[tokio::test]

@@ -63,7 +63,7 @@ impl Work {
         match self {
             Self::Given { origin: Origin::Snapshot(_) } | Self::Snapshot { .. } => "snapshot",
             Self::Given { origin: Origin::Encoder(_) } | Self::Pretrain { .. } => "pretrain",
-            Self::Score { .. } | Self::Marks => "score",
+            Self::Given { origin: Origin::Run(_) } | Self::Score { .. } | Self::Marks => "score",
             Self::Dataset { .. } => "dataset",
             Self::Train { .. } => "train",
             Self::Evaluate { .. } | Self::Attempts { .. } => "evaluate",
@@ -86,13 +86,15 @@ enum Place<'a> {
 pub(crate) enum Origin {
     Snapshot(String),
     Encoder(String),
+    /// A score run.
+    Run(String),
 }
 
 impl Origin {
     /// The result's id.
     pub(super) fn id(&self) -> &str {
         match self {
-            Self::Snapshot(id) | Self::Encoder(id) => id,
+            Self::Snapshot(id) | Self::Encoder(id) | Self::Run(id) => id,
         }
     }
 
@@ -101,6 +103,7 @@ impl Origin {
         match self {
             Self::Snapshot(_) => work.kind() == "snapshot",
             Self::Encoder(_) => ["snapshot", "pretrain"].contains(&work.kind()),
+            Self::Run(_) => ["snapshot", "pretrain", "score"].contains(&work.kind()),
         }
     }
 }
@@ -146,11 +149,12 @@ impl Graph {
         Self { device, ..Self::default() }.filled(experiment)
     }
 
-    /// The stages of cells on results that exist, one for each seed: the seeds are 0 and up. `max_steps` limits the
-    /// attempts of evaluations; without it policies are trained and not evaluated.
+    /// The stages of cells on results that exist, one for each seed: the seeds are 0 and up. A cell of `runs` begins with
+    /// the score run of this id instead. `max_steps` limits the attempts of evaluations; without it policies are trained
+    /// and not evaluated.
     pub(super) fn on_results(
         task: &str,
-        cells: &[Cell],
+        (cells, runs): (&[Cell], &[Option<String>]),
         origins: &[Origin],
         max_steps: Option<u32>,
         device: Device,
@@ -158,7 +162,9 @@ impl Graph {
         let mut graph = Self { device, evaluates: max_steps.is_some(), ..Self::default() };
         let mut chains = vec![Vec::new(); cells.len()];
         for (seed, origin) in (0..).zip(origins) {
-            for (cell, of_cell) in cells.iter().zip(&mut chains) {
+            for (at, (cell, of_cell)) in cells.iter().zip(&mut chains).enumerate() {
+                let run = runs.get(at).cloned().flatten();
+                let origin = &run.map_or_else(|| origin.clone(), Origin::Run);
                 let rest = works(task, Place::Simulator(max_steps.unwrap_or_default()), &cell.settings, seed);
                 let rest = rest.into_iter().filter(|work| !origin.replaces(work));
                 let works = std::iter::once(Work::Given { origin: origin.clone() }).chain(rest);

@@ -18,6 +18,8 @@ const OWN: [&str; 8] = ["method", "rule", "beta", "top", "seeds", "evaluate", "e
 pub(super) struct Choice<'a> {
     /// `NAME [KEY=VALUE ...]` of each scorer; none: all that are offered.
     pub(super) scorers: &'a [String],
+    /// Labels of score runs that exist, which come after the scorers.
+    pub(super) runs: &'a [String],
     /// Scorers that can run, by name.
     pub(super) offered: &'a [String],
     /// `KEY=VALUE` of every scorer and job.
@@ -70,6 +72,13 @@ impl Choice<'_> {
             if without.len() == cells.len() {
                 return Err(format!("--set {}", without.join("; ")));
             }
+        }
+        let shared = cells[0].settings.clone();
+        for label in self.runs {
+            if cells.iter().any(|other| other.label == *label) {
+                return Err(format!("--run {label}: is duplicated"));
+            }
+            cells.push(Cell { label: label.clone(), varied: Vec::new(), settings: shared.clone() });
         }
         Ok(cells)
     }
@@ -151,6 +160,7 @@ mod tests {
         let offered = ["raw", "ssdf", "deminf"].map(str::to_owned);
         let choice = Choice {
             scorers: &scorers,
+            runs: &[],
             offered: &offered,
             settings: &settings,
             policy,

@@ -1,9 +1,12 @@
 //! Fetches the results of the stages and measures them.
 
 use futures::{StreamExt as _, TryStreamExt as _};
-use gleaner_client::Client;
+use gleaner_client::{Client, ClientError};
+use gleaner_core::Values;
 use gleaner_core::id::EpisodeId;
 use gleaner_core::selection::{Candidate, Selection};
+
+use tonic::Code;
 
 use super::super::fetch::{PARALLEL, scores, success};
 use super::super::pool::pool;
@@ -31,6 +34,8 @@ pub(super) struct Collector<'a> {
     pub(super) client: &'a Client,
     pub(super) episodes: &'a Episodes,
     pub(super) cells: &'a [Cell],
+    /// The score run that each cell was given, if it was.
+    pub(super) runs: &'a [Option<String>],
     pub(super) graph: &'a Graph,
     pub(super) top: f64,
 }
@@ -50,7 +55,8 @@ impl Collector<'_> {
             scorers.push(self.seeds(submitted, chains, &mut runs).await?);
         }
         let rankings: Vec<Ranking> = runs.iter().map(|run| Ranking::new(run, self.top)).collect();
-        let reports = self.cells.iter().zip(&scorers).map(|(cell, seeds)| self.scorer(cell, seeds, &runs, &rankings));
+        let cells = self.cells.iter().zip(self.runs);
+        let reports = cells.zip(&scorers).map(|(cell, seeds)| self.scorer(cell, seeds, &runs, &rankings));
         Ok(Found {
             segments: runs.first().map(|run| run.imperfect.iter().map(|episode| episode.scores.q.len()).sum()),
             scorers: reports.collect(),
@@ -109,19 +115,29 @@ impl Collector<'_> {
         Ok(MarkedEpisode { scores: Candidate { episode_id, cohort: known.cohort, w, q, places }, success, mark })
     }
 
-    /// The mean q of an expert.
+    /// The mean q of an expert; an imported run may have none.
     async fn expert(&self, run_id: String, episode_id: String) -> Result<Option<f64>> {
-        let scores = scores(self.client, &run_id, &episode_id).await?;
+        let scores = match scores(self.client, &run_id, &episode_id).await {
+            Err(Failure::Client(ClientError::Rejected(status))) if status.code() == Code::NotFound => return Ok(None),
+            scores => scores?,
+        };
         Ok(mean(&scores.q.into_iter().map(f64::from).collect::<Vec<_>>()))
     }
 
-    fn scorer(&self, cell: &Cell, of_scorer: &Seeds, runs: &[Run], rankings: &[Ranking]) -> ScorerReport {
+    fn scorer(
+        &self,
+        (cell, given): (&Cell, &Option<String>),
+        of_scorer: &Seeds,
+        runs: &[Run],
+        rankings: &[Ranking],
+    ) -> ScorerReport {
         let mut places: Vec<usize> = of_scorer.runs.iter().flatten().copied().collect();
         places.sort_unstable();
         places.dedup();
         let own: Vec<&Run> = places.iter().map(|&place| &runs[place]).collect();
         let ranked: Vec<&Ranking> = places.iter().map(|&place| &rankings[place]).collect();
-        let mut settings = cell.settings.score_spec(0).map(|spec| spec.values()).unwrap_or_default();
+        let own_settings = || cell.settings.score_spec(0).map(|spec| spec.values()).unwrap_or_default();
+        let mut settings = if given.is_some() { Values::new() } else { own_settings() };
         settings.retain(|name, _| !["seed", "device"].contains(&name.as_str()));
         ScorerReport {
             label: cell.label.clone(),

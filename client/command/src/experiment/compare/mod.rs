@@ -48,6 +48,10 @@ pub(crate) struct CompareArgs {
     /// every scorer of the server that can run on the task.
     #[arg(long = "scorer", value_name = "NAME [KEY=VALUE ...]")]
     scorers: Vec<String>,
+    /// Id of a score run of the snapshot that exists, such as one of scores made elsewhere (`gleaner import-scores`), as a
+    /// further scorer; can be repeated.
+    #[arg(long = "run", value_name = "RUN")]
+    run: Vec<String>,
     /// Number of seeds, 0 and up, of scorers with random numbers, of policies and of pretrained encoders. More seeds
     /// measure stability better and take longer. Default: 3, or one for each of several encoders.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
@@ -90,7 +94,14 @@ impl CompareArgs {
         let client = context.client().await?;
         let subject = Subject::of(context, &client, &self.on).await?;
         let origins = subject.origins(self.seeds)?;
-        let cells = self.cells(&subject, &subject.scorers(context).await?, origins.len() as u64)?;
+        let mut labels = Vec::with_capacity(self.run.len());
+        for run in &self.run {
+            labels.push(subject.label_of_run(run).await?);
+        }
+        let cells = self.cells(&subject, (&subject.scorers(context).await?, &labels), origins.len() as u64)?;
+        let given = self.run.iter().cloned().map(Some);
+        let runs: Vec<Option<String>> =
+            std::iter::repeat_n(None, cells.len().saturating_sub(labels.len())).chain(given).collect();
         let simulated = match self.train {
             Some(_) => subject.simulated(self.simulation.as_deref())?,
             None => None,
@@ -102,24 +113,31 @@ impl CompareArgs {
         }
         let graph = Graph::on_results(
             &subject.task_id,
-            &cells,
+            (&cells, &runs),
             &origins,
             simulated.map(|(_, config)| config.max_steps),
             self.device,
         );
         let simulation = simulated.map_or("", |(task, _)| task.name());
         let submitted = self.jobs(context, &client, simulation, &graph).await?;
-        let collector =
-            Collector { client: &client, episodes: &episodes, cells: &cells, graph: &graph, top: self.top_fraction };
+        let collector = Collector {
+            client: &client,
+            episodes: &episodes,
+            cells: &cells,
+            runs: &runs,
+            graph: &graph,
+            top: self.top_fraction,
+        };
         let found = collector.found(&submitted).await?;
         let simulation = (!simulation.is_empty()).then(|| simulation.to_owned());
         let encoders = encoders(&graph, &submitted, &origins);
         self.shown(context, self.comparison(&subject, &episodes, found, encoders, simulation))
     }
 
-    fn cells(&self, subject: &Subject<'_>, offered: &[String], seeds: u64) -> Result<Vec<Cell>> {
+    fn cells(&self, subject: &Subject<'_>, (offered, runs): (&[String], &[String]), seeds: u64) -> Result<Vec<Cell>> {
         let choice = Choice {
             scorers: &self.scorers,
+            runs,
             offered,
             settings: &self.settings,
             policy: self.train.as_deref(),
@@ -176,6 +194,7 @@ impl CompareArgs {
             command.push_str(&format!(" --{name} {value}"));
         };
         self.scorers.iter().for_each(|scorer| add("scorer", scorer));
+        self.run.iter().for_each(|run| add("run", run));
         self.seeds.iter().for_each(|seeds| add("seeds", &seeds.to_string()));
         add("top-fraction", &self.top_fraction.to_string());
         if let Some(policy) = &self.train {

@@ -11,7 +11,8 @@ use gleaner_core::kinds::Family;
 use gleaner_core::proto::task::spec_from_proto;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{
-    Episode, GetSnapshotRequest, GetTaskRequest, Kind, ListEpisodesRequest, ListKindsRequest, Role, SnapshotEpisode,
+    Episode, GetScoreRunRequest, GetSnapshotRequest, GetTaskRequest, Kind, ListEpisodesRequest, ListKindsRequest, Role,
+    SnapshotEpisode,
 };
 use gleaner_sim::{SimConfig, Task};
 
@@ -76,6 +77,27 @@ impl<'a> Subject<'a> {
         }
         let fits = |kind: &Kind| !kind.needs_images || !self.spec.cameras.is_empty();
         Ok(known.into_iter().filter(fits).map(|kind| kind.name).collect())
+    }
+
+    /// What the score run of this id is called: its scorer, or the source that it was imported from.
+    ///
+    /// # Errors
+    /// A run of another snapshot.
+    pub(super) async fn label_of_run(&self, id: &str) -> Result<String> {
+        let request = GetScoreRunRequest { score_run_id: id.to_owned() };
+        let run = present(self.client.scores().get_score_run(request).await?.into_inner().score_run, "a score run")?;
+        if run.snapshot_id != self.snapshot_id {
+            return Err(Failure::message(format!(
+                "--run {id}: is of the snapshot {}, and the comparison of {}; give a run of that snapshot",
+                run.snapshot_id, self.snapshot_id
+            )));
+        }
+        let settings = run.settings.unwrap_or_default();
+        let word = |name: &str| match settings.fields.get(name)?.kind.as_ref()? {
+            prost_types::value::Kind::StringValue(word) if !word.is_empty() => Some(word.as_str()),
+            _ => None,
+        };
+        Ok(format!("{} {id}", word("source").or_else(|| word("scorer")).unwrap_or("run")))
     }
 
     /// The simulator's task of that name, or of the task's own; `None` if none was named and the task is not simulated.

@@ -131,18 +131,27 @@ fn stages_on_results_begin_with_them() {
 
     // One encoder: SSDF has one score run for all seeds, a scorer with random numbers one for each.
     let encoder = [Origin::Encoder("enc_1".into()), Origin::Encoder("enc_1".into())];
-    let graph = Graph::on_results("task_1", &cells(false), &encoder, None, Device::Cpu);
+    let graph = Graph::on_results("task_1", (&cells(false), &[]), &encoder, None, Device::Cpu);
     assert_eq!(kinds(&graph), ["pretrain", "score", "score", "score"]);
     assert_eq!(graph.chains[0][0][0].stages, graph.chains[0][0][1].stages);
     assert_eq!(graph.stages[0].work, Work::Given { origin: encoder[0].clone() });
-    let other = Graph::on_results("task_1", &cells(false), &[Origin::Encoder("enc_2".into())], None, Device::Cpu);
+    let other =
+        Graph::on_results("task_1", (&cells(false), &[]), &[Origin::Encoder("enc_2".into())], None, Device::Cpu);
     assert!(other.stages.iter().all(|stage| graph.stages.iter().all(|known| known.key != stage.key)));
 
     // A snapshot: an encoder for each seed; without a simulator no evaluation.
     let snapshot = [Origin::Snapshot("snap_1".into()), Origin::Snapshot("snap_1".into())];
-    let graph = Graph::on_results("task_1", &cells(true)[..1], &snapshot, None, Device::Cpu);
+    let graph = Graph::on_results("task_1", (&cells(true)[..1], &[]), &snapshot, None, Device::Cpu);
     let seed = ["pretrain", "score", "dataset", "train"];
     assert_eq!(kinds(&graph), [&["snapshot"], &seed[..], &seed].concat());
-    let graph = Graph::on_results("task_1", &cells(true)[..1], &snapshot[..1], Some(60), Device::Cpu);
+    let graph = Graph::on_results("task_1", (&cells(true)[..1], &[]), &snapshot[..1], Some(60), Device::Cpu);
     assert_eq!(kinds(&graph).last(), Some(&"evaluate"));
+
+    // A score run takes the place of all before it, for its cell alone.
+    let runs = [None, Some("run_1".to_owned())];
+    let graph = Graph::on_results("task_1", (&cells(true), &runs), &snapshot[..1], Some(60), Device::Cpu);
+    let of_run: Vec<&Work> = graph.chains[0][1][0].stages.iter().map(|stage| &graph.stages[*stage].work).collect();
+    assert_eq!(of_run[0], &Work::Given { origin: Origin::Run("run_1".into()) });
+    assert_eq!(of_run.iter().map(|work| work.kind()).collect::<Vec<_>>(), ["score", "dataset", "train", "evaluate"]);
+    assert_eq!(graph.chains[0][0][0].stages.len(), 6);
 }
