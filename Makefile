@@ -130,7 +130,7 @@ check-lerobot-policy: .libtorch
 	cd client/python && ../../$(LEROBOT_POLICY_ENV)/bin/pytest tests/test_torch.py
 
 # Scripts outside the package, by their paths from there.
-LONE_SCRIPTS = ../../scripts/convert_resnet.py ../../crates/learn/src/model/image_encoder/resnet/reference.py
+LONE_SCRIPTS = ../../scripts/at_a_glance.py ../../scripts/convert_resnet.py ../../crates/learn/src/model/image_encoder/resnet/reference.py
 lint-python: $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install -q 'client/python[test,lint]'
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
@@ -144,6 +144,7 @@ lint-python: $(PYTHON_ENV)
 	cd client/lerobot && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy $(LONE_SCRIPTS)
+	$(PYTHON_ENV)/bin/python scripts/at_a_glance.py --check
 
 # Exports of the end-to-end tests, opened by lerobot itself, which trains ACT on them for some steps. LEROBOT=0.4 needs
 # Python 3.11 and, for video, FFmpeg's libraries (Debian: ffmpeg); 0.6 needs Python 3.12 or newer (PYTHON=python3.12). Installs
