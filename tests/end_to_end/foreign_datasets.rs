@@ -48,6 +48,8 @@ async fn a_lerobot_dataset_is_pushed_and_drafts_its_task() {
     let again = shown(server.url(), &["push", text(&dataset)]).await;
     assert!(again["episodes"].as_array().unwrap().iter().all(|entry| entry["existed"] == json!(true)), "{again}");
     // The pictures of this one are files of images, and its features are the same.
+    let images = gleaner(server.url(), &["push", text(&fixture("lerobot_v30_images")), "--outcome", "success"]).await;
+    assert!(images.success && images.text().contains("fits the task lerobot_v30_video"), "{}", images.text());
     let images = shown(server.url(), &["push", text(&fixture("lerobot_v30_images")), "--outcome", "success"]).await;
     let found = labels(&images);
     assert!(found.iter().all(|(outcome, ..)| outcome.to_lowercase().contains("success")), "{found:?}");
@@ -71,15 +73,18 @@ async fn a_lerobot_dataset_is_pushed_and_drafts_its_task() {
         let episodes = shown(server.url(), &["episodes", "--task", task]).await;
         assert!(!episodes["episodes"].as_array().unwrap().is_empty(), "{episodes}");
     }
-    // Two tasks alike are one question.
+    // The dataset's own name decides among tasks alike; a dataset of another name is asked for.
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("task.toml");
     let drafted = gleaner(NOWHERE, &["task", "draft", text(&other), "--name", "alike"]).await;
     std::fs::write(&file, &drafted.out).unwrap();
     assert!(gleaner(server.url(), &["task", "create", text(&file)]).await.success);
-    let refused = gleaner(server.url(), &["push", text(&other)]).await;
+    assert!(gleaner(server.url(), &["push", text(&other)]).await.success);
+    let renamed = folder.path().join("renamed.hdf5");
+    std::fs::copy(&other, &renamed).unwrap();
+    let refused = gleaner(server.url(), &["push", text(&renamed)]).await;
     let asked = refused.text();
-    assert!(!refused.success && asked.contains("fits several tasks") && asked.contains("alike"), "{asked}");
+    assert!(!refused.success && asked.contains("fits several tasks") && asked.contains("alike, robomimic"), "{asked}");
 }
 
 #[tokio::test]

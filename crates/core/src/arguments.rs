@@ -93,7 +93,9 @@ impl Options for Pipeline {
             }
         }
         let optimiser = <crate::OptimSpec as crate::Group>::schema();
-        all.extend(optimiser.into_iter().map(|setting| ((setting, Vec::new()), TRAIN)));
+        let validation = schema_of("train").into_iter().map(|(setting, _)| setting);
+        let validation = validation.filter(|setting| setting.name == "validation_share");
+        all.extend(optimiser.into_iter().chain(validation).map(|setting| ((setting, Vec::new()), TRAIN)));
         all
     }
 }

@@ -32,6 +32,8 @@ import torch  # noqa: E402
 
 # Seconds by which a stamp in single precision may be off.
 STAMP_TOLERANCE = 1e-3
+# Longest time of `lerobot-train`.
+TRAIN_SECONDS = 900
 # Decibels between a picture of a video and its image.
 LEAST_RATIO = 20
 
@@ -168,7 +170,13 @@ def train_by_program(folder: Path, steps: int) -> int:
             "--wandb.enable=false",
             *(f"--policy.{key}={value}" for key, value in policy.items()),
         ]
-        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        environment = os.environ | {"OMP_NUM_THREADS": "1"}
+        try:
+            done = subprocess.run(
+                command, check=False, capture_output=True, text=True, env=environment, timeout=TRAIN_SECONDS
+            )
+        except (OSError, subprocess.TimeoutExpired) as problem:
+            raise Unfit(f"lerobot-train: {problem}") from problem
         expect(done.returncode == 0, f"lerobot-train ended with {done.returncode}: {done.stderr[-2000:]}")
         checkpoints = sorted(out.glob("checkpoints/*/pretrained_model/model.safetensors"))
         expect(bool(checkpoints), "lerobot-train left no checkpoint")

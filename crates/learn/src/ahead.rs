@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 use crate::device;
 use crate::error::{LearnError, guard};
 
-/// Batches that wait for their step. With the next one, which the thread assembles or holds, and that of the present
-/// step, three batches are in memory at once.
-const WAITING: usize = 1;
+/// Batches that wait for their step in a training. With the next one, which the thread assembles or holds, and that of
+/// the present step, three batches are in memory at once.
+pub(crate) const WAITING: usize = 1;
 
 /// A batch, and how long its thread took for it.
 pub(crate) struct Assembled<B> {
@@ -24,18 +24,19 @@ pub(crate) struct Assembled<B> {
 /// Returns the next batch, and waits for it if it is not assembled yet.
 pub(crate) type Next<'a, B> = &'a mut dyn FnMut() -> Result<Assembled<B>, LearnError>;
 
-/// Runs `work` on this thread while another one assembles the batches with these numbers, in their order. The other
-/// thread computes on one processor, and ends with `work` after at most the batch that it is assembling.
+/// Runs `work` on this thread while another one assembles the batches with these numbers, in their order, of which up to
+/// `waiting` wait. The other thread computes on one processor, and ends with `work` after at most the batch that it is
+/// assembling.
 ///
 /// # Errors
 /// Those of `work`, and [`LearnError::Thread`]. An error or a panic of `assemble` is the error of the batch.
 pub(crate) fn ahead<B: Send, R>(
-    numbers: Range<u64>,
+    (numbers, waiting): (Range<u64>, usize),
     assemble: impl Fn(u64) -> Result<B, LearnError> + Send,
     work: impl FnOnce(Next<'_, B>) -> Result<R, LearnError>,
 ) -> Result<R, LearnError> {
     thread::scope(|scope| {
-        let (sender, receiver) = sync_channel(WAITING);
+        let (sender, receiver) = sync_channel(waiting);
         let assembling = move || {
             for number in numbers {
                 let begin = Instant::now();
@@ -62,7 +63,7 @@ mod tests {
     #[test]
     fn batches_come_in_order_and_end_with_the_run() {
         let found = ahead(
-            3..7,
+            (3..7, WAITING),
             |number| Ok(number * 10),
             |next| {
                 let batches = [next()?, next()?, next()?, next()?].map(|assembled| assembled.batch);
@@ -89,16 +90,16 @@ mod tests {
             assert!(seen.try_recv().is_err());
             Ok(())
         };
-        ahead(0..100, assemble, work).unwrap();
+        ahead((0..100, WAITING), assemble, work).unwrap();
         // The thread ended without the other 97.
         assert_eq!(seen.iter().count(), 0);
     }
 
     #[test]
     fn work_that_ends_early_ends_the_thread() {
-        let stopped = ahead(0..u64::MAX, Ok, |next| next().and(Err::<(), _>(LearnError::Cancelled)));
+        let stopped = ahead((0..u64::MAX, WAITING), Ok, |next| next().and(Err::<(), _>(LearnError::Cancelled)));
         assert!(matches!(stopped, Err(LearnError::Cancelled)));
-        let panics = guard(|| ahead(0..u64::MAX, Ok, |_| -> Result<(), _> { panic!("of the work") }));
+        let panics = guard(|| ahead((0..u64::MAX, WAITING), Ok, |_| -> Result<(), _> { panic!("of the work") }));
         assert!(panics.unwrap_err().to_string().ends_with("of the work"));
     }
 
@@ -109,7 +110,7 @@ mod tests {
             Ok(number)
         };
         let mut done = Vec::new();
-        let failed = ahead(0..u64::MAX, assemble, |next| -> Result<(), _> {
+        let failed = ahead((0..u64::MAX, WAITING), assemble, |next| -> Result<(), _> {
             loop {
                 done.push(next()?.batch);
             }
@@ -121,7 +122,8 @@ mod tests {
     #[test]
     fn the_thread_has_one_thread_of_the_tensor_library_and_the_caller_keeps_its_own() {
         let caller = tch::get_num_threads();
-        let threads = ahead(0..1, |_| Ok(tch::get_num_threads()), |next| Ok((next()?.batch, tch::get_num_threads())));
+        let threads =
+            ahead((0..1, WAITING), |_| Ok(tch::get_num_threads()), |next| Ok((next()?.batch, tch::get_num_threads())));
         assert_eq!(threads.unwrap(), (1, caller));
     }
 }

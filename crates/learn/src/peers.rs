@@ -1,5 +1,5 @@
 //! The other processes of a training, which work on the other parts of each batch: the sums of gradients and numbers
-//! between `backward()` and the optimiser's step. Those of a score run exchange results exactly ([`exchange`]).
+//! between `backward()` and the optimiser's step. Those of a score run or an evaluation exchange results exactly ([`exchange`]).
 //! Independent of models, losses and scores.
 //!
 //! In a training, every rank draws the same batches and computes its share of the loss, so that the sum over the ranks is the loss of
@@ -18,7 +18,7 @@ use crate::optimizer::Gradients;
 
 pub(crate) use exchange::Receivers;
 
-/// The processes of a training or of a score run.
+/// The processes of a training, a score run or an evaluation.
 #[derive(Debug, Default)]
 pub struct Peers(Option<Group>);
 

@@ -29,7 +29,7 @@ pub(crate) enum Purpose {
     FeatureScale = 9,
     /// The pairs of segments by which a policy's inputs are compared; the counter is 0.
     Shares = 10,
-    /// The experts that are held out, and the random parts of their losses; the counter is 0 and 1.
+    /// The episodes that are held out, and the random parts of their losses; the counter is 0 and 1.
     Validation = 11,
     /// The actions that a policy draws; the counter is the number of observations that its passes have read.
     Action = 12,

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use tch::{Device, Tensor};
 
-use crate::ahead::{Assembled, Next, ahead};
+use crate::ahead::{Assembled, Next, WAITING, ahead};
 use crate::checkpoint::{self, CheckpointInfo};
 use crate::error::LearnError;
 use crate::finished::Finished;
@@ -24,7 +24,7 @@ use unread::{Step, Unread};
 pub use monitor::{Monitor, Participant, Silent};
 pub(crate) use sums::Metrics;
 
-/// The name of the loss on experts that are held out.
+/// The name of the loss on episodes that are held out.
 pub(crate) const LOSS_VALIDATION: &str = "loss_validation";
 
 /// The loss of one batch, or a rank's share of it: the ranks' values add up to those of one process.
@@ -146,7 +146,9 @@ impl<N: Learner> Training<N> {
     ) -> Result<Option<Vec<u8>>, LearnError> {
         let per_step = u64::from(self.optim.gradient_accumulation);
         let numbers = self.info.step * per_step..self.optim.steps * per_step;
-        ahead(numbers, assemble, |next| self.take_steps(checkpoint_every, next, loss, report, (peers, monitor)))
+        ahead((numbers, WAITING), assemble, |next| {
+            self.take_steps(checkpoint_every, next, loss, report, (peers, monitor))
+        })
     }
 
     /// As [`Training::run`], with the batches of `next`.

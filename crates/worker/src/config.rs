@@ -17,7 +17,7 @@ pub struct WorkerConfig {
     /// The server's data directory.
     #[arg(long)]
     pub data_dir: PathBuf,
-    /// Threads of the tensor library. A training uses one more, which assembles its batches.
+    /// Threads of the tensor library. A training or score run uses one more, which reads episodes ahead.
     #[arg(long, default_value_t = 2)]
     pub threads: u32,
     /// Niceness of the process (0: unchanged).

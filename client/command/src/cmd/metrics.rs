@@ -100,8 +100,10 @@ pub(super) fn write(folder: &Path, job: &Job, metrics: &[Metric]) -> Result<Path
     };
     let scalars: Vec<Scalar> = metrics.iter().map(scalar).collect();
     std::fs::create_dir_all(folder).map_err(ClientError::io(folder))?;
+    // Not the time of the attempt, which a further one changes.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a time after 1970, in seconds")]
-    let path = folder.join(format!("events.out.tfevents.{}.{}", begun as u64, job.id));
+    let created = seconds(job.create_time.as_ref()).unwrap_or_default() as u64;
+    let path = folder.join(format!("events.out.tfevents.{created}.{}", job.id));
     let file = File::create(&path).map_err(ClientError::io(&path))?;
     tensorboard::write(&mut BufWriter::new(file), begun, &scalars).map_err(ClientError::io(&path))?;
     Ok(path)

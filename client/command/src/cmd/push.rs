@@ -41,7 +41,8 @@ pub(crate) struct PushArgs {
     #[arg(long, value_name = "CSV", requires = "paths", conflicts_with_all = ["join", "labels", "check", "episodes_from"])]
     ranges: Option<PathBuf>,
     /// Name or id of the task. Default: that of the labels file, or the only task of the server. A dataset of another
-    /// program becomes episodes of the task that it fits; if it fits none, a task is created from its features.
+    /// program becomes episodes of the task of its name, or else of the one that it fits; if it fits none, a task is
+    /// created from its features.
     #[arg(long)]
     task: Option<String>,
     /// Outcome of the attempts, such as success for a dataset of experts. Default: that of the labels file or the dataset,

@@ -175,7 +175,6 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
     let mut sources = vec![source(first, order)];
     reasons.push(format!("{} {}{}.", first.topic, shown_paths(order), shown_order(first, own)));
     reasons.push(actions.reason(first));
-    reasons.extend(units::sentence(&first.schema, &order.paths));
     for (Like { candidate, its, fits, .. }, way) in alike.iter().zip(ways.iter().skip(1)) {
         let reason = if *fits { "its ranges fit" } else { "but its ranges do not fit, so compare their meaning" };
         let theirs = &candidate.orders[*its];
@@ -198,11 +197,16 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
     let size = u32::try_from(ranges.len()).unwrap_or(u32::MAX);
     let mut spec = FieldSpec::new(name.clone(), size);
     let all = ranges.iter().copied().reduce(ValueRange::with).unwrap_or(ValueRange::of(0.0));
+    let place = reasons.len();
     if action {
         bound(&mut spec, all, &values, &mut reasons);
         reasons.extend(unchanged(order, &ranges));
     } else if let [value] = values.as_slice() {
         reasons.push(format!("It is always {value} in these recordings; remove it if it never changes."));
+    }
+    // A command that was found to be normalised has no unit.
+    if spec.minimum.is_none() {
+        reasons.splice(place..place, units::sentence(&first.schema, &order.paths));
     }
     let stamped = std::iter::once(first.stamped).chain(alike.iter().map(|like| like.candidate.stamped));
     Field { spec, action, open: !action && first.open, stamped: stamped.collect(), sources, reasons }

@@ -288,9 +288,11 @@ fn hostile_names_stay_in_their_comments_and_strings() {
 fn transforms_of_frames_are_left_out_with_the_way_to_take_one() {
     let transforms = SurveyedTopic { schema: "tf2_msgs/msg/TFMessage".into(), ..topic("/tf", "cdr", Vec::new()) };
     let mut survey = Survey { topics: vec![transforms], ..Survey::default() };
-    survey.topics.push(topic("/joints", "cdr", vec![numbers("position", &[ValueRange::of(0.5); 2])]));
+    let joints = topic("/joints", "cdr", vec![numbers("position", &[ValueRange::of(0.5); 2])]);
+    survey.topics.push(SurveyedTopic { schema: "sensor_msgs/msg/JointState".into(), ..joints });
     survey.topics.push(topic("/action", "cdr", vec![numbers("data", &[ValueRange::of(0.25); 2])]));
     let draft = draft([&survey], &Known::default()).unwrap();
+    assert!(draft.to_string().contains("Measured in rad (m where a joint slides)"), "{draft}");
     let left: Vec<String> = draft.left_out.iter().map(|left| format!("{}: {}", left.what, left.reason)).collect();
     assert_eq!(left.len(), 1, "{left:?}");
     assert!(left[0].starts_with("/tf (ros2): it has the poses of frames: a field of size 7"), "{left:?}");

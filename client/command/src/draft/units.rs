@@ -1,10 +1,9 @@
-//! The units of numbers in messages of ROS 2, which its conventions (REP 103) and the messages' own definitions fix. Must
-//! not know how fields are found.
+//! The units of numbers in standard messages of ROS 2, by its conventions (REP 103). Must not know how fields are found.
 
 /// What a message's numbers are measured in, by the last part of the schema's name: the parts of a path, and the unit.
 const UNITS: &[(&[&str], &[(&str, &str)])] = &[
     (
-        &["JointState", "JointTrajectory", "JointTrajectoryPoint", "MultiDOFJointState"],
+        &["JointState", "JointTrajectory", "JointTrajectoryPoint"],
         &[
             ("position", "rad (m where a joint slides)"),
             ("positions", "rad (m where a joint slides)"),
@@ -36,11 +35,12 @@ const UNITS: &[(&[&str], &[(&str, &str)])] = &[
 /// The packages whose messages have these units.
 const PACKAGES: &[&str] = &["sensor_msgs", "geometry_msgs", "nav_msgs", "trajectory_msgs"];
 
-/// What the numbers at these paths are measured in, in a sentence; `None` for messages whose definition does not state it.
+/// What the numbers at these paths are measured in, in a sentence; `None` for other messages.
 pub(super) fn sentence(schema: &str, paths: &[String]) -> Option<String> {
     let mut units: Vec<&str> = paths.iter().map(|path| unit(schema, path)).collect::<Option<_>>()?;
     units.dedup();
-    (!units.is_empty()).then(|| format!("Measured in {}, by the definition of {schema}.", units.join(", then ")))
+    (!units.is_empty())
+        .then(|| format!("Measured in {}, by the conventions of ROS for {schema}.", units.join(", then ")))
 }
 
 fn unit(schema: &str, path: &str) -> Option<&'static str> {
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn units_are_those_of_the_messages_definition() {
+    fn units_are_those_of_the_conventions() {
         for (schema, path, unit) in [
             ("sensor_msgs/msg/JointState", "position", "rad (m where"),
             ("sensor_msgs/JointState", "effort", "N m"),

@@ -217,7 +217,7 @@ impl Graph {
     fn stage(&mut self, task: &str, work: Work, input: Option<usize>, label: &str) -> usize {
         let input_key = input.map(|input| self.stages[input].key.as_str()).unwrap_or_default();
         // A Work holds numbers, words and lists of them: it always has a JSON form.
-        let canonical = serde_json::to_string(&(FORMAT, self.device, &work, input_key)).unwrap_or_default();
+        let canonical = serde_json::to_string(&(FORMAT, self.device, &keyed(&work), input_key)).unwrap_or_default();
         let key = blake3::hash(canonical.as_bytes()).to_hex().to_string();
         if let Some(&there) = self.by_key.get(&key) {
             return there;
@@ -227,6 +227,15 @@ impl Graph {
         self.stages.push(Stage { key, task: task.to_owned(), work, input, label: label.to_owned() });
         index
     }
+}
+
+// What the key of a work is made of: pretrainings that are older than `validation_share` keep their keys.
+fn keyed(work: &Work) -> Work {
+    let mut keyed = work.clone();
+    if let Work::Pretrain { settings } = &mut keyed {
+        settings.retain(|name, value| name != "validation_share" || value.as_f64() != Some(0.0));
+    }
+    keyed
 }
 
 // A cell's works, each on the result of the one before. The cell has been checked, so every spec is sound.

@@ -6,7 +6,7 @@ use super::groups::Device;
 use crate::schema::{Problem, Setting, Shape, Values, complete, integer_in};
 use crate::settings::{Group as _, Words as _};
 
-/// Most attempts that run side by side: enough for an efficient pass, few enough that one seed has several blocks.
+/// Most attempts that run side by side: enough for an efficient pass, few enough that one seed of an ordinary evaluation has several blocks.
 const BLOCK: u32 = 64;
 /// Upper bound of seeds, so that no two seeds share an attempt.
 const SEED_LIMIT: u64 = u32::MAX as u64;

@@ -54,24 +54,25 @@ impl Source<'_> {
     ) -> Result<R, LearnError> {
         let of_episode = |(episode, of): (usize, &&Trajectory)| (0..chunks(of.steps())).map(move |at| (episode, at));
         let pieces: Vec<(usize, usize)> = episodes.iter().enumerate().flat_map(of_episode).collect();
-        let (numbers, in_turn) = (0..pieces.len() as u64, Cell::new(false));
+        let (numbers, is_kept) = (0..pieces.len() as u64, Cell::new(false));
         let read = move |number: u64| {
             let (episode, at) =
                 usize::try_from(number).ok().and_then(|number| pieces.get(number)).ok_or_else(beyond)?;
             let episode = episodes[*episode];
             if *at == 0 {
                 let kept = self.kept_features(episode);
-                in_turn.set(kept.is_some());
+                is_kept.set(kept.is_some());
                 if let Some(kept) = kept {
                     return Ok(Piece::Kept(kept));
                 }
             }
-            if in_turn.get() {
+            if is_kept.get() {
                 return Ok(Piece::Nothing);
             }
             chunk(self.shape, episode, *at, self.device).map(Piece::Steps)
         };
-        ahead(numbers, read, |next| work(&mut Reader(next)))
+        // One chunk is read while another is encoded: two are in memory at once.
+        ahead((numbers, 0), read, |next| work(&mut Reader(next)))
     }
 
     fn kept_features(&self, episode: &Trajectory) -> Option<Kept> {
@@ -126,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn episodes_come_in_turn_with_their_steps_or_their_kept_features() {
+    fn episodes_come_is_kept_with_their_steps_or_their_kept_features() {
         let (shape, episodes, kept) = (toy::shape(), episodes(), Shared::default());
         kept.put(&episodes[1].id, &kept::exact_bytes(&features(300)).unwrap());
         let source = Source { shape: &shape, device: Device::Cpu, widths: [1; 3], kept: Some(&kept) };

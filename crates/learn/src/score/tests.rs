@@ -217,7 +217,6 @@ fn a_cancelled_run_stops() {
     }
 }
 
-/// Tests of runs that extend an earlier one.
 /// Stores features in memory.
 #[derive(Default)]
 pub(super) struct Shared(pub(super) Mutex<HashMap<String, Vec<u8>>>);
@@ -232,5 +231,7 @@ impl FeatureStore for Shared {
     }
 }
 
+/// Tests of runs that extend an earlier one.
 mod extend;
+/// Tests of runs that several ranks share.
 mod shards;

@@ -16,28 +16,37 @@ use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
 use crate::intake::Intake;
 
-/// Sends every episode of these datasets; returns the results, and the task.
+/// Recordings of a dataset by which a task is found: one of them may be unusable for a reason of its own.
+const TRIED: usize = 3;
+/// The part by which rates differ at most.
+const RATE: f64 = 0.05;
+
+/// Sends every episode of these datasets; returns the results, and the task of the first.
 pub(super) async fn push(
     args: &PushArgs,
     context: &Context,
     client: &Client,
     intakes: &[Intake],
 ) -> Result<(Pushed, String)> {
-    let task = task(args, context, client, intakes).await?;
+    let mut tasks = Vec::with_capacity(intakes.len());
+    for intake in intakes {
+        tasks.push(task(args, context, client, intake).await?);
+    }
     let started = Instant::now();
-    let all = intakes.iter().flat_map(|intake| (0..intake.description.episodes).map(move |number| (intake, number)));
+    let all = intakes.iter().zip(&tasks);
+    let all = all.flat_map(|(intake, task)| (0..intake.description.episodes).map(move |number| (intake, number, task)));
     let total = intakes.iter().map(|intake| intake.description.episodes).sum();
     let bar = context.progress.count("push", total);
-    let (bar, task_name) = (&bar, task.as_str());
-    let pushes = all.map(|(intake, number)| async move {
-        let pushed = episode(args, context, client, (intake, number), task_name).await;
+    let bar = &bar;
+    let pushes = all.map(|(intake, number, task)| async move {
+        let pushed = episode(args, context, client, (intake, number), task).await;
         bar.inc(1);
         pushed
     });
     let results: Vec<Result<PushResult>> = futures::stream::iter(pushes).buffered(args.jobs.max(1)).collect().await;
     bar.finish_and_clear();
     let results = results.into_iter().collect::<Result<Vec<_>>>()?;
-    Ok((Pushed { results, wall: started.elapsed() }, task))
+    Ok((Pushed { results, wall: started.elapsed() }, tasks.into_iter().next().unwrap_or_default()))
 }
 
 async fn episode(
@@ -69,58 +78,73 @@ async fn episode(
     Ok(PushResult { path, result })
 }
 
-/// The task that was named, or the one that the first dataset fits; if it fits none, one is created from its features.
-async fn task(args: &PushArgs, context: &Context, client: &Client, intakes: &[Intake]) -> Result<String> {
-    let Some(first) = intakes.first() else { return context.task(client, args.task.as_deref()).await };
-    let path = first.path.display();
+/// The task that was named, that of the dataset's name, or the one that the dataset fits; if it fits none, one is created
+/// from its features.
+async fn task(args: &PushArgs, context: &Context, client: &Client, dataset: &Intake) -> Result<String> {
+    let path = dataset.path.display();
     if let Some(named) = &args.task {
         let known = known_task(client, named.clone(), None).await;
         return known
             .map_err(|error| Failure::message(format!("{error}; `gleaner task draft {path} > task.toml` drafts it")));
     }
     let specs = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
-    let specs = specs.into_iter().filter_map(|task| spec_from_proto(task.spec?).ok()).collect::<Vec<_>>();
-    let mut fitting = fitting(first, &specs).await?;
+    let specs: Vec<TaskSpec> = specs.into_iter().filter_map(|task| spec_from_proto(task.spec?).ok()).collect();
+    let spec = of_description(&dataset.description, dataset.name()).spec;
+    if specs.iter().any(|known| known.name == spec.name) {
+        return Ok(spec.name);
+    }
+    let mut fitting = fitting(dataset, &specs).await?;
     match fitting.len() {
-        1 => return Ok(fitting.remove(0)),
         0 => {}
+        1 => {
+            let name = fitting.remove(0);
+            context
+                .output
+                .note(format_args!("{path} fits the task {name} and is added to it; with --task another one takes it"));
+            return Ok(name);
+        }
         _ => {
             let names = fitting.join(", ");
             return Err(Failure::message(format!("{path} fits several tasks; add --task with one of: {names}")));
         }
     }
-    let spec = of_description(&first.description, first.name()).spec;
     gleaner_recording::validate(&spec)?;
     let name = spec.name.clone();
-    if specs.iter().any(|known| known.name == name) {
-        return Err(Failure::message(format!(
-            "{path} does not fit the server's task {name}; push with --task {name} to see why, or create another one: \
-             `gleaner task draft {path} --name OTHER > task.toml`"
-        )));
-    }
     client.tasks().create_task(CreateTaskRequest { spec: Some(spec_to_proto(spec)) }).await?;
+    let why = if specs.is_empty() { "" } else { ", which fit no other task" };
     context.output.note(format_args!(
-        "created task {name} from the features of {path}, which fit no other task; `gleaner task show {name}` shows it"
+        "created task {name} from the features of {path}{why}; `gleaner task show {name}` shows it"
     ));
     Ok(name)
 }
 
-/// The names of the tasks that would accept the dataset's first usable episode.
+/// The names of the tasks of the dataset's rate that would accept one of its first episodes.
 async fn fitting(dataset: &Intake, specs: &[TaskSpec]) -> Result<Vec<String>> {
+    let rate = dataset.description.spec.rate_hz;
+    let mut open: Vec<&TaskSpec> = specs.iter().filter(|spec| (spec.rate_hz - rate).abs() <= RATE * rate).collect();
     let mut names = Vec::new();
-    if specs.is_empty() {
+    if open.is_empty() {
         return Ok(names);
     }
     let inspector = Inspector::find()?;
+    let mut tried = 0;
     for number in 0..dataset.description.episodes {
+        if tried == TRIED || open.is_empty() {
+            break;
+        }
         let Ok(episode) = dataset.episode(number).await? else { continue };
-        for spec in specs {
+        tried += 1;
+        let mut left = Vec::new();
+        for spec in open {
             let reports = inspector.check(std::slice::from_ref(&episode.recording), spec).await?;
             if reports.iter().all(|(_, report)| report.is_ok()) {
                 names.push(spec.name.clone());
+            } else {
+                left.push(spec);
             }
         }
-        break;
+        open = left;
     }
+    names.sort();
     Ok(names)
 }

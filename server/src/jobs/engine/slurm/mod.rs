@@ -200,7 +200,8 @@ impl SlurmJob {
             missed = 0;
             self.record(entry);
             let delivered = self.lease.delivered.is_cancelled();
-            match state::end(entry) {
+            let begun = matches!(self.from, From::EarlierServer) || self.lease.begun();
+            match state::end(entry, begun) {
                 // A second process of this attempt was rejected, and Slurm's view may be of that one. The first one's
                 // reports, or their absence, decide.
                 Some(_) if self.lease.contested() && !delivered => {}
@@ -257,14 +258,21 @@ impl SlurmJob {
                 End::Interrupted("the server stopped before the job was submitted to Slurm".to_owned())
             }
             From::EarlierServer if !seen => End::Interrupted(format!("Slurm job {id} ended while the server was down")),
-            // A controller that is killed can lose the jobs of its last seconds.
-            From::Submission(_) if !self.lease.begun() && self.placement.borrow().node.is_empty() => {
-                End::Interrupted(format!("Slurm lost job {id} before it was seen to run"))
+            // A controller that is killed can forget what it has listed as waiting. A job that is never listed counts, so that
+            // a wrong option of squeue's view does not submit without an end.
+            from if seen && self.only_waited(from) => {
+                End::Interrupted(format!("Slurm forgot job {id}, which had only waited"))
             }
             From::EarlierServer | From::Submission(_) => {
                 End::Broken(format!("Slurm job {id} has ended, and Slurm has no record of how"))
             }
         }
+    }
+
+    /// Whether this server has seen the job wait, and not run. The lease of a resumed attempt begins with it.
+    fn only_waited(&self, from: &From) -> bool {
+        let begun = matches!(from, From::Submission(_)) && self.lease.begun();
+        !begun && self.placement.borrow().node.is_empty()
     }
 
     /// Records where the job is.

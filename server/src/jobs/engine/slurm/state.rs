@@ -44,8 +44,9 @@ impl State {
     }
 }
 
-/// The end of an attempt whose Slurm job has ended in this state; `None` for a job that has not ended.
-pub(super) fn end(entry: &Entry) -> Option<End> {
+/// The end of an attempt whose Slurm job has ended in this state; `None` for a job that has not ended. `begun`: its worker
+/// may have called.
+pub(super) fn end(entry: &Entry, begun: bool) -> Option<End> {
     let Entry { id, state, node, reason, .. } = entry;
     let at = if node.is_empty() { String::new() } else { format!(" on {node}") };
     let why = if reason.is_empty() { String::new() } else { format!(", {reason}") };
@@ -59,6 +60,10 @@ pub(super) fn end(entry: &Entry) -> Option<End> {
         State::OutOfMemory => Some(End::Broken(format!(
             "the worker of Slurm job {id}{at} needed more memory than its limit ({state}); raise --mem in its options"
         ))),
+        // By Slurm itself, when the node or the controller fails during the start.
+        State::Cancelled if !begun && !node.is_empty() => {
+            Some(End::Interrupted(format!("Slurm job {id} was cancelled while it started{at}")))
+        }
         // By a person, or by a controller that has lost its last seconds.
         State::Cancelled => Some(End::Stopped(format!("Slurm job {id}{at} was cancelled in Slurm"))),
         State::TimedOut => {
@@ -80,20 +85,27 @@ mod tests {
     #[test]
     fn failures_of_the_cluster_are_no_failures_of_the_job() {
         for state in ["NODE_FAIL", "PREEMPTED", "BOOT_FAIL", "DEADLINE"] {
-            let end = end(&entry(state));
+            let end = end(&entry(state), true);
             assert!(
                 matches!(&end, Some(End::Interrupted(why)) if why.contains(state) && why.contains("node1")),
                 "{end:?}"
             );
         }
         for state in ["FAILED", "OUT_OF_MEMORY"] {
-            assert!(matches!(end(&entry(state)), Some(End::Broken(_))), "{state}");
+            assert!(matches!(end(&entry(state), true), Some(End::Broken(_))), "{state}");
         }
         for state in ["TIMEOUT", "COMPLETED", "CANCELLED"] {
-            assert!(matches!(end(&entry(state)), Some(End::Stopped(_))), "{state}");
+            assert!(matches!(end(&entry(state), true), Some(End::Stopped(_))), "{state}");
         }
+        let started = end(&entry("CANCELLED"), false);
+        assert!(
+            matches!(&started, Some(End::Interrupted(why)) if why.contains("while it started on node1")),
+            "{started:?}"
+        );
+        let waiting = Entry { node: String::new(), ..entry("CANCELLED") };
+        assert!(matches!(end(&waiting, false), Some(End::Stopped(_))), "by a person");
         for state in ["PENDING", "RUNNING", "COMPLETING", "SUSPENDED", "SOMETHING_NEW"] {
-            assert_eq!(end(&entry(state)), None, "{state}");
+            assert_eq!(end(&entry(state), true), None, "{state}");
             assert!(!State::of(&entry(state)).over());
         }
     }

@@ -128,27 +128,36 @@ async fn a_failing_squeue_is_no_statement_about_a_job() {
 }
 
 #[tokio::test]
-async fn a_job_that_slurm_forgets_counts_only_if_it_was_seen_to_run() {
-    for (listed, node) in [("17|PENDING||Resources", ""), ("17|RUNNING|node1|None", "node1")] {
-        let fake = Fake::new().await;
-        fake.install("sbatch", "echo 17");
-        fake.list(listed);
-        let mut execution = fake.start();
-        let mut places = execution.placement();
-        let forgotten = async {
-            place(&mut places, |place| place.engine_id == "17" && place.node == node).await;
-            fake.install("squeue", "true");
-            std::future::pending::<()>().await;
-        };
-        tokio::select! {
-            end = execution.ended() => match &end {
-                End::Interrupted(why) => assert!(node.is_empty() && why.contains("lost job 17"), "{end:?}"),
-                End::Broken(why) => assert!(!node.is_empty() && why.contains("no record"), "{end:?}"),
-                End::Stopped(_) => panic!("{end:?}"),
-            },
-            () = forgotten => {}
+async fn a_job_that_slurm_forgets_counts_unless_it_was_only_seen_to_wait() {
+    for resumed in [false, true] {
+        for (listed, node) in [("17|PENDING||Resources", ""), ("17|RUNNING|node1|None", "node1")] {
+            let fake = Fake::new().await;
+            fake.install("sbatch", "echo 17");
+            fake.list(listed);
+            let mut execution = if resumed { fake.resume("17") } else { fake.start() };
+            let mut places = execution.placement();
+            let forgotten = async {
+                place(&mut places, |place| place.node == node && (place.waiting == "Resources") == node.is_empty())
+                    .await;
+                fake.install("squeue", "true");
+                std::future::pending::<()>().await;
+            };
+            tokio::select! {
+                end = execution.ended() => match &end {
+                    End::Interrupted(why) => assert!(node.is_empty() && why.contains("forgot job 17"), "{end:?}"),
+                    End::Broken(why) => assert!(!node.is_empty() && why.contains("no record"), "{end:?}"),
+                    End::Stopped(_) => panic!("{end:?}"),
+                },
+                () = forgotten => {}
+            }
         }
     }
+    // A job that is never listed, as of another cluster, does not repeat without an end.
+    let fake = Fake::new().await;
+    fake.install("sbatch", "echo 17");
+    fake.install("squeue", "true");
+    let end = fake.start().ended().await;
+    assert!(matches!(&end, End::Broken(why) if why.contains("no record")), "{end:?}");
 }
 
 #[tokio::test]
