@@ -102,7 +102,8 @@ async fn every_job_ends_once_under_random_kills() {
     let jobs =
         api.jobs.list_jobs(ListJobsRequest { page_size: 1000, ..Default::default() }).await.unwrap().into_inner();
     let mut listed: Vec<_> = jobs.jobs.into_iter().map(|job| job.result_id).collect();
-    (listed.sort(), results.sort());
+    listed.sort();
+    results.sort();
     assert_eq!(listed, results, "every job that was submitted has one result, of its own");
     results.dedup();
     assert_eq!(listed.len(), results.len());

@@ -1,7 +1,10 @@
 //! The units of numbers in standard messages of ROS 2, by its conventions (REP 103). Must not know how fields are found.
 
-/// What a message's numbers are measured in, by the last part of the schema's name: the parts of a path, and the unit.
-const UNITS: &[(&[&str], &[(&str, &str)])] = &[
+/// A part of a path, and its unit.
+type Unit = (&'static str, &'static str);
+
+/// What a message's numbers are measured in, by the last part of the schema's name.
+const UNITS: &[(&[&str], &[Unit])] = &[
     (
         &["JointState", "JointTrajectory", "JointTrajectoryPoint"],
         &[

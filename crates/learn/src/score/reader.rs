@@ -177,7 +177,8 @@ mod tests {
         let source = Source { shape: &shape, device: Device::Cpu, widths: [1; 3], kept: None };
         let error = source.read_ahead(&[&episodes[0], &broken, &episodes[1]], |reader| {
             assert!(matches!(reader.begin(&episodes[0])?, Begun::Steps(_)));
-            (reader.chunk()?, reader.chunk()?);
+            reader.chunk()?;
+            reader.chunk()?;
             Ok(reader.begin(&broken).map(drop).unwrap_err().to_string())
         });
         assert!(error.unwrap().contains("the disk is gone"));

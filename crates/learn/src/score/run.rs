@@ -243,18 +243,17 @@ impl Run<'_> {
         expert: &Trajectory,
         (reader, shards): (&mut Reader<'_>, &mut Shards<'_>),
     ) -> Result<Features, LearnError> {
-        let features = match reader.begin(expert)? {
-            Begun::Kept(Kept::Exact(features)) => features,
+        let (features, is_kept) = match reader.begin(expert)? {
+            Begun::Kept(Kept::Exact(features)) => (features, true),
+            Begun::Steps(first) => (self.encoded(expert, first, reader)?, false),
             // Of an earlier run, in which this episode was imperfect.
-            begun => {
-                let features = match begun {
-                    Begun::Steps(first) => self.encoded(expert, first, reader)?,
-                    Begun::Kept(_) => sound(episode_features(self.encoder, expert, self.comparison)?, &expert.id)?,
-                };
-                self.keep(expert, kept::exact_bytes(&features));
-                features
+            Begun::Kept(Kept::Rough(_)) => {
+                (sound(episode_features(self.encoder, expert, self.comparison)?, &expert.id)?, false)
             }
         };
+        if !is_kept {
+            self.keep(expert, kept::exact_bytes(&features));
+        }
         shards.advance(features.count())?;
         Ok(features)
     }

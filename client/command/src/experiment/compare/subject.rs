@@ -93,9 +93,11 @@ impl<'a> Subject<'a> {
             )));
         }
         let settings = run.settings.unwrap_or_default();
-        let word = |name: &str| match settings.fields.get(name)?.kind.as_ref()? {
-            prost_types::value::Kind::StringValue(word) if !word.is_empty() => Some(word.as_str()),
-            _ => None,
+        let word = |name: &str| {
+            let Some(prost_types::value::Kind::StringValue(word)) = &settings.fields.get(name)?.kind else {
+                return None;
+            };
+            (!word.is_empty()).then_some(word.as_str())
         };
         Ok(format!("{} {id}", word("source").or_else(|| word("scorer")).unwrap_or("run")))
     }

@@ -26,7 +26,7 @@ fn specs() -> Vec<ScoreSpec> {
 fn shared(
     count: usize,
     (experts, imperfect): (&[Trajectory], &[Trajectory]),
-    (base, kept): (Option<&ScoreBase>, &(impl FeatureStore + Sync)),
+    (base, kept): (Option<&ScoreBase>, &impl FeatureStore),
     spec: &ScoreSpec,
 ) -> Scores {
     let encoder = encoder();
