@@ -12,19 +12,15 @@ use crate::support::{
 
 /// An evaluation of several seeds, each of several blocks of attempts.
 fn evaluate(policy: &str, max_steps: u32) -> job_spec::Spec {
-    job_spec::Spec::Evaluate(EvaluateSpec {
-        subject: Some(evaluate_spec::Subject::PolicyId(policy.to_owned())),
-        settings: lab::settings(json!({"episodes": 70, "seeds": [0, 5], "max_steps": max_steps})),
-    })
+    lab::evaluate(policy, json!({"episodes": 70, "seeds": [0, 5], "max_steps": max_steps}))
 }
 
 /// The results of each seed and what the policy looked at.
 async fn results(api: &mut Api, job: &Job) -> (Vec<SeedResult>, Vec<(String, u64)>) {
-    let request = GetEvaluationRequest { evaluation_id: job.result_id.clone() };
-    let evaluation = api.policies.get_evaluation(request).await.unwrap().into_inner().evaluation.unwrap();
     let request = ListMetricsRequest { job_id: job.id.clone() };
     let metrics = api.jobs.list_metrics(request).await.unwrap().into_inner().metrics;
-    (evaluation.seeds, metrics.into_iter().map(|metric| (metric.name, metric.value.to_bits())).collect())
+    let shares = metrics.into_iter().map(|metric| (metric.name, metric.value.to_bits()));
+    (api.evaluation(&job.result_id).await.seeds, shares.collect())
 }
 
 #[tokio::test]

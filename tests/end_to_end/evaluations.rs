@@ -17,13 +17,6 @@ fn evaluate(subject: evaluate_spec::Subject) -> EvaluateSpec {
     }
 }
 
-impl Api {
-    async fn evaluation(&mut self, id: &str) -> Evaluation {
-        let request = GetEvaluationRequest { evaluation_id: id.into() };
-        self.policies.get_evaluation(request).await.unwrap().into_inner().evaluation.unwrap()
-    }
-}
-
 #[tokio::test]
 async fn evaluation_is_repeatable_and_has_an_interval() {
     let shared = shared().await;

@@ -84,24 +84,16 @@ async fn evaluation_over_two_nodes_gives_the_results_of_a_local_one() {
     let mut api = Api::connect(&server).await;
     lab::set_up(&mut api).await;
     let policy = api.train_policy(3).await.1;
-    let evaluate = || {
-        let subject = Some(evaluate_spec::Subject::PolicyId(policy.clone()));
-        let settings = lab::settings(json!({"episodes": 100, "seeds": [3, 1], "max_steps": 12}));
-        job_spec::Spec::Evaluate(EvaluateSpec { subject, settings })
-    };
-    let seeds = async |api: &mut Api, job: &Job| {
-        let request = GetEvaluationRequest { evaluation_id: job.result_id.clone() };
-        api.policies.get_evaluation(request).await.unwrap().into_inner().evaluation.unwrap().seeds
-    };
+    let evaluate = || lab::evaluate(&policy, json!({"episodes": 100, "seeds": [3, 1], "max_steps": 12}));
     let local = api.succeed(lab::TASK, evaluate()).await;
-    let expected = seeds(&mut api, &local).await;
+    let expected = api.evaluation(&local.result_id).await.seeds;
     assert!(server.stop().await);
 
     let flags = [cluster.flags(), ["--evaluate-ranks", "2"].map(str::to_owned).to_vec()].concat();
     let server = TestServer::start_over(&data, &flags.iter().map(String::as_str).collect::<Vec<_>>()).await;
     let mut api = Api::connect(&server).await;
     let job = api.succeed(lab::TASK, evaluate()).await;
-    assert_eq!(seeds(&mut api, &job).await, expected);
+    assert_eq!(api.evaluation(&job.result_id).await.seeds, expected);
     assert!(job.engine == "slurm" && job.node.contains("1-2"), "both nodes: {job:?}");
     cluster.until_empty().await;
 }

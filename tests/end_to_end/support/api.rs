@@ -99,6 +99,12 @@ impl Api {
         (encoder, policy)
     }
 
+    /// The evaluation of this id.
+    pub async fn evaluation(&mut self, id: &str) -> Evaluation {
+        let request = GetEvaluationRequest { evaluation_id: id.to_owned() };
+        self.policies.get_evaluation(request).await.unwrap().into_inner().evaluation.unwrap()
+    }
+
     /// Deploys a policy under a name.
     pub async fn deploy(&mut self, name: &str, policy: &str) {
         let request = DeployRequest { name: name.to_owned(), policy_id: policy.to_owned(), ..Default::default() };

@@ -182,6 +182,12 @@ pub fn score(encoder_id: &str) -> job_spec::Spec {
     job_spec::Spec::Score(ScoreSpec { encoder_id: encoder_id.to_owned(), ..ScoreSpec::default() })
 }
 
+/// An evaluation of a policy in the simulator.
+pub fn evaluate(policy: &str, given: serde_json::Value) -> job_spec::Spec {
+    let subject = Some(evaluate_spec::Subject::PolicyId(policy.to_owned()));
+    job_spec::Spec::Evaluate(EvaluateSpec { subject, settings: settings(given) })
+}
+
 pub fn train(data: train_spec::Data, steps: u32) -> job_spec::Spec {
     let settings = settings(json!({
         "policy": "finetune", "steps": steps, "batch": 8, "warmup_steps": 2, "seed": 7, "checkpoint_every": 5,
