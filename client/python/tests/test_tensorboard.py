@@ -34,6 +34,8 @@ def test_tensorboard_reads_a_run_of_each_job_that_is_exported(
     for name, job in jobs.items():
         curves = client.jobs.metrics(name)
         assert job["metrics"] == {name: curve.values[-1] for name, curve in curves.items()}
+        if not curves:
+            continue  # It has no folder.
         events = EventAccumulator(str(tmp_path / name))
         events.Reload()
         kind = next(iter(job["spec"]))
