@@ -6,7 +6,7 @@ use serde_json::json;
 use crate::support::{
     api::Api,
     lab,
-    process::{Signal, argument, signal, workers},
+    process::{Signal, signal_rank_1},
     server::TestServer,
 };
 
@@ -27,9 +27,7 @@ async fn results(api: &mut Api, job: &Job) -> (Vec<SeedResult>, Vec<(String, u64
 async fn one_two_and_three_processes_give_the_same_results() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
-    let mut server = TestServer::start_over(&data, &[]).await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+    let (mut server, mut api, _) = lab::over(&data).await;
     let policy = api.train_policy(3).await.1;
     let job = api.succeed(lab::TASK, evaluate(&policy, 12)).await;
     let expected = results(&mut api, &job).await;
@@ -58,11 +56,7 @@ async fn evaluation_whose_process_ends_or_hangs_is_repeated_with_the_same_result
     for sent in [Signal::KILL, Signal::STOP] {
         let job = api.submit(lab::TASK, evaluate(&policy, steps)).await.unwrap();
         api.watch_until(&job.id, |job| job.message == "evaluating").await;
-        let ranks = workers(server.pid());
-        let rank_1: Vec<u32> =
-            ranks.into_iter().filter(|&pid| argument(pid, "--rank").as_deref() == Some("1")).collect();
-        assert_eq!(rank_1.len(), 1, "the evaluation is in the middle");
-        signal(rank_1[0], sent);
+        signal_rank_1(server.pid(), sent);
         let ended = api.watch(&job.id).await;
         assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 2), "{}", ended.error);
         assert_eq!(results(&mut api, &ended).await, expected);

@@ -33,9 +33,7 @@ fn open_to_others(folder: &Path) -> Vec<String> {
 async fn files_are_readable_by_their_owner_only() {
     let place = tempfile::tempdir().unwrap();
     let (data, backup) = (place.path().join("lab"), place.path().join("backup"));
-    let mut server = TestServer::start_over(&data, &[]).await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+    let (mut server, mut api, _) = lab::over(&data).await;
     api.succeed(lab::TASK, lab::pretrain(2)).await;
     assert!(server_text(&["backup", backup.to_str().unwrap()], &data).await.0);
     assert_eq!(open_to_others(&data), Vec::<String>::new());

@@ -6,7 +6,7 @@ use gleaner_proto::v1::*;
 use crate::support::{
     api::Api,
     lab,
-    process::{Signal, argument, signal, workers},
+    process::{Signal, signal_rank_1},
     server::TestServer,
 };
 
@@ -29,9 +29,7 @@ fn assert_close(one: &[(u64, f64)], other: &[(u64, f64)]) {
 async fn two_ranks_have_the_losses_of_one_process_and_repeat_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
-    let mut server = TestServer::start_over(&data, &[]).await;
-    let mut api = Api::connect(&server).await;
-    let episodes = lab::set_up(&mut api).await;
+    let (mut server, mut api, episodes) = lab::over(&data).await;
     let alone = api.succeed(lab::TASK, lab::pretrain(8)).await;
     let experts = || train_spec::Data::ExpertsOf(alone.result_id.clone());
     let trained_alone = api.succeed(lab::TASK, lab::train(experts(), 8)).await;
@@ -69,11 +67,7 @@ async fn job_resumes_from_its_checkpoint_after_a_rank_is_killed_or_hangs() {
     for sent in [Signal::KILL, Signal::STOP] {
         let job = api.submit(lab::TASK, lab::pretrain(STEPS)).await.unwrap();
         api.watch_until(&job.id, |job| job.done >= 7).await;
-        let ranks = workers(server.pid());
-        let rank_1: Vec<u32> =
-            ranks.into_iter().filter(|&pid| argument(pid, "--rank").as_deref() == Some("1")).collect();
-        assert_eq!(rank_1.len(), 1, "one attempt runs");
-        signal(rank_1[0], sent);
+        signal_rank_1(server.pid(), sent);
         let ended = api.watch(&job.id).await;
         assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "{}", ended.error);
         assert_eq!(losses(&mut api, &job.id).await, losses(&mut api, &expected.id).await);

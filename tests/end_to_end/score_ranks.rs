@@ -6,7 +6,7 @@ use serde_json::json;
 use crate::support::{
     api::Api,
     lab,
-    process::{Signal, argument, signal, workers},
+    process::{Signal, signal_rank_1},
     scores::digest,
     server::TestServer,
 };
@@ -43,9 +43,7 @@ async fn snapshot(api: &mut Api, max_experts: u32) -> String {
 async fn one_two_and_three_processes_give_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
-    let mut server = TestServer::start_over(&data, &[]).await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+    let (mut server, mut api, _) = lab::over(&data).await;
     let encoder = api.succeed(lab::TASK, lab::pretrain(8)).await.result_id;
     let (small, whole) = (snapshot(&mut api, 4).await, snapshot(&mut api, 0).await);
     let expected = runs(&mut api, &encoder, [&small, &whole]).await;
@@ -74,11 +72,7 @@ async fn run_whose_process_is_killed_in_the_middle_is_repeated_with_the_same_byt
     for sent in [Signal::KILL, Signal::STOP] {
         let job = api.submit(lab::TASK, score()).await.unwrap();
         api.watch_until(&job.id, |job| job.message == "scoring").await;
-        let ranks = workers(server.pid());
-        let rank_1: Vec<u32> =
-            ranks.into_iter().filter(|&pid| argument(pid, "--rank").as_deref() == Some("1")).collect();
-        assert_eq!(rank_1.len(), 1, "the run is in the middle");
-        signal(rank_1[0], sent);
+        signal_rank_1(server.pid(), sent);
         let ended = api.watch(&job.id).await;
         assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 2), "{}", ended.error);
         assert_eq!(digest(&mut api, &ended.result_id).await, expected);

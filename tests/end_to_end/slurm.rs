@@ -30,9 +30,7 @@ async fn job_on_slurm_equals_a_local_one() {
     let Some(cluster) = Cluster::start(2).await else { return };
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
-    let mut server = TestServer::start_over(&data, &[]).await;
-    let mut api = Api::connect(&server).await;
-    let episodes = lab::set_up(&mut api).await;
+    let (mut server, mut api, episodes) = lab::over(&data).await;
     let local = api.succeed(lab::TASK, lab::pretrain(8)).await;
     let local_run = api.succeed(lab::TASK, lab::score(&local.result_id)).await.result_id;
     assert_eq!((local.engine.as_str(), local.node.as_str()), ("local", ""));

@@ -184,7 +184,7 @@ impl Source<'_> {
     }
 
     /// The mean loss on all segments, without changes to their inputs and with the same masked elements every time;
-    /// `None` if there are none.
+    /// `None` without any.
     fn loss_validation(&self, network: &Network, objectives: &[&Objective]) -> Result<Option<f64>, LearnError> {
         validation::mean(self.segments, |number, chunk| {
             let batch = Batch::collect(self.shape, self.data, chunk, self.spec.model.window(), self.device)?;

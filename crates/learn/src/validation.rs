@@ -54,8 +54,8 @@ pub(crate) fn due(done: u64, steps: u64) -> bool {
     done == steps || done.is_multiple_of(steps.div_ceil(TIMES))
 }
 
-/// The mean over segments of `held_out` of `loss`, which gives that of a chunk by its number and its segments; `None` if
-/// there are none.
+/// The mean over segments of `held_out` of `loss`, which gives that of a chunk by its number and its segments; `None` without
+/// any.
 pub(crate) fn mean(
     held_out: &Segments,
     mut loss: impl FnMut(u64, &[Segment]) -> Result<f64, LearnError>,

@@ -45,9 +45,7 @@ async fn score_run_over_nodes_gives_the_bytes_of_a_local_one_also_after_a_node_i
     let Some(mut cluster) = Cluster::start(3).await else { return };
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
-    let mut server = TestServer::start_over(&data, &[]).await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+    let (mut server, mut api, _) = lab::over(&data).await;
     // A larger model takes seconds to encode the episodes.
     let encoder = api.succeed(lab::TASK, lab::with(lab::pretrain(1), json!({"preset": "base"}))).await.result_id;
     let score = || lab::with(lab::score(&encoder), json!({"scorer": "ssdf"}));
@@ -80,9 +78,7 @@ async fn evaluation_over_two_nodes_gives_the_results_of_a_local_one() {
     let Some(cluster) = Cluster::start(2).await else { return };
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
-    let mut server = TestServer::start_over(&data, &[]).await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+    let (mut server, mut api, _) = lab::over(&data).await;
     let policy = api.train_policy(3).await.1;
     let evaluate = || lab::evaluate(&policy, json!({"episodes": 100, "seeds": [3, 1], "max_steps": 12}));
     let local = api.succeed(lab::TASK, evaluate()).await;

@@ -1,7 +1,7 @@
 //! A small lab: a task of the embedded simulator at 16 × 16 pixels, recordings of it, their uploads, and jobs that take
 //! seconds.
 
-use std::sync::LazyLock;
+use std::{path::Path, sync::LazyLock};
 
 use bytes::Bytes;
 use gleaner_proto::v1::*;
@@ -79,6 +79,14 @@ pub async fn idle() -> (TestServer, Api) {
 /// A server with these flags that has the task and every recording; the episodes are in the order of [`RECORDINGS`].
 pub async fn with_episodes(flags: &[&str]) -> (TestServer, Api, Vec<Episode>) {
     let server = TestServer::start_with(flags).await;
+    let mut api = Api::connect(&server).await;
+    let episodes = set_up(&mut api).await;
+    (server, api, episodes)
+}
+
+/// As [`with_episodes`] without flags, over a data folder that outlives the server.
+pub async fn over(data: &Path) -> (TestServer, Api, Vec<Episode>) {
+    let server = TestServer::start_over(data, &[]).await;
     let mut api = Api::connect(&server).await;
     let episodes = set_up(&mut api).await;
     (server, api, episodes)

@@ -83,6 +83,14 @@ pub fn argument(pid: u32, name: &str) -> Option<String> {
     words.next()
 }
 
+/// Sends a signal to rank 1 of the only attempt that runs on this server.
+pub fn signal_rank_1(server: u32, sent: Signal) {
+    let ranks = workers(server).into_iter();
+    let rank_1: Vec<u32> = ranks.filter(|&pid| argument(pid, "--rank").as_deref() == Some("1")).collect();
+    assert_eq!(rank_1.len(), 1, "the attempt is in the middle");
+    signal(rank_1[0], sent);
+}
+
 /// The ports of IPv4 loopback on which a process listens.
 pub fn ports(pid: u32) -> Vec<u16> {
     let files = std::fs::read_dir(format!("/proc/{pid}/fd")).unwrap();
