@@ -2,19 +2,22 @@
 //! size, its roofline, and distances in tiles. Uses only the public interface.
 //!
 //! Arguments: queries (100000), indexed points (4000), values a part (128), how
-//! many rows to check against a direct comparison in double precision (all).
+//! many rows to check against a direct comparison in double precision (all). At the end, windows of
+//! rows beside the same points with rows of their own.
 
 #![allow(clippy::print_stdout, clippy::unwrap_used, missing_docs)]
 
 use std::time::Instant;
 
-use gleaner_search::{Distance, Index, Match, Metric, Points};
+use gleaner_search::{Distance, Index, Match, Metric, PARTS, PointShape, Points};
 use tch::{Device, Kind, Tensor};
 
 /// Every time is the best of this many, measured in turn, so that other load disturbs all alike.
 const ROUNDS: usize = 3;
 /// Rows of a tile for the library's distances; the fastest counts.
 const TILES: [usize; 3] = [512, 2_048, 8_192];
+/// Rows of a window, and values of its parts: two cameras of 8 × 8 RGBD pixels, a robot's joints, its actions.
+const WINDOW: PointShape = PointShape { widths: [512, 38, 7], length: 7 };
 /// One query in this many is nearly an indexed point.
 const DUPLICATE: usize = 10;
 
@@ -168,6 +171,44 @@ fn main() {
         println!("{data:?}");
         measure(data, (count, many, width), checked);
     }
+    measure_windows(count / 10, many);
+}
+
+/// An index of `many` windows, and the search for `count` of them.
+fn measure_windows(count: usize, many: usize) {
+    let windows = |seed: u64, count: usize| {
+        let rows = [0, 1, 2]
+            .map(|part: usize| std::mem::take(&mut features(Data::Encoded, seed, count, WINDOW.widths[part])[part]));
+        let mut all = Points::empty(WINDOW);
+        for first in (0..count).step_by(200) {
+            let of = |part: usize, rows: &[f32]| {
+                let width = WINDOW.widths[part];
+                let own = &rows[first * width..rows.len().min((first + 200) * width)];
+                [vec![0.0; (WINDOW.length - 1) * width], own.to_vec()].concat()
+            };
+            all.extend([0, 1, 2].map(|part: usize| of(part, &rows[part])));
+        }
+        all
+    };
+    let plain = |windows: &Points| {
+        let of = |part: usize| (0..windows.count()).flat_map(|at| windows.row(part, at)).copied().collect();
+        Points::new([of(0), of(1), of(2)], windows.widths()).unwrap()
+    };
+    let (points, queries) = (windows(1, many), windows(2, count));
+    let both = [(&points, &queries), (&plain(&points), &plain(&queries))];
+    let metric = Metric { kind: Distance::Euclidean, scale: [1.0; PARTS] };
+    let (mut best, mut found) = ([f64::INFINITY; 2], [None, None]);
+    for _ in 0..ROUNDS {
+        for (i, (points, queries)) in both.iter().enumerate() {
+            let search = || found[i] = Index::new(&[(0, points)], metric).unwrap().nearest(queries, None).unwrap();
+            best[i] = best[i].min(seconds(search));
+        }
+    }
+    let values = |points: &Points| (0..PARTS).map(|part| points.values(part).len()).sum::<usize>() / 250_000;
+    println!("{} windows of {} rows, {} queries", points.count(), WINDOW.length, queries.count());
+    println!("  search {:.3} s, with rows of their own {:.3} s", best[0], best[1]);
+    println!("  the points' values: {} MB, with rows of their own {} MB", values(&points), values(both[1].0));
+    println!("  {}", if found[0] == found[1] { "the same winners" } else { "OTHER WINNERS" });
 }
 
 fn measure(data: Data, (count, many, width): (usize, usize, usize), checked: usize) {

@@ -87,7 +87,7 @@ impl Frame {
         let centre = |part: usize| {
             let width = features.widths()[part];
             let mut sum = vec![0f64; width];
-            for row in features.values(part).chunks(width) {
+            for row in (0..features.count()).map(|at| features.row(part, at)) {
                 let factor = if kind == Distance::Angular { to_unit(row) } else { 1.0 };
                 for (sum, x) in sum.iter_mut().zip(row) {
                     *sum += f64::from(*x) * factor;
@@ -132,24 +132,21 @@ impl Frame {
         1.01 * U * (norm + unit)
     }
 
-    /// Rows `from..to` of `part`.
-    pub(crate) fn apply(&self, features: &Points, part: usize, (from, to): (usize, usize)) -> Framed {
+    /// The rows of `part` of the points numbered `at`.
+    pub(crate) fn apply(&self, features: &Points, part: usize, at: impl Iterator<Item = usize>) -> Framed {
+        Framed::new(self.rows(features, part, at), |norm| self.moved(norm))
+    }
+
+    /// As [`Self::apply`], without what it measures: `[N, d]`.
+    pub(crate) fn rows(&self, features: &Points, part: usize, at: impl Iterator<Item = usize>) -> Tensor {
         let centre = &self.centre[part];
-        let width = centre.len();
-        let values = &features.values(part)[from * width..to * width];
-        let mut placed = match self.kind {
-            Distance::Euclidean => rows(values, width),
-            Distance::Angular => {
-                let unit = |row: &[f32]| {
-                    let factor = to_unit(row);
-                    row.iter().map(move |x| single(f64::from(*x) * factor)).collect::<Vec<f32>>()
-                };
-                let units: Vec<f32> = values.chunks_exact(width).flat_map(unit).collect();
-                rows(&units, width)
-            }
-        };
-        let _ = placed.g_sub_(&Tensor::from_slice(centre).view([1, int(width)]));
-        Framed::new(placed, |norm| self.moved(norm))
+        let (mut values, mut unit) = (Vec::with_capacity(at.size_hint().0 * centre.len()), Vec::new());
+        for at in at {
+            values.extend_from_slice(self.row(features, (part, at), &mut unit));
+        }
+        let mut placed = rows(&values, centre.len());
+        let _ = placed.g_sub_(&Tensor::from_slice(centre).view([1, int(centre.len())]));
+        placed
     }
 }
 

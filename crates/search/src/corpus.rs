@@ -47,8 +47,8 @@ pub(crate) struct Corpus {
 
 impl Corpus {
     pub(crate) fn new(groups: &[(u32, &Points)], metric: Metric, tiles: Tiles) -> Self {
-        let widths = groups.first().map_or([1; PARTS], |(_, points)| points.widths());
-        let mut points = Points::empty(widths);
+        let shape = groups.first().map_or([1; PARTS].into(), |(_, points)| points.shape());
+        let mut points = Points::empty(shape);
         let mut bounds = vec![0];
         for (_, group) in groups {
             points.append(group);

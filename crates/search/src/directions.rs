@@ -6,7 +6,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor};
 
-use crate::bound::{Framed, U};
+use crate::bound::{Frame, Framed, U};
+use crate::points::Points;
 use crate::tensor::int;
 
 /// Narrower rows are not worth projecting.
@@ -29,14 +30,15 @@ pub(crate) struct Directions {
 }
 
 impl Directions {
-    /// The principal directions of `framed`; `None` if a narrower product would not pay.
-    pub(crate) fn principal(framed: &Framed) -> Option<Self> {
-        let (width, rows) = (framed.width(), framed.count());
+    /// The principal directions of `part` of the points; `None` if a narrower product would not pay.
+    pub(crate) fn principal(points: &Points, frame: &Frame, part: usize) -> Option<Self> {
+        let (width, rows) = (points.widths()[part], points.count());
         let count = (width / 8).clamp(16, 128);
         if width < LEAST_WIDTH || rows < ROWS_A_DIRECTION * count {
             return None;
         }
-        let all = framed.rows.slice(0, None, None, int(rows.div_ceil(SAMPLE))).to_kind(Kind::Double);
+        let sample = (0..rows).step_by(rows.div_ceil(SAMPLE));
+        let all = frame.rows(points, part, sample).to_kind(Kind::Double);
         // Subspace iteration from any start: the quality of the directions affects only the speed.
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let start: Vec<f64> = (0..width * count).map(|_| rng.random_range(-1.0..1.0)).collect();
@@ -50,6 +52,11 @@ impl Directions {
         // The largest row sum of |Bᵀ B| is at least its largest eigenvalue.
         let stretch = sums.max().double_value(&[]).sqrt().max(1.0);
         (stretch < MOST_STRETCH).then(|| Self { basis, count, stretch })
+    }
+
+    /// Number of directions.
+    pub(crate) fn count(&self) -> usize {
+        self.count
     }
 
     /// A copy for another thread.

@@ -37,7 +37,7 @@ impl Index {
     /// The points of `groups`, each group with its number.
     ///
     /// # Errors
-    /// The numbers do not rise, or the groups differ in their widths.
+    /// The numbers do not rise, or the groups differ in their shapes.
     pub fn new(groups: &[(u32, &Points)], metric: Metric) -> Result<Self, SearchError> {
         if !groups.is_sorted_by(|(a, _), (b, _)| a < b) {
             return Err(SearchError::new("groups", "must come with rising numbers, each once"));
@@ -66,10 +66,8 @@ impl Index {
     fn levels(&self) -> &[[Level; PARTS]] {
         let corpus = &self.corpus;
         self.levels.get_or_init(|| {
-            let all = (0, corpus.points.count());
-            let framed = [0, 1, 2].map(|part| corpus.frame.apply(&corpus.points, part, all));
             let level = |view: &View| {
-                let [o, m, a] = [0, 1, 2].map(|i| Level::new(&framed[i], *view, (&corpus.relative, i)));
+                let [o, m, a] = [0, 1, 2].map(|part| Level::new(corpus, *view, part));
                 Some([o?, m?, a?])
             };
             self.views.iter().filter_map(level).collect()
@@ -80,7 +78,7 @@ impl Index {
     /// if no point is nearer; a tie goes to the lowest group number, then to the first row.
     ///
     /// # Errors
-    /// The queries differ in their widths from the points, or in their number from `matches`.
+    /// The queries differ in their shape from the points, or in their number from `matches`.
     pub fn improve(
         &self,
         queries: &Points,
@@ -116,11 +114,11 @@ impl Index {
 
     /// Fails unless `points` can be compared with those of the index.
     fn check(&self, field: &'static str, points: &Points) -> Result<(), SearchError> {
-        let (expected, got) = (self.corpus.points.widths(), points.widths());
+        let (expected, got) = (self.corpus.points.shape(), points.shape());
         if points.count() == 0 || self.corpus.points.count() == 0 || got == expected {
             return Ok(());
         }
-        Err(SearchError::new(field, format!("expected widths {expected:?} as the first group has, got {got:?}")))
+        Err(SearchError::new(field, format!("expected {expected:?} as the first group has, got {got:?}")))
     }
 
     /// Compares all queries through `codes`; returns the numbers of the queries that remain.

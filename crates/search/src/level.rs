@@ -1,15 +1,18 @@
 //! The filter's levels: how rows are seen so that a product of them is cheap, and the bounds that
 //! follow from it. A level handles one tile at a time.
 
-use tch::Tensor;
+use tch::{Device, Kind, Tensor};
 
 use crate::bound::{Framed, factor, finish, shrunk, squares};
+use crate::corpus::Corpus;
 use crate::directions::Directions;
-use crate::metric::Metric;
 use crate::tensor::int;
 
 /// Points processed together; tiles are a multiple of it.
 pub(crate) const GROUP: usize = 16;
+
+/// Points transformed together, which bounds the memory for it.
+const CHUNK: usize = 1024;
 
 /// The view of rows on a level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,9 +25,11 @@ pub(crate) enum View {
 
 /// One part of the points on one level.
 pub(crate) struct Level {
+    part: usize,
     directions: Option<Directions>,
-    /// `[N + GROUP, d]`: −2 × the factor × the points' rows.
-    many: Tensor,
+    /// `[N + GROUP, d]`: −2 × the factor × the points' rows; `None` where each tile makes its own, because windows overlap and
+    /// would take many times the memory of their rows.
+    many: Option<Tensor>,
     /// `[1, N + GROUP]`: summands of the products.
     squares: Tensor,
     /// Factor of squared distances.
@@ -43,29 +48,49 @@ pub(crate) struct Placed {
 }
 
 impl Level {
-    /// The level of `framed` under `view`; `None` if it would not pay off.
-    pub(crate) fn new(framed: &Framed, view: View, (metric, part): (&Metric, usize)) -> Option<Self> {
-        let directions = if view == View::Along { Some(Directions::principal(framed)?) } else { None };
-        let factor = factor(metric, part, directions.as_ref().map_or(1.0, |directions| directions.stretch));
-        let mut level = Self { directions, many: Tensor::new(), squares: Tensor::new(), factor, moved: 0.0 };
-        let placed = level.place(framed);
-        let padded = |all: &Tensor, scale: f64| {
-            let mut padding = all.size();
-            padding[0] = int(GROUP);
-            let all = if scale == 1.0 { all.shallow_clone() } else { all * scale };
-            Tensor::cat(&[&all, &Tensor::zeros(padding, (all.kind(), all.device()))], 0).contiguous()
+    /// The level of `part` of the points under `view`; `None` if it would not pay off.
+    pub(crate) fn new(corpus: &Corpus, view: View, part: usize) -> Option<Self> {
+        let points = &corpus.points;
+        let directions = match view {
+            View::Along => Some(Directions::principal(points, &corpus.frame, part)?),
+            View::Whole => None,
         };
-        level.many = padded(&placed.rows, -2.0 * factor);
-        level.squares = padded(&placed.squares, 1.0).tr().contiguous();
-        level.moved = placed.moved;
+        let factor = factor(&corpus.relative, part, directions.as_ref().map_or(1.0, |directions| directions.stretch));
+        let count = points.count();
+        let zeros = |width: usize| Tensor::zeros([int(count + GROUP), int(width)], (Kind::Float, Device::Cpu));
+        let width = directions.as_ref().map_or(points.widths()[part], Directions::count);
+        let stored = view == View::Along || points.shape().length == 1;
+        let many = stored.then(|| zeros(width));
+        let mut level = Self { directions, part, many, squares: zeros(1), factor, moved: 0.0 };
+        for from in (0..count).step_by(CHUNK) {
+            let size = CHUNK.min(count - from);
+            let placed = level.place(&corpus.frame.apply(points, part, from..from + size));
+            let of = |all: &Tensor| all.narrow(0, int(from), int(size));
+            of(&level.squares).copy_(&placed.squares);
+            if let Some(many) = &level.many {
+                of(many).copy_(&(placed.rows * (-2.0 * factor)));
+            }
+            level.moved = level.moved.max(placed.moved);
+        }
+        level.squares = level.squares.tr().contiguous();
         Some(level)
+    }
+
+    /// −2 × the factor × the rows of `width` points from `from` on, `[width, d]`; zeros after the last.
+    fn tile(&self, corpus: &Corpus, (from, width): (usize, usize)) -> Tensor {
+        if let Some(many) = &self.many {
+            return many.narrow(0, int(from), int(width));
+        }
+        let to = corpus.points.count().min(from + width);
+        let tile = corpus.frame.rows(&corpus.points, self.part, from..to).g_mul_scalar_(-2.0 * self.factor);
+        tile.constant_pad_nd([0, 0, 0, int(width - (to - from))])
     }
 
     /// A copy for another thread.
     pub(crate) fn share(&self) -> Self {
         Self {
             directions: self.directions.as_ref().map(Directions::share),
-            many: self.many.shallow_clone(),
+            many: self.many.as_ref().map(Tensor::shallow_clone),
             squares: self.squares.shallow_clone(),
             ..*self
         }
@@ -88,21 +113,26 @@ impl Level {
     }
 
     /// Adds this part's lower bounds to `sum`, or starts it with them: the distances of the `open` rows of `placed` to
-    /// the points from `from` on, `[open, width]`.
+    /// the points from `from` on, `[open, width]`. `buffer` has room for as many.
     pub(crate) fn bound(
         &self,
         (placed, open): (&Placed, Option<&Tensor>),
-        from: usize,
+        (corpus, from): (&Corpus, usize),
         (sum, first): (&mut Tensor, bool),
-        (metric, buffer): (&Metric, &Tensor),
+        buffer: &Tensor,
     ) {
         let (count, width) = (sum.size()[0], sum.size()[1]);
-        let tile = self.many.narrow(0, int(from), width).tr();
+        let tile = self.tile(corpus, (from, usize::try_from(width).unwrap_or_default())).tr();
         let chosen = |all: &Tensor| open.map_or_else(|| all.shallow_clone(), |open| all.index_select(0, open));
         let other = || buffer.narrow(0, 0, count * width).view([count, width]);
         let mut products = if first { sum.shallow_clone() } else { other() };
         let _ = chosen(&placed.rows).mm_out(&products, &tile);
-        finish(metric.kind, &mut products, &self.squares.narrow(1, int(from), width), &chosen(&placed.squares));
+        finish(
+            corpus.relative.kind,
+            &mut products,
+            &self.squares.narrow(1, int(from), width),
+            &chosen(&placed.squares),
+        );
         if !first {
             let _ = sum.g_add_(&products);
         }

@@ -1,6 +1,6 @@
 //! Exact nearest neighbours of points in three parts, on the CPU.
 //!
-//! - [`Points`] are N rows of single-precision values in [`PARTS`] parts of fixed widths.
+//! - [`Points`] are N rows, or windows of rows, of single-precision values in [`PARTS`] parts of fixed widths.
 //! - [`Index`] holds groups of points and returns, for each query, the [`Match`] with the smallest distance under a
 //!   [`Metric`]: bit for bit that of a comparison with every point in double precision, for any tiles, threads and processor.
 //! - [`Neighbours`] returns the k nearest points of other groups in single precision, for means and other statistics.
@@ -44,4 +44,4 @@ pub use index::Index;
 pub use matched::Match;
 pub use metric::{Distance, Metric};
 pub use neighbours::Neighbours;
-pub use points::{PARTS, Points};
+pub use points::{PARTS, PointShape, Points};

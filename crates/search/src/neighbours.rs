@@ -7,72 +7,147 @@ use crate::metric::{Distance, Metric, to_unit};
 use crate::points::{PARTS, Points};
 use crate::tensor::{int, rows};
 
+/// Upper bound of the number of distances that are in memory at a time, unless one point has more.
+const DISTANCES: usize = 1 << 22;
+
 /// Groups of points, prepared for the search around each point.
 pub struct Neighbours {
-    /// Per part `[N, width]`, scaled so that distances need no factor.
-    rows: [Tensor; PARTS],
-    /// Per part `[N]`.
-    squares: [Tensor; PARTS],
+    parts: [Part; PARTS],
+    windows: Windows,
     /// First point of each group, and the number of points as the last entry.
     bounds: Vec<usize>,
     kind: Distance,
 }
 
+/// One part of all points.
+struct Part {
+    /// `[R, width]`: the rows that the points are made of, scaled so that distances need no factor.
+    rows: Tensor,
+    /// `[N]`: per point, the factor that makes it a unit vector; `None` where distances are not those of angles.
+    units: Option<Tensor>,
+    /// `[N]`: the squares of points.
+    squares: Tensor,
+}
+
+impl Part {
+    fn new((points, windows): (&Points, &Windows), part: usize, metric: &Metric) -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "single precision is enough here")]
+        let scale = match metric.kind {
+            Distance::Euclidean => metric.scale[part],
+            // The distance is half of the square.
+            Distance::Angular => (metric.scale[part] / 2.0).sqrt(),
+        } as f32;
+        let rows = rows(points.values(part), points.shape().widths[part]) * f64::from(scale);
+        let units = (metric.kind == Distance::Angular).then(|| {
+            let units = (0..points.count()).map(|at| to_unit(points.row(part, at)));
+            Tensor::from_slice(&units.collect::<Vec<f64>>()).to_kind(Kind::Float)
+        });
+        let squares = rows.square().sum_dim_intlist([1i64].as_slice(), false, Kind::Float);
+        let squares = windows.sums(squares, (0, points.count()), Axes::Rows);
+        let squares = units.as_ref().map_or(squares.shallow_clone(), |units| squares * units.square());
+        Self { rows, units, squares }
+    }
+
+    /// The distances, or their squares, between points `from..to` and all points: `[to − from, N]`.
+    fn distances(&self, windows: &Windows, (from, to): (usize, usize)) -> Tensor {
+        let (first, count) = windows.rows((from, to));
+        let products = self.rows.narrow(0, first, count).matmul(&self.rows.tr());
+        let mut products = windows.sums(products, (from, to), Axes::Both);
+        let some = |all: &Tensor| all.narrow(0, int(from), int(to - from)).unsqueeze(1);
+        if let Some(units) = &self.units {
+            let _ = products.g_mul_(units).g_mul_(&some(units));
+        }
+        products.g_mul_scalar_(-2.0).g_add_(&some(&self.squares)).g_add_(&self.squares)
+    }
+}
+
+/// Which rows each point has.
+struct Windows {
+    /// The first row of each point.
+    starts: Vec<i64>,
+    /// Rows a point.
+    length: i64,
+}
+
+/// The dimensions of values that are of rows.
+#[derive(Clone, Copy, PartialEq)]
+enum Axes {
+    /// The first.
+    Rows,
+    /// The first, and the second, which has all rows.
+    Both,
+}
+
+impl Windows {
+    fn new(points: &Points) -> Self {
+        let starts = (0..points.count()).map(|at| int(points.first_row(at))).collect();
+        Self { starts, length: int(points.shape().length) }
+    }
+
+    /// The rows of points `from..to`: the first, and their number.
+    fn rows(&self, (from, to): (usize, usize)) -> (i64, i64) {
+        (self.starts[from], self.starts[to - 1] + self.length - self.starts[from])
+    }
+
+    /// The values of points `from..to`: the sums of those of their rows, given those of [`Self::rows`].
+    fn sums(&self, of_rows: Tensor, (from, to): (usize, usize), axes: Axes) -> Tensor {
+        if self.length == 1 {
+            return of_rows;
+        }
+        let shifted = |by: i64| {
+            let rest = |dimension: usize| of_rows.size()[dimension] - self.length + 1;
+            let rows = of_rows.narrow(0, by, rest(0));
+            if axes == Axes::Both { rows.narrow(1, by, rest(1)) } else { rows }
+        };
+        let mut sums = shifted(0).copy();
+        for by in 1..self.length {
+            let _ = sums.g_add_(&shifted(by));
+        }
+        let sums = sums.index_select(0, &(Tensor::from_slice(&self.starts[from..to]) - self.starts[from]));
+        if axes == Axes::Both { sums.index_select(1, &Tensor::from_slice(&self.starts)) } else { sums }
+    }
+}
+
 impl Neighbours {
-    /// The search over `groups`, which have the same widths, under `metric`. Points are numbered through all groups,
+    /// The search over `groups`, which have the same shape, under `metric`. Points are numbered through all groups,
     /// from 0.
     pub fn new(groups: &[Points], metric: Metric) -> Self {
-        let widths = groups.first().map_or([1; PARTS], Points::widths);
-        let matrix = |part: usize| {
-            #[expect(clippy::cast_possible_truncation, reason = "single precision is enough here")]
-            let scale = match metric.kind {
-                Distance::Euclidean => metric.scale[part],
-                // The distance is half of the square.
-                Distance::Angular => (metric.scale[part] / 2.0).sqrt(),
-            } as f32;
-            let all: Vec<f32> = groups.iter().flat_map(|points| points.values(part)).copied().collect();
-            let z = rows(&all, widths[part]) * f64::from(scale);
-            match metric.kind {
-                Distance::Euclidean => z,
-                Distance::Angular => {
-                    let units = groups
-                        .iter()
-                        .flat_map(|points| (0..points.count()).map(move |row| to_unit(points.row(part, row))));
-                    z * Tensor::from_slice(&units.collect::<Vec<f64>>()).to_kind(Kind::Float).unsqueeze(1)
-                }
-            }
-        };
-        let rows = [0, 1, 2].map(matrix);
-        let squares = [0, 1, 2].map(|i: usize| rows[i].square().sum_dim_intlist([1i64].as_slice(), false, Kind::Float));
-        let counts = groups.iter().scan(0, |total, points| {
-            *total += points.count();
-            Some(*total)
-        });
-        Self { squares, rows, bounds: std::iter::once(0).chain(counts).collect(), kind: metric.kind }
+        let mut points = Points::empty(groups.first().map_or([1; PARTS].into(), Points::shape));
+        let mut bounds = vec![0];
+        for group in groups {
+            points.append(group);
+            bounds.push(points.count());
+        }
+        let windows = Windows::new(&points);
+        let parts = [0, 1, 2].map(|part| Part::new((&points, &windows), part, &metric));
+        Self { parts, windows, bounds, kind: metric.kind }
     }
 
     /// The numbers of the `most` nearest points of other groups, for each point of `group`; unordered, and fewer if the
     /// other groups have fewer.
     pub fn nearest(&self, group: usize, most: usize) -> Vec<Vec<usize>> {
         let (begin, end) = (self.bounds[group], self.bounds[group + 1]);
-        let wanted = most.min(self.bounds[self.bounds.len() - 1] - (end - begin));
+        let all = self.windows.starts.len();
+        let wanted = most.min(all - (end - begin));
         if wanted == 0 || begin == end {
             return vec![Vec::new(); end - begin];
         }
-        let (begin, end) = (int(begin), int(end));
-        let of = |part: usize| {
-            let (rows, squares) = (&self.rows[part], &self.squares[part]);
-            let products = rows.narrow(0, begin, end - begin).matmul(&rows.tr());
-            let square = squares.narrow(0, begin, end - begin).unsqueeze(1) + squares - products * 2.0;
-            match self.kind {
-                Distance::Euclidean => square.clamp_min(0.0).sqrt(),
-                Distance::Angular => square,
-            }
+        let at_once = (DISTANCES / all).max(1);
+        let near = |from: usize| {
+            let some = (from, end.min(from + at_once));
+            let of = |part: usize| {
+                let square = self.parts[part].distances(&self.windows, some);
+                match self.kind {
+                    Distance::Euclidean => square.clamp_min(0.0).sqrt(),
+                    Distance::Angular => square,
+                }
+            };
+            let distances = of(0) + of(1) + of(2);
+            let _own = distances.narrow(1, int(begin), int(end - begin)).fill_(f64::INFINITY);
+            let (_, nearest) = distances.topk(int(wanted), 1, false, true);
+            Vec::<i64>::try_from(nearest.flatten(0, -1)).unwrap_or_default()
         };
-        let distances = of(0) + of(1) + of(2);
-        let _own = distances.narrow(1, begin, end - begin).fill_(f64::INFINITY);
-        let (_, nearest) = distances.topk(int(wanted), 1, false, true);
-        let nearest: Vec<i64> = Vec::try_from(nearest.flatten(0, -1)).unwrap_or_default();
+        let nearest: Vec<i64> = (begin..end).step_by(at_once).flat_map(near).collect();
         let number = |place: &i64| usize::try_from(*place).ok();
         nearest.chunks(wanted).map(|near| near.iter().filter_map(number).collect()).collect()
     }
@@ -95,5 +170,19 @@ mod tests {
         assert_eq!(nearest, [[2, 3], [4, 5]]);
         assert_eq!(neighbours.nearest(2, 9)[0].len(), 5, "all there are");
         assert_eq!(Neighbours::new(&[line(&[0.0, 1.0])], metric).nearest(0, 3), [[0usize; 0]; 2]);
+    }
+
+    #[test]
+    fn neighbours_of_windows_are_those_of_points_with_the_same_values() {
+        let (windows, points) = crate::testing::windows(&[30, 3, 41, 9], [5, 2, 3], 4);
+        for kind in [Distance::Euclidean, Distance::Angular] {
+            let metric = Metric { kind, scale: [1.0, 0.5, 2.0] };
+            let [found, expected] = [&windows, &points].map(|groups| Neighbours::new(groups, metric));
+            for group in 0..windows.len() {
+                let [mut found, mut expected] = [&found, &expected].map(|all| all.nearest(group, 5));
+                found.iter_mut().chain(&mut expected).for_each(|near| near.sort_unstable());
+                assert_eq!(found, expected);
+            }
+        }
     }
 }

@@ -84,7 +84,7 @@ impl<'a> Sweep<'a> {
         }
         let corpus = self.corpus;
         let framed: [Framed; 3] =
-            std::array::from_fn(|i| corpus.frame.apply(self.queries, i, (begin, begin + best.len())));
+            std::array::from_fn(|i| corpus.frame.apply(self.queries, i, begin..begin + best.len()));
         let mut blocks: Vec<Option<Block>> = self.levels.iter().map(|_| None).collect();
         for range in self.ranges {
             let mut open: Vec<usize> = rows.iter().map(|row| row - begin).collect();
@@ -121,8 +121,7 @@ impl<'a> Sweep<'a> {
         });
         let mut first = true;
         for (level, placed) in self.levels[level].iter().zip(&block.placed).filter(|(level, _)| level.counts()) {
-            let tile = (&self.corpus.relative, &self.buffer);
-            level.bound((placed, some.as_ref()), from, (&mut sum, first), tile);
+            level.bound((placed, some.as_ref()), (self.corpus, from), (&mut sum, first), &self.buffer);
             first = false;
         }
         if first {

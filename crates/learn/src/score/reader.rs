@@ -3,6 +3,7 @@
 
 use std::cell::Cell;
 
+use gleaner_search::PointShape;
 use tch::Device;
 
 use super::features::kept::{self, Kept};
@@ -18,8 +19,8 @@ pub(super) struct Source<'a> {
     pub(super) shape: &'a TaskShape,
     /// That of the steps.
     pub(super) device: Device,
-    /// Widths of kept features.
-    pub(super) widths: [usize; 3],
+    /// The shape of kept features.
+    pub(super) points: PointShape,
     /// Features of earlier runs; `None` where storing them does not pay off.
     pub(super) kept: Option<&'a dyn FeatureStore>,
 }
@@ -76,7 +77,7 @@ impl Source<'_> {
     }
 
     fn kept_features(&self, episode: &Trajectory) -> Option<Kept> {
-        kept::from_bytes(&self.kept?.get(&episode.id)?, episode.steps(), self.widths)
+        kept::from_bytes(&self.kept?.get(&episode.id)?, episode.steps(), self.points)
     }
 }
 
@@ -130,7 +131,7 @@ mod tests {
     fn episodes_come_is_kept_with_their_steps_or_their_kept_features() {
         let (shape, episodes, kept) = (toy::shape(), episodes(), Shared::default());
         kept.put(&episodes[1].id, &kept::exact_bytes(&features(300)).unwrap());
-        let source = Source { shape: &shape, device: Device::Cpu, widths: [1; 3], kept: Some(&kept) };
+        let source = Source { shape: &shape, device: Device::Cpu, points: [1; 3].into(), kept: Some(&kept) };
         let all: Vec<&Trajectory> = episodes.iter().collect();
         source
             .read_ahead(&all, |reader| {
@@ -174,7 +175,7 @@ mod tests {
         }
         let (shape, episodes) = (toy::shape(), episodes());
         let broken = Trajectory::read_from(&shape, "broken", std::sync::Arc::new(Unreadable)).unwrap();
-        let source = Source { shape: &shape, device: Device::Cpu, widths: [1; 3], kept: None };
+        let source = Source { shape: &shape, device: Device::Cpu, points: [1; 3].into(), kept: None };
         let error = source.read_ahead(&[&episodes[0], &broken, &episodes[1]], |reader| {
             assert!(matches!(reader.begin(&episodes[0])?, Begun::Steps(_)));
             reader.chunk()?;

@@ -7,7 +7,7 @@ use super::EpisodeScores;
 use super::base::Known;
 use super::comparison::Comparison;
 use super::features::kept::{self, Kept};
-use super::features::{Encoder, FeatureStore, Features, Rough, episode_features, features_from, widths};
+use super::features::{Encoder, FeatureStore, Features, Rough, episode_features, features_from, shape as shape_of};
 use super::form::{MATCHES, Matches, NUMBERS};
 use super::local::Spread;
 use super::matched::{described, sound};
@@ -119,7 +119,7 @@ impl Run<'_> {
     fn source(&self) -> Source<'_> {
         let network = self.encoder.network;
         let (shape, device) = (&network.shape, network.device());
-        Source { shape, device, widths: widths(network, self.comparison), kept: self.kept }
+        Source { shape, device, points: shape_of(network, self.comparison), kept: self.kept }
     }
 
     /// Whether an imperfect episode is read: one is not if its matches are known and no expert is new.
@@ -185,7 +185,7 @@ impl Run<'_> {
             }
             Begun::Steps(first) => {
                 let features = self.encoded(episode, first, reader)?;
-                self.keep(episode, kept::rough_bytes(&features));
+                self.keep(episode, || kept::rough_bytes(&features));
                 features
             }
         };
@@ -252,14 +252,14 @@ impl Run<'_> {
             }
         };
         if !is_kept {
-            self.keep(expert, kept::exact_bytes(&features));
+            self.keep(expert, || kept::exact_bytes(&features));
         }
         shards.advance(features.count())?;
         Ok(features)
     }
 
     fn kept_from(&self, bytes: &[u8], trajectory: &Trajectory) -> Option<Kept> {
-        kept::from_bytes(bytes, trajectory.steps(), widths(self.encoder.network, self.comparison))
+        kept::from_bytes(bytes, trajectory.steps(), shape_of(self.encoder.network, self.comparison))
     }
 
     /// The features of an episode whose first chunk is read.
@@ -269,8 +269,10 @@ impl Run<'_> {
         sound(features_from(self.encoder, episode, self.comparison, &mut next)?, &episode.id)
     }
 
-    fn keep(&self, trajectory: &Trajectory, bytes: Result<Vec<u8>, LearnError>) {
-        if let (Some(store), Ok(bytes)) = (self.kept, bytes) {
+    fn keep(&self, trajectory: &Trajectory, bytes: impl FnOnce() -> Result<Vec<u8>, LearnError>) {
+        if let Some(store) = self.kept
+            && let Ok(bytes) = bytes()
+        {
             store.put(&trajectory.id, &bytes);
         }
     }

@@ -129,6 +129,7 @@ fn near_duplicates() -> (Vec<Points>, Points) {
 
 mod coded;
 mod filter;
+mod windows;
 
 #[test]
 fn near_and_exact_duplicates_at_large_norms_are_found_exactly() {

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use gleaner_search::PointShape;
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 
@@ -49,14 +50,14 @@ pub(in crate::score) enum Kept {
 /// [`LearnError::Checkpoint`] when they do not fit the format, which does not happen.
 pub(in crate::score) fn exact_bytes(features: &Features) -> Result<Vec<u8>, LearnError> {
     let bytes = [0, 1, 2].map(|i| little_endian(features.values(i)));
-    let views =
-        NAMES.iter().zip(&bytes).zip(features.widths()).map(|((name, bytes), width)| {
-            Ok((*name, TensorView::new(Dtype::F32, vec![features.count(), width], bytes)?))
-        });
+    let views = NAMES.iter().zip(&bytes).zip(features.shape().widths).enumerate().map(|(i, ((name, bytes), width))| {
+        let rows = features.values(i).len() / width.max(1);
+        Ok((*name, TensorView::new(Dtype::F32, vec![rows, width], bytes)?))
+    });
     Ok(serialize(views.collect::<Result<Vec<_>, LearnError>>()?, None::<HashMap<String, String>>)?)
 }
 
-/// The features as bytes, rounded: one byte a value.
+/// The features, of one row each, as bytes, rounded: one byte a value.
 ///
 /// # Errors
 /// As [`exact_bytes`].
@@ -74,27 +75,28 @@ pub(in crate::score) fn rough_bytes(features: &Features) -> Result<Vec<u8>, Lear
     Ok(serialize(views, None::<HashMap<String, String>>)?)
 }
 
-/// The features in the result of [`exact_bytes`] or [`rough_bytes`]; `None` unless they are `count` comparable rows of
-/// these widths.
-pub(in crate::score) fn from_bytes(bytes: &[u8], count: usize, widths: [usize; 3]) -> Option<Kept> {
+/// The features in the result of [`exact_bytes`] or [`rough_bytes`]; `None` unless they are `count` comparable points, in
+/// sequence, of this shape.
+pub(in crate::score) fn from_bytes(bytes: &[u8], count: usize, shape: PointShape) -> Option<Kept> {
+    let (rows, widths) = (count + shape.length - 1, shape.widths);
     let tensors = SafeTensors::deserialize(bytes).ok()?;
     let data = |name: &str, kind: Dtype, shape: &[usize]| {
         let view = tensors.tensor(name).ok()?;
         (view.dtype() == kind && view.shape() == shape).then(|| view.data().to_vec())
     };
     let parts = |kind: Dtype| -> Option<Vec<Vec<u8>>> {
-        NAMES.iter().zip(widths).map(|(name, width)| data(name, kind, &[count, width])).collect()
+        NAMES.iter().zip(widths).map(|(name, width)| data(name, kind, &[rows, width])).collect()
     };
     if let Some(values) = parts(Dtype::F32) {
         let values: Vec<Vec<f32>> = values.iter().map(|bytes| floats(bytes)).collect();
-        return Features::new(values.try_into().ok()?, widths).ok().map(Kept::Exact);
+        return Features::new(values.try_into().ok()?, shape).ok().map(Kept::Exact);
     }
     let codes =
         parts(Dtype::I8)?.into_iter().map(|bytes| bytes.into_iter().map(|byte| i8::from_le_bytes([byte])).collect());
     let codes: [Vec<i8>; 3] = codes.collect::<Vec<_>>().try_into().ok()?;
     let bound = |name| -> Option<[f32; 3]> { floats(&data(name, Dtype::F32, &[3])?).try_into().ok() };
     let codes = Codes { codes, steps: bound(BOUNDS[0])?, moved: bound(BOUNDS[1])? };
-    codes.rough(count, widths).map(Kept::Rough)
+    (shape.length == 1).then(|| codes.rough(count, widths).map(Kept::Rough)).flatten()
 }
 
 fn little_endian(values: &[f32]) -> Vec<u8> {
@@ -118,21 +120,21 @@ mod tests {
         let values = [vec![1.0, -0.0, 1e-40, 3.5], vec![2.0, f32::MIN_POSITIVE], vec![0.1, 0.2, 0.3, 0.4, 0.5, 0.6]];
         let features = Features::new(values, [2, 1, 3]).unwrap();
         let bytes = exact_bytes(&features).unwrap();
-        let read = exact(from_bytes(&bytes, 2, [2, 1, 3])).unwrap();
+        let read = exact(from_bytes(&bytes, 2, [2, 1, 3].into())).unwrap();
         let bits =
             |features: &Features| (0..3).flat_map(|i| features.values(i)).map(|x| x.to_bits()).collect::<Vec<u32>>();
         assert_eq!((bits(&read), read.widths()), (bits(&features), features.widths()));
         let rough = rough_bytes(&features).unwrap();
         for bytes in [&bytes, &rough] {
             for (count, widths) in [(1, [2, 1, 3]), (2, [2, 3, 1]), (2, [4, 2, 6]), (3, [2, 1, 3])] {
-                assert!(from_bytes(bytes, count, widths).is_none(), "{count} {widths:?}");
+                assert!(from_bytes(bytes, count, widths.into()).is_none(), "{count} {widths:?}");
             }
-            assert!(from_bytes(&bytes[..bytes.len() - 1], 2, [2, 1, 3]).is_none());
+            assert!(from_bytes(&bytes[..bytes.len() - 1], 2, [2, 1, 3].into()).is_none());
         }
-        assert!(from_bytes(b"features", 2, [2, 1, 3]).is_none());
+        assert!(from_bytes(b"features", 2, [2, 1, 3].into()).is_none());
         let mut unsound = Features::empty([1; 3]);
         unsound.extend([[f32::NAN], [0.0], [0.0]]);
-        assert!(from_bytes(&exact_bytes(&unsound).unwrap(), 1, [1; 3]).is_none());
+        assert!(from_bytes(&exact_bytes(&unsound).unwrap(), 1, [1; 3].into()).is_none());
     }
 
     #[test]
@@ -140,7 +142,7 @@ mod tests {
         let values = [vec![1.0, -2.54, 0.5, 3.0], vec![2.0, 0.3], vec![0.1, 0.2, 0.3, 0.4, 0.5, 0.6]];
         let features = Features::new(values, [2, 1, 3]).unwrap();
         let bytes = rough_bytes(&features).unwrap();
-        let Some(Kept::Rough(rough)) = from_bytes(&bytes, 2, [2, 1, 3]) else { panic!("not rough") };
+        let Some(Kept::Rough(rough)) = from_bytes(&bytes, 2, [2, 1, 3].into()) else { panic!("not rough") };
         for part in 0..3 {
             for (found, exact) in rough.points().values(part).iter().zip(features.values(part)) {
                 assert!((found - exact).abs() <= 3.0 / 127.0 / 2.0, "{found} for {exact}");

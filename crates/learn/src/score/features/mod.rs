@@ -15,6 +15,7 @@ use crate::normalize::FeatureScale;
 use crate::score::comparison::{Comparison, Source};
 use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
+use gleaner_search::PointShape;
 use tch::{Device, Tensor};
 
 pub use kept::{FeatureStore, Forgetful};
@@ -64,7 +65,7 @@ pub(super) fn too_far(episode: &str) -> LearnError {
     LearnError::invalid(format!("episode {episode}"), message)
 }
 
-/// Appends rows, `[N, width]` per modality.
+/// Appends rows, `[N, width]` per modality, in sequence.
 fn extend(features: &mut Features, parts: &[Tensor; 3]) {
     features.extend(parts.each_ref().map(values));
 }
@@ -112,18 +113,15 @@ pub(super) fn embed_frames(network: &Network, source: Source, frames: &[&[u8]]) 
 pub(super) fn newest_features(encoder: Encoder<'_>, stacked: &Stacked, comparison: &Comparison) -> Features {
     let network = encoder.network;
     let keep = keep(network, comparison);
-    let mut features = Features::empty(widths(network, comparison));
-    extend(
-        &mut features,
-        &match comparison.source {
-            Source::Features(_) => {
-                let steps = network.steps(&stacked.embedded, &stacked.proprioception, &stacked.action);
-                learned::pass(encoder, &steps, &stacked.windows, keep)
-            }
-            Source::Observations => raw::newest(network, stacked, keep),
-        },
-    );
-    features
+    match comparison.source {
+        Source::Features(_) => {
+            let mut features = Features::empty(shape(network, comparison));
+            let steps = network.steps(&stacked.embedded, &stacked.proprioception, &stacked.action);
+            extend(&mut features, &learned::pass(encoder, &steps, &stacked.windows, keep));
+            features
+        }
+        Source::Observations => raw::newest(network, stacked, keep),
+    }
 }
 
 /// Number of steps of a segment that are compared.
@@ -131,13 +129,14 @@ fn keep(network: &Network, comparison: &Comparison) -> usize {
     if comparison.similarity.whole_segment() { network.spec.window() } else { 1 }
 }
 
-/// Number of values in the features of a segment, per modality.
-pub(super) fn widths(network: &Network, comparison: &Comparison) -> [usize; 3] {
-    let step = match comparison.source {
-        Source::Features(_) => [network.width(); 3],
-        Source::Observations => raw::step_widths(network),
-    };
-    step.map(|width| keep(network, comparison) * width)
+/// The shape of a segment's features. Those of a step depend on its segment when a network made them, and are otherwise
+/// shared by all segments with that step.
+pub(super) fn shape(network: &Network, comparison: &Comparison) -> PointShape {
+    let keep = keep(network, comparison);
+    match comparison.source {
+        Source::Features(_) => [keep * network.width(); 3].into(),
+        Source::Observations => raw::shape(network, keep),
+    }
 }
 
 /// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the output of the transformer, each `[T, d]`.

@@ -1,10 +1,11 @@
 //! The observations and actions themselves: all cameras' images down-sampled, proprioception and actions, standardised
 //! by the model's statistics. No network pass.
 
+use gleaner_search::PointShape;
 use tch::Tensor;
 
-use super::{CHUNK, Episode, Features, extend, lay_out, padding, read};
-use crate::batch::{Batch, Windows, images, int};
+use super::{Episode, Features, extend, padding, read};
+use crate::batch::{Batch, images, int};
 use crate::error::LearnError;
 use crate::history::Stacked;
 use crate::model::Network;
@@ -30,27 +31,38 @@ pub(super) fn embed_frames(network: &Network, frames: &[&[u8]]) -> Tensor {
     small(network, &images(&network.shape, frames, network.device()))
 }
 
+/// The shape of segments' last `keep` steps.
+pub(super) fn shape(network: &Network, keep: usize) -> PointShape {
+    PointShape { widths: step_widths(network), length: keep }
+}
+
 /// Features of every segment's last `keep` steps; zero for places before the episode.
 pub(super) fn features(network: &Network, mut episode: Episode<'_>, keep: usize) -> Result<Features, LearnError> {
-    let steps = standard(network, &mut episode)?;
-    let mut features = Features::empty(step_widths(network).map(|width| keep * width));
-    for chunk in episode.every.chunks(CHUNK) {
-        let (windows, needed) = lay_out(network, chunk);
-        let steps = steps.each_ref().map(|part| part.index_select(0, &needed));
-        extend(&mut features, &pass(steps, &windows, keep));
-    }
+    let steps = standard(network, &mut episode)?.map(alike);
+    let mut features = Features::empty(shape(network, keep));
+    extend(&mut features, &steps.map(|steps| steps.constant_pad_nd([0, 0, int(keep - 1), 0])));
     Ok(features)
 }
 
 /// Features of the last `keep` steps of each history in `stacked`, whose embeddings are of [`embed_frames`].
-pub(super) fn newest(network: &Network, stacked: &Stacked, keep: usize) -> [Tensor; 3] {
+pub(super) fn newest(network: &Network, stacked: &Stacked, keep: usize) -> Features {
     let statistics = &network.statistics;
     let steps = [
         stacked.embedded.shallow_clone(),
         statistics.proprioception.apply(&stacked.proprioception),
         statistics.action.apply(&stacked.action),
     ];
-    pass(steps, &stacked.windows, keep)
+    let (newest, padding) = (stacked.windows.newest(keep), padding(&stacked.windows, keep));
+    let windows = steps.map(|steps| {
+        let width = steps.size()[1];
+        let kept = alike(steps.index_select(0, &newest)).view([-1, int(keep), width]);
+        kept.masked_fill(&padding, 0.0)
+    });
+    let mut features = Features::empty(shape(network, keep));
+    for at in 0..windows[0].size()[0] {
+        extend(&mut features, &windows.each_ref().map(|windows| windows.get(at)));
+    }
+    features
 }
 
 /// Standardised o, m and a of every step.
@@ -60,16 +72,11 @@ pub(in crate::score) fn steps(network: &Network, trajectory: &Trajectory) -> Res
     Ok(features)
 }
 
-/// Features of windows over standardised steps, of their last `keep` steps, each `[W, keep width]`. Each value is
-/// divided by the root of its modality's width, so that o, m and a have equal weight for any sizes.
-fn pass(steps: [Tensor; 3], windows: &Windows, keep: usize) -> [Tensor; 3] {
-    let (newest, padding) = (windows.newest(keep), padding(windows, keep));
-    steps.map(|steps| {
-        let width = steps.size()[1];
-        #[expect(clippy::cast_precision_loss, reason = "a step has far fewer values than 2^53")]
-        let kept = steps.index_select(0, &newest) / (width as f64).sqrt();
-        kept.view([-1, int(keep), width]).masked_fill(&padding, 0.0).flatten(1, -1)
-    })
+/// Rows `[N, width]`, divided by the root of their width, so that o, m and a have equal weight for any sizes.
+fn alike(rows: Tensor) -> Tensor {
+    #[expect(clippy::cast_precision_loss, reason = "a step has far fewer values than 2^53")]
+    let root = (rows.size()[1] as f64).sqrt();
+    rows / root
 }
 
 /// Standardised o, m and a of every step, `[T, width]` each.
