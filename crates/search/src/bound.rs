@@ -76,9 +76,14 @@ pub(crate) fn squares(rows: &Tensor) -> Tensor {
 /// additions; the squares by γ(d + 4) of each; the factors, and adding the three, by less than
 /// 10 U (‖x‖² + ‖y‖²).
 pub(crate) fn shrunk(squares: &Tensor, width: usize, factor: f64) -> Tensor {
+    (squares * (margin(width) * factor)).g_sub_scalar_(UNDERFLOW)
+}
+
+/// 1 − ε for rows of `width` values.
+pub(crate) fn margin(width: usize) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
-    let epsilon = 2.5 * U * (width as f64 + 16.0);
-    (squares * ((1.0 - epsilon) * factor)).g_sub_scalar_(UNDERFLOW)
+    let width = width as f64;
+    1.0 - 2.5 * U * (width + 16.0)
 }
 
 impl Frame {

@@ -14,10 +14,11 @@ use crate::corpus::{Corpus, Tiles};
 use crate::error::SearchError;
 use crate::level::{Level, View};
 use crate::matched::Match;
-use crate::metric::Metric;
-use crate::points::{PARTS, Points};
+use crate::metric::{Distance, Metric};
+use crate::points::Points;
 use crate::scan::{self, Scan};
-use crate::sweep::Sweep;
+use crate::slide::Slide;
+use crate::sweep::{Filter, Sweep};
 use crate::threads;
 
 /// Fewer pairs than this are not worth another thread.
@@ -28,9 +29,9 @@ pub struct Index {
     corpus: Corpus,
     /// The first filter, on processors with the instructions for it.
     codes: Option<Codes>,
-    /// The next filter: the cheaper views first; the last one rules out all points that products can rule out.
+    /// The views of the next filter, the cheaper ones first.
     views: Vec<View>,
-    levels: OnceCell<Vec<[Level; PARTS]>>,
+    filter: OnceCell<Filter>,
 }
 
 impl Index {
@@ -60,17 +61,21 @@ impl Index {
     /// An index without codes, with those levels of `views` that pay off.
     fn with_views(groups: &[(u32, &Points)], metric: Metric, tiles: Tiles, views: &[View]) -> Self {
         let corpus = Corpus::new(groups, metric, tiles);
-        Self { corpus, codes: None, views: views.to_vec(), levels: OnceCell::new() }
+        Self { corpus, codes: None, views: views.to_vec(), filter: OnceCell::new() }
     }
 
-    fn levels(&self) -> &[[Level; PARTS]] {
+    fn filter(&self) -> &Filter {
         let corpus = &self.corpus;
-        self.levels.get_or_init(|| {
+        self.filter.get_or_init(|| {
+            // Vectors of unit length have no rows in common.
+            if corpus.points.shape().length > 1 && corpus.relative.kind == Distance::Euclidean {
+                return Filter::Slides([0, 1, 2].map(|part| Slide::new(corpus, part)));
+            }
             let level = |view: &View| {
                 let [o, m, a] = [0, 1, 2].map(|part| Level::new(corpus, *view, part));
                 Some([o?, m?, a?])
             };
-            self.views.iter().filter_map(level).collect()
+            Filter::Levels(self.views.iter().filter_map(level).collect())
         })
     }
 
@@ -159,7 +164,7 @@ impl Index {
         let size = self.corpus.tiles.queries_of(self.corpus.points.count());
         let blocks = Mutex::new(matches.chunks_mut(size).enumerate());
         let sweeps: Vec<Sweep<'_>> =
-            (0..threads).map(|_| Sweep::new(&self.corpus, self.levels(), (queries, size), &ranges)).collect();
+            (0..threads).map(|_| Sweep::new(&self.corpus, self.filter(), (queries, size), &ranges)).collect();
         threads::side_by_side(sweeps, |mut sweep| {
             let next = || blocks.lock().unwrap_or_else(PoisonError::into_inner).next();
             while let Some((block, best)) = next() {

@@ -33,6 +33,7 @@ mod metric;
 mod neighbours;
 mod points;
 mod scan;
+mod slide;
 mod sweep;
 mod tensor;
 #[cfg(test)]

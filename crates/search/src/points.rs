@@ -132,6 +132,11 @@ impl Points {
         if self.shape.length > 1 { self.starts[at] } else { at }
     }
 
+    /// The rows of points `from..to` and all between them: the first, and the one after the last.
+    pub(crate) fn rows_of(&self, (from, to): (usize, usize)) -> (usize, usize) {
+        if from == to { (0, 0) } else { (self.first_row(from), self.first_row(to - 1) + self.shape.length) }
+    }
+
     /// Whether every value is a number with a magnitude below 1e15. Distances of other points are not defined.
     pub fn comparable(&self) -> bool {
         self.values.iter().flatten().all(|value| value.abs() < LIMIT)

@@ -8,6 +8,7 @@ use crate::corpus::Corpus;
 use crate::level::{GROUP, Level, Placed};
 use crate::matched::Match;
 use crate::points::Points;
+use crate::slide::{Bounds, Slide};
 use crate::tensor::int;
 
 /// With more candidates than this in a row of a tile, a full product costs less than comparing them.
@@ -15,19 +16,45 @@ const CANDIDATES: usize = 32;
 /// Number of rows of tiles after which the benefit of a level is judged.
 const TRIAL: usize = 1024;
 
+/// What the bounds of a tile come from.
+pub(crate) enum Filter {
+    /// The cheaper levels first; the last one rules out all points that products can rule out.
+    Levels(Vec<[Level; 3]>),
+    /// Windows of rows.
+    Slides([Slide; 3]),
+}
+
+impl Filter {
+    /// A copy for another thread.
+    fn share(&self) -> Self {
+        match self {
+            Self::Levels(levels) => {
+                Self::Levels(levels.iter().map(|level| level.each_ref().map(Level::share)).collect())
+            }
+            Self::Slides(slides) => Self::Slides(slides.each_ref().map(Slide::share)),
+        }
+    }
+
+    pub(crate) fn levels(&self) -> &[[Level; 3]] {
+        match self {
+            Self::Levels(levels) => levels,
+            Self::Slides(_) => &[],
+        }
+    }
+}
+
 /// State of one thread.
 pub(crate) struct Sweep<'a> {
     corpus: &'a Corpus,
-    levels: Vec<[Level; 3]>,
+    filter: Filter,
     queries: &'a Points,
     ranges: &'a [(usize, usize)],
     /// Buffer of a tile's products.
     buffer: Tensor,
-    /// The lower bounds of a tile, `[rows, GROUP, groups]` in sequence, and the smallest of each group: as tensors for
-    /// the library and as slices for this module.
+    /// The lower bounds of a tile, `[rows, GROUP, groups]` in sequence, for the library.
     sum: Tensor,
-    bounds: Vec<f32>,
-    lows: Vec<f32>,
+    /// The same for this module.
+    bounds: Bounds,
     /// Per level, the rows of tiles that it processed, and those that it could not settle.
     tried: Vec<usize>,
     failed: Vec<usize>,
@@ -54,24 +81,24 @@ impl<'a> Sweep<'a> {
     /// Blocks have at most `rows` queries.
     pub(crate) fn new(
         corpus: &'a Corpus,
-        levels: &[[Level; 3]],
+        filter: &Filter,
         (queries, rows): (&'a Points, usize),
         ranges: &'a [(usize, usize)],
     ) -> Self {
         let widest = ranges.iter().map(|(from, to)| to - from).max().unwrap_or(0);
-        let size = rows.min(queries.count()) * widest.next_multiple_of(GROUP);
+        let levels = filter.levels().len();
+        let size = if levels > 0 { rows.min(queries.count()) * widest.next_multiple_of(GROUP) } else { 0 };
         let zeros = || Tensor::zeros([int(size)], (Kind::Float, Device::Cpu));
         Self {
             corpus,
-            levels: levels.iter().map(|level| level.each_ref().map(Level::share)).collect(),
+            filter: filter.share(),
             queries,
             ranges,
             buffer: zeros(),
             sum: zeros(),
-            bounds: vec![0.0; size],
-            lows: vec![0.0; size / GROUP],
-            tried: vec![0; levels.len()],
-            failed: vec![0; levels.len()],
+            bounds: Bounds::of_size(size),
+            tried: vec![0; levels],
+            failed: vec![0; levels],
         }
     }
 
@@ -83,15 +110,26 @@ impl<'a> Sweep<'a> {
             return;
         }
         let corpus = self.corpus;
+        if let Filter::Slides(slides) = &self.filter {
+            let (queries, block) = (self.queries, (begin, begin + best.len()));
+            let placed = slides.each_ref().map(|slide| slide.place(corpus, queries, block));
+            let moved = std::array::from_fn(|i| slides[i].moved + placed[i].moved);
+            for range in self.ranges {
+                let mut open: Vec<usize> = rows.iter().map(|row| row - begin).collect();
+                self.bounds.fill(corpus, slides, (queries, &placed, block), (&open, *range));
+                self.settle((begin, moved, usize::MAX), *range, &mut open, best);
+            }
+            return;
+        }
         let framed: [Framed; 3] =
             std::array::from_fn(|i| corpus.frame.apply(self.queries, i, begin..begin + best.len()));
-        let mut blocks: Vec<Option<Block>> = self.levels.iter().map(|_| None).collect();
+        let mut blocks: Vec<Option<Block>> = self.filter.levels().iter().map(|_| None).collect();
         for range in self.ranges {
             let mut open: Vec<usize> = rows.iter().map(|row| row - begin).collect();
             for (level, block) in blocks.iter_mut().enumerate().skip(self.first_level()) {
-                let block = block.get_or_insert_with(|| place(&self.levels[level], &framed));
+                let block = block.get_or_insert_with(|| place(&self.filter.levels()[level], &framed));
                 self.bound((level, block), *range, (&open, best.len()));
-                let last = level + 1 == self.levels.len();
+                let last = level + 1 == self.filter.levels().len();
                 let most = if last { usize::MAX } else { CANDIDATES };
                 self.tried[level] += open.len();
                 self.settle((begin, block.moved, most), *range, &mut open, best);
@@ -106,7 +144,7 @@ impl<'a> Sweep<'a> {
     /// The first level to use: one that does not leave most rows to the next.
     fn first_level(&self) -> usize {
         let pays = |level: &usize| self.tried[*level] < TRIAL || self.failed[*level] * 2 < self.tried[*level];
-        let last = self.levels.len() - 1;
+        let last = self.filter.levels().len() - 1;
         (0..last).find(pays).unwrap_or(last)
     }
 
@@ -120,7 +158,8 @@ impl<'a> Sweep<'a> {
             Tensor::from_slice(&open)
         });
         let mut first = true;
-        for (level, placed) in self.levels[level].iter().zip(&block.placed).filter(|(level, _)| level.counts()) {
+        for (level, placed) in self.filter.levels()[level].iter().zip(&block.placed).filter(|(level, _)| level.counts())
+        {
             level.bound((placed, some.as_ref()), (self.corpus, from), (&mut sum, first), &self.buffer);
             first = false;
         }
@@ -128,8 +167,8 @@ impl<'a> Sweep<'a> {
             let _ = sum.zero_();
         }
         let lows = sum.view([int(count), int(GROUP), -1]).amin([1i64].as_slice(), false);
-        lows.copy_data(&mut self.lows, count * width / GROUP);
-        sum.copy_data(&mut self.bounds, count * width);
+        lows.copy_data(&mut self.bounds.lows, count * width / GROUP);
+        sum.copy_data(&mut self.bounds.all, count * width);
     }
 
     /// Keeps in `open` the rows for which the bounds leave more than `most` candidates; improves `best` of the others.
@@ -141,7 +180,7 @@ impl<'a> Sweep<'a> {
         best: &mut [Option<Match>],
     ) {
         let width = (to - from).next_multiple_of(GROUP);
-        let mut rows = self.bounds.chunks_exact(width).zip(self.lows.chunks_exact(width / GROUP));
+        let mut rows = self.bounds.all.chunks_exact(width).zip(self.bounds.lows.chunks_exact(width / GROUP));
         open.retain(|row| {
             rows.next().is_some_and(|(bounds, lows)| {
                 let bounds = Row { from, to, bounds, lows };

@@ -266,7 +266,7 @@ fn the_cheaper_level_rules_out_nothing_that_is_near() {
             for (tiles, view) in VIEWS.into_iter().flat_map(|view| [(TILES[0], view), (TILES[2], view)]) {
                 let views = [view, View::Whole];
                 let index = Index::with_views(&numbered(&groups), metric, tiles, &views);
-                assert_eq!(index.levels().len(), 2);
+                assert_eq!(index.filter().levels().len(), 2);
                 assert_eq!(winners(&index, &queries, None), expected);
             }
             assert_eq!(winners(&Index::new(&numbered(&groups), metric).unwrap(), &queries, None), expected);
