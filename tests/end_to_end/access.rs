@@ -174,13 +174,21 @@ async fn engine_options_need_an_admin() {
         let pipeline = PipelineSpec { pretrain: Some(PretrainSpec::default()), ..PipelineSpec::default() };
         let chain = SubmitPipelineRequest {
             task: lab::TASK.into(),
-            pipeline: Some(pipeline),
+            pipeline: Some(pipeline.clone()),
             engine_options: "--partition=gpu".into(),
             ..SubmitPipelineRequest::default()
         };
+        let schedule = CreateScheduleRequest {
+            task: lab::TASK.into(),
+            name: "often".into(),
+            trigger: Some(create_schedule_request::Trigger::LabelledEpisodes(1)),
+            pipeline: Some(pipeline),
+            engine_options: "--partition=gpu".into(),
+        };
         let of_job = client.jobs().submit_job(request).await.unwrap_err();
         let of_pipeline = client.jobs().submit_pipeline(chain).await.unwrap_err();
-        for status in [of_job, of_pipeline] {
+        let of_schedule = client.schedules().create_schedule(schedule).await.unwrap_err();
+        for status in [of_job, of_pipeline, of_schedule] {
             assert_eq!(status.code(), code, "{role}: {status}");
             assert!(code == Code::PermissionDenied || status.message().contains("the engine local"), "{status}");
         }

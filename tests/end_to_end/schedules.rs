@@ -16,6 +16,7 @@ fn create(name: &str, trigger: create_schedule_request::Trigger) -> CreateSchedu
         name: name.into(),
         trigger: Some(trigger),
         pipeline: Some(PipelineSpec { pretrain: Some(pretrain), ..PipelineSpec::default() }),
+        engine_options: String::new(),
     }
 }
 

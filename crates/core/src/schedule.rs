@@ -116,6 +116,8 @@ pub struct Schedule {
     pub trigger: Trigger,
     /// The pipeline to start.
     pub pipeline: PipelineSpec,
+    /// Options that its jobs pass to their engine; empty for none.
+    pub engine_options: String,
     /// Whether the schedule is paused.
     pub paused: bool,
     /// When cron starts it next.

@@ -179,6 +179,7 @@ impl Jobs {
     /// # Errors
     /// Exists when the task has a schedule of this name.
     pub(crate) async fn add_schedule(&self, schedule: &Schedule) -> Result<Schedule> {
+        self.accept_options(&schedule.engine_options)?;
         let added = self.0.store.insert_schedule(schedule).await?;
         self.0.due.notify_one();
         Ok(added)

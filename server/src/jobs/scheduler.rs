@@ -65,7 +65,8 @@ async fn start(inner: &Arc<Inner>, schedule: &Schedule, now: Millis) -> Result<O
     let label_mark = inner.store.newest_label().await?;
     let start = ScheduleStart { id: schedule.id.clone(), at: now, next_run_at, label_mark };
     let jobs = Jobs(Arc::clone(inner));
-    match jobs.submit_pipeline(&schedule.task_id, &schedule.pipeline, PipelineQueueing::default(), Some(start)).await {
+    let queueing = PipelineQueueing { priority: 0, engine_options: schedule.engine_options.clone() };
+    match jobs.submit_pipeline(&schedule.task_id, &schedule.pipeline, queueing, Some(start)).await {
         Ok((queued, _)) => tracing::info!(schedule.id = %schedule.id, jobs = queued.len(), "schedule started"),
         Err(error) => {
             tracing::warn!(schedule.id = %schedule.id, %error, "schedule could not start");

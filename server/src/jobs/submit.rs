@@ -67,7 +67,7 @@ impl Jobs {
     }
 
     /// Refuses options of an engine that has none.
-    fn accept_options(&self, engine_options: &str) -> Result<()> {
+    pub(super) fn accept_options(&self, engine_options: &str) -> Result<()> {
         if engine_options.is_empty() || self.0.engine.takes_options() {
             return Ok(());
         }

@@ -106,7 +106,7 @@ impl JobService for JobApi {
 }
 
 /// Options are the operator's part of a submission to the cluster.
-fn may_give(engine_options: &str, caller: Result<Caller>) -> Result<()> {
+pub(super) fn may_give(engine_options: &str, caller: Result<Caller>) -> Result<()> {
     if engine_options.is_empty() {
         return Ok(());
     }

@@ -6,8 +6,9 @@ use tonic::Request;
 use super::{
     Services,
     answer::{Reply, answer, change},
+    job::may_give,
 };
-use crate::{domain::time::Millis, wire};
+use crate::{access::Caller, domain::time::Millis, wire};
 
 /// Serves schedules.
 pub(crate) struct ScheduleApi(pub(crate) Services);
@@ -15,8 +16,10 @@ pub(crate) struct ScheduleApi(pub(crate) Services);
 #[tonic::async_trait]
 impl ScheduleService for ScheduleApi {
     async fn create_schedule(&self, request: Request<v1::CreateScheduleRequest>) -> Reply<v1::CreateScheduleResponse> {
+        let caller = Caller::of(&request);
         change(request, async |request| {
             let (task, schedule) = wire::schedule::create_request(request, Millis::now())?;
+            may_give(schedule.engine_options(), caller)?;
             let task = self.0.store.task(&task).await?;
             let schedule = self.0.jobs.add_schedule(&schedule.of(task.id)).await?;
             Ok(v1::CreateScheduleResponse { schedule: Some(wire::schedule::schedule(schedule)) })

@@ -228,7 +228,7 @@ async fn every_rpc_that_changes_something_is_in_the_audit_log_with_its_subjects(
             -> SubmitPipelineResponse, "FailedPrecondition", ["task=reach"];
         JobServiceCancelJob(v1::CancelJobRequest { job_id: format!("job_{ID}") }) -> CancelJobResponse,
             "NotFound", [format!("job_id=job_{ID}")];
-        ScheduleServiceCreateSchedule(v1::CreateScheduleRequest { task: task(), name: "nightly".into(), trigger: Some(at), pipeline: pipeline() })
+        ScheduleServiceCreateSchedule(v1::CreateScheduleRequest { task: task(), name: "nightly".into(), trigger: Some(at), engine_options: String::new(), pipeline: pipeline() })
             -> CreateScheduleResponse, "ok",
             ["task=reach", "name=nightly", "schedule.id=sch_*", "schedule.task_id=task_*", "schedule.name=nightly"];
         ScheduleServicePauseSchedule(v1::PauseScheduleRequest { schedule_id: format!("sch_{ID}"), paused: true })

@@ -39,6 +39,7 @@ impl Record for Schedule {
                 (None, None) | (Some(_), Some(_)) => return Err(unreadable("cron", "the schedule needs one trigger")),
             },
             pipeline: column(row, "pipeline")?,
+            engine_options: column(row, "engine_options")?,
             paused,
             next_run_at: column(row, "next_run_at")?,
             last_run_at: column(row, "last_run_at")?,
@@ -63,7 +64,8 @@ impl Store {
         let mut tx = self.write().await?;
         sql::query(
             "insert into schedules (id, task_id, name, cron, labelled_episodes, pipeline, paused, next_run_at, \
-             label_mark, created_at) values ($1, $2, $3, $4, $5, $6, $7, $8, (select coalesce(max(id), 0) from labels), $9)",
+             label_mark, created_at, engine_options) \
+             values ($1, $2, $3, $4, $5, $6, $7, $8, (select coalesce(max(id), 0) from labels), $9, $10)",
         )
         .bind(schedule.id.param())
         .bind(schedule.task_id.param())
@@ -74,6 +76,7 @@ impl Store {
         .bind(schedule.paused)
         .bind(schedule.next_run_at.param())
         .bind(Millis::now().param())
+        .bind(&schedule.engine_options)
         .execute(&mut tx)
         .await
         .map_err(|error| {

@@ -19,6 +19,7 @@ async fn invalid_schedules_are_rejected() {
         name: "never created".into(),
         trigger: Some(Trigger::Cron("0 3 * * *".into())),
         pipeline: Some(PipelineSpec { pretrain: Some(PretrainSpec::default()), ..PipelineSpec::default() }),
+        engine_options: String::new(),
     };
     let with = |change: fn(&mut CreateScheduleRequest)| {
         let mut request = good.clone();

@@ -9,6 +9,7 @@ use gleaner_proto::v1::{
 use serde_json::json;
 
 use super::pipeline::PipelineArgs;
+use super::submit::EngineArgs;
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::table::Column::Left;
@@ -59,6 +60,8 @@ pub(crate) struct CreateArgs {
     after_labels: Option<u32>,
     #[command(flatten)]
     pipeline: PipelineArgs,
+    #[command(flatten)]
+    engine: EngineArgs,
 }
 
 impl ScheduleCommand {
@@ -85,6 +88,7 @@ impl CreateArgs {
             name: self.name,
             trigger,
             pipeline: Some(self.pipeline.spec()),
+            engine_options: self.engine.options,
         };
         let reply = client.schedules().create_schedule(request).await?.into_inner();
         let schedule = present(reply.schedule.as_ref(), "a schedule")?;

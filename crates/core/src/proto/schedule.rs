@@ -4,6 +4,7 @@ use gleaner_proto::v1;
 
 use super::{field, order};
 use crate::{
+    engine_options,
     error::{Error, Result},
     id::{ScheduleId, TaskId},
     schedule::{PipelineSpec, Schedule, Trigger},
@@ -21,19 +22,26 @@ pub struct NewSchedule {
     name: String,
     trigger: Trigger,
     pipeline: PipelineSpec,
+    engine_options: String,
     next_run_at: Option<Millis>,
 }
 
 impl NewSchedule {
+    /// Options that its jobs pass to their engine; empty for none.
+    pub fn engine_options(&self) -> &str {
+        &self.engine_options
+    }
+
     /// The schedule, for this task.
     pub fn of(self, task_id: TaskId) -> Schedule {
-        let Self { name, trigger, pipeline, next_run_at } = self;
+        let Self { name, trigger, pipeline, engine_options, next_run_at } = self;
         Schedule {
             id: ScheduleId::new(),
             task_id,
             name,
             trigger,
             pipeline,
+            engine_options,
             paused: false,
             next_run_at,
             last_run_at: None,
@@ -49,7 +57,7 @@ impl NewSchedule {
 /// # Errors
 /// Invalid names the field and the remedy.
 pub fn create_request(request: v1::CreateScheduleRequest, now: Millis) -> Result<(String, NewSchedule)> {
-    let v1::CreateScheduleRequest { task, name, trigger, pipeline } = request;
+    let v1::CreateScheduleRequest { task, name, trigger, pipeline, engine_options } = request;
     let trigger = match trigger {
         Some(v1::create_schedule_request::Trigger::Cron(expression)) => Trigger::Cron(field::text("cron", expression)?),
         Some(v1::create_schedule_request::Trigger::LabelledEpisodes(0)) => {
@@ -66,7 +74,8 @@ pub fn create_request(request: v1::CreateScheduleRequest, now: Millis) -> Result
             "must be left out: each start takes a new snapshot under the rule",
         ));
     }
-    let schedule = NewSchedule { name: field::text("name", name)?, trigger, pipeline, next_run_at };
+    let engine_options = engine_options::engine_options("engine_options", &engine_options)?;
+    let schedule = NewSchedule { name: field::text("name", name)?, trigger, pipeline, engine_options, next_run_at };
     Ok((field::text("task", task)?, schedule))
 }
 
@@ -78,6 +87,7 @@ pub fn schedule(schedule: Schedule) -> v1::Schedule {
         name,
         trigger,
         pipeline,
+        engine_options,
         paused,
         next_run_at,
         last_run_at,
@@ -101,6 +111,7 @@ pub fn schedule(schedule: Schedule) -> v1::Schedule {
         last_run_time: last_run_at.map(field::timestamp),
         labelled_since: if by_labels { labelled_since } else { 0 },
         last_error,
+        engine_options,
     }
 }
 
@@ -110,7 +121,13 @@ mod tests {
 
     fn request(trigger: Option<v1::create_schedule_request::Trigger>) -> v1::CreateScheduleRequest {
         let pipeline = v1::PipelineSpec { pretrain: Some(v1::PretrainSpec::default()), ..v1::PipelineSpec::default() };
-        v1::CreateScheduleRequest { task: "reach".into(), name: "nightly".into(), trigger, pipeline: Some(pipeline) }
+        v1::CreateScheduleRequest {
+            task: "reach".into(),
+            name: "nightly".into(),
+            trigger,
+            pipeline: Some(pipeline),
+            engine_options: String::new(),
+        }
     }
 
     fn cron(expression: &str) -> Option<v1::create_schedule_request::Trigger> {
@@ -119,12 +136,14 @@ mod tests {
 
     #[test]
     fn a_schedule_round_trips() {
-        let (task, made) = create_request(request(cron("30 2 * * *")), Millis(0)).unwrap();
+        let given = v1::CreateScheduleRequest { engine_options: " -p gpu ".into(), ..request(cron("30 2 * * *")) };
+        let (task, made) = create_request(given, Millis(0)).unwrap();
         assert_eq!(task, "reach");
         let shown = schedule(made.of(TaskId::new()));
         assert_eq!(shown.trigger, Some(v1::schedule::Trigger::Cron("30 2 * * *".into())));
         assert_eq!(shown.next_run_time.unwrap().seconds, 9_000);
         assert_eq!((shown.name.as_str(), shown.paused, shown.labelled_since), ("nightly", false, 0));
+        assert_eq!(shown.engine_options, "-p gpu");
     }
 
     #[test]
@@ -138,6 +157,8 @@ mod tests {
             refusal(v1::CreateScheduleRequest { name: String::new(), ..request(cron("* * * * *")) })
                 .starts_with("name: ")
         );
+        let options = v1::CreateScheduleRequest { engine_options: "--wrap=ls".into(), ..request(cron("* * * * *")) };
+        assert!(refusal(options).starts_with("engine_options: --wrap=ls: is set by the server"));
         let mut fixed = request(cron("* * * * *"));
         fixed.pipeline.as_mut().unwrap().pretrain.as_mut().unwrap().snapshot_id = crate::id::SnapshotId::new().into();
         assert!(refusal(fixed).starts_with("pipeline.pretrain.snapshot_id: "));

@@ -27,6 +27,7 @@ fn schedule(bench: &Bench, trigger: Trigger, next_run_at: Option<Millis>) -> Sch
             train: Some(TrainSpec::default()),
             evaluate: None,
         },
+        engine_options: String::new(),
         paused: false,
         next_run_at,
         last_run_at: None,
@@ -83,6 +84,22 @@ async fn a_failed_start_keeps_its_reason_and_its_count() {
     start_due(&bench.jobs.0, Millis(2)).await.unwrap();
     let started = bench.store.schedule(&id).await.unwrap();
     assert_eq!((started.labelled_since, started.last_error.as_str(), jobs(&bench.jobs).await), (0, "", 3));
+}
+
+#[tokio::test]
+async fn options_of_an_engine_are_for_an_engine_that_has_some() {
+    let bench = Bench::new().await;
+    bench.jobs.stop().await;
+    let often = schedule(&bench, Trigger::LabelledEpisodes(1), None);
+    let often = Schedule { engine_options: "--partition=gpu".to_owned(), ..often };
+    let refused = bench.jobs.add_schedule(&often).await.unwrap_err();
+    assert!(refused.message().starts_with("engine_options: this server runs jobs by the engine local"), "{refused}");
+    // Made while the server ran jobs by another engine.
+    let id = bench.store.insert_schedule(&often).await.unwrap().id;
+    testing::episode(&bench.store, &bench.task, Outcome::Success, "").await;
+    start_due(&bench.jobs.0, Millis(1)).await.unwrap();
+    let failed = bench.store.schedule(&id).await.unwrap();
+    assert!(failed.last_error.starts_with("engine_options: "), "{:?}", failed.last_error);
 }
 
 #[tokio::test]

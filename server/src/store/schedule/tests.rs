@@ -34,6 +34,7 @@ async fn schedule(store: &Store, task: &Task, name: &str) -> Result<Schedule> {
                 train: None,
                 evaluate: None,
             },
+            engine_options: "--partition=gpu".to_owned(),
             paused: false,
             next_run_at: None,
             last_run_at: None,
@@ -58,7 +59,9 @@ async fn each_newly_labelled_episode_counts_once() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     testing::episode(&store, &task, Outcome::Success, "").await;
-    let id = schedule(&store, &task, "often").await.unwrap().id;
+    let made = schedule(&store, &task, "often").await.unwrap();
+    assert_eq!(made.engine_options, "--partition=gpu");
+    let id = made.id;
     assert_eq!(labelled_since(&store, &id).await, 0, "labels from before do not count");
 
     let one = testing::episode(&store, &task, Outcome::Success, "").await;
