@@ -1,6 +1,6 @@
 //! Tasks: a named skill with its specification.
 
-use crate::TaskSpec;
+use crate::{FieldSpec, TaskSpec};
 
 use super::{id::TaskId, time::Millis};
 
@@ -32,12 +32,15 @@ pub struct OutcomeCounts {
 /// # Errors
 /// The field and the reason.
 pub fn check_change(before: &TaskSpec, after: &TaskSpec, read: &[String]) -> Result<(), (String, &'static str)> {
+    let numbers = |fields: &[FieldSpec]| -> Vec<FieldSpec> {
+        fields.iter().map(|field| FieldSpec { unit: String::new(), ..field.clone() }).collect()
+    };
     let differs = [
         ("name", before.name != after.name),
         ("rate_hz", before.rate_hz.to_bits() != after.rate_hz.to_bits()),
         ("cameras", before.cameras != after.cameras),
-        ("proprioception", before.proprioception != after.proprioception),
-        ("action", before.action != after.action),
+        ("proprioception", numbers(&before.proprioception) != numbers(&after.proprioception)),
+        ("action", numbers(&before.action) != numbers(&after.action)),
         ("alignment", before.alignment != after.alignment),
         ("tolerance", before.tolerance.to_bits() != after.tolerance.to_bits()),
     ];
@@ -76,6 +79,11 @@ mod tests {
             ..before.clone()
         };
         assert_eq!(check_change(&before, &words, &read), Ok(()));
+        let field = |size, unit: &str| FieldSpec { unit: unit.into(), ..FieldSpec::new("a", size) };
+        let measured = TaskSpec { action: vec![field(3, "rad")], ..before.clone() };
+        assert_eq!(check_change(&before, &measured, &read), Ok(()));
+        let longer = TaskSpec { action: vec![field(4, "")], ..before.clone() };
+        assert_eq!(check_change(&before, &longer, &read).unwrap_err().0, "action");
         let after = TaskSpec { rate_hz: 10.0, ..before.clone() };
         assert_eq!(check_change(&before, &after, &read).unwrap_err().0, "rate_hz");
     }

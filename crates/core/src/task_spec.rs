@@ -88,6 +88,10 @@ pub struct FieldSpec {
     pub name: String,
     /// The number of its values.
     pub size: u32,
+    /// What its values are measured in, such as `rad`, or of several kinds `m, then no unit`: for people; nothing is converted. It
+    /// can change at any time.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub unit: String,
     /// In an action: the least value that the robot executes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub minimum: Option<f32>,
@@ -190,7 +194,7 @@ pub(crate) fn default_static_topic() -> String {
 impl FieldSpec {
     /// A field whose values are free.
     pub fn new(name: impl Into<String>, size: u32) -> Self {
-        Self { name: name.into(), size, minimum: None, maximum: None, binary: false }
+        Self { name: name.into(), size, unit: String::new(), minimum: None, maximum: None, binary: false }
     }
 }
 

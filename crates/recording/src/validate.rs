@@ -22,6 +22,8 @@ const MAX_INSTRUCTION: usize = 1000;
 const MAX_TOPIC_BYTES: usize = 1024;
 /// Largest image side that a task may ask for.
 const MAX_IMAGE_SIDE: u32 = 8192;
+/// Longest unit of a field in characters.
+const MAX_UNIT: usize = 100;
 /// Most numbers that one field may hold.
 const MAX_FIELD_SIZE: u32 = 65_536;
 /// Most bytes that the frames of one step may take.
@@ -143,7 +145,7 @@ fn check_fields(spec: &TaskSpec) -> Result<(), RecordingError> {
     for (kind, fields) in [("proprioception", &spec.proprioception), ("action", &spec.action)] {
         few(kind, fields.len(), MAX_FIELDS)?;
         for (i, field) in fields.iter().enumerate() {
-            let FieldSpec { name, size, .. } = field;
+            let FieldSpec { name, size, unit, .. } = field;
             if !is_identifier(name) || !names.insert(name) {
                 return wrong(
                     format!("{kind}[{i}].name"),
@@ -153,6 +155,10 @@ fn check_fields(spec: &TaskSpec) -> Result<(), RecordingError> {
             }
             if *size == 0 || *size > MAX_FIELD_SIZE {
                 return wrong(format!("{kind}[{i}].size"), format!("{size} numbers is outside 1 to {MAX_FIELD_SIZE}"));
+            }
+            if unit.chars().count() > MAX_UNIT || unit.chars().any(char::is_control) {
+                let problem = format!("give a text of at most {MAX_UNIT} characters in one line");
+                return wrong(format!("{kind}[{i}].unit"), problem);
             }
             check_range(field, kind, i)?;
         }

@@ -187,7 +187,7 @@ fn describe(task: &Task, spec: &TaskSpec) -> String {
         format!("{} {}×{}{recorded} {kind}", camera.name, camera.height, camera.width)
     });
     let sizes = |fields: &[FieldSpec]| {
-        let each = fields.iter().map(|field| format!("{} {}{}", field.name, field.size, range(field)));
+        let each = fields.iter().map(|field| format!("{} {}{}{}", field.name, field.size, unit(field), range(field)));
         each.collect::<Vec<_>>().join(", ")
     };
     facts([
@@ -204,6 +204,11 @@ fn describe(task: &Task, spec: &TaskSpec) -> String {
         ),
         ("created", words::moment(task.create_time.as_ref())),
     ])
+}
+
+/// What values are measured in, such as ` in rad`; empty if that is not known.
+fn unit(field: &FieldSpec) -> String {
+    if field.unit.is_empty() { String::new() } else { format!(" in {}", field.unit) }
 }
 
 /// The values that the robot executes, such as ` (-1 to 1)`; empty if all are.
@@ -229,6 +234,8 @@ mod tests {
         assert_eq!(range(&field(Some(0.0), None, false)), " (at least 0)");
         assert_eq!(range(&field(None, Some(2.0), false)), " (at most 2)");
         assert_eq!(range(&field(None, None, false)), "");
+        assert_eq!(unit(&field(None, None, false)), "");
+        assert_eq!(unit(&FieldSpec { unit: "rad".into(), ..FieldSpec::new("joints", 7) }), " in rad");
     }
 
     #[test]

@@ -205,8 +205,11 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
         reasons.push(format!("It is always {value} in these recordings; remove it if it never changes."));
     }
     // A command that was found to be normalised has no unit.
-    if spec.minimum.is_none() {
-        reasons.splice(place..place, units::sentence(&first.schema, &order.paths));
+    if spec.minimum.is_none()
+        && let Some(unit) = units::of_paths(&first.schema, &order.paths)
+    {
+        spec.unit = unit;
+        reasons.insert(place, format!("Its unit is the one of ROS's conventions for {}.", first.schema));
     }
     let stamped = std::iter::once(first.stamped).chain(alike.iter().map(|like| like.candidate.stamped));
     Field { spec, action, open: !action && first.open, stamped: stamped.collect(), sources, reasons }

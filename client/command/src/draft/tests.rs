@@ -292,7 +292,10 @@ fn transforms_of_frames_are_left_out_with_the_way_to_take_one() {
     survey.topics.push(SurveyedTopic { schema: "sensor_msgs/msg/JointState".into(), ..joints });
     survey.topics.push(topic("/action", "cdr", vec![numbers("data", &[ValueRange::of(0.25); 2])]));
     let draft = draft([&survey], &Known::default()).unwrap();
-    assert!(draft.to_string().contains("Measured in rad (m where a joint slides)"), "{draft}");
+    assert!(draft.to_string().contains("size = 2\nunit = \"rad (m where a joint slides)\"\n"), "{draft}");
+    let spec: TaskSpec = toml::from_str(&draft.to_string()).unwrap();
+    assert_eq!(spec.proprioception[0].unit, draft.spec.proprioception[0].unit);
+    gleaner_recording::validate(&spec).unwrap();
     let left: Vec<String> = draft.left_out.iter().map(|left| format!("{}: {}", left.what, left.reason)).collect();
     assert_eq!(left.len(), 1, "{left:?}");
     assert!(left[0].starts_with("/tf (ros2): it has the poses of frames: a field of size 7"), "{left:?}");

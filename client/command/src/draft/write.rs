@@ -96,8 +96,11 @@ fn camera_spec(out: &mut Formatter<'_>, camera: &CameraSpec) -> fmt::Result {
 }
 
 fn field_spec(out: &mut Formatter<'_>, table: &str, field: &FieldSpec) -> fmt::Result {
-    let FieldSpec { name, size, minimum, maximum, binary } = field;
+    let FieldSpec { name, size, unit, minimum, maximum, binary } = field;
     writeln!(out, "[[{table}]]\nname = {}\nsize = {size}", text(name))?;
+    if !unit.is_empty() {
+        writeln!(out, "unit = {}", text(unit))?;
+    }
     for (key, bound) in [("minimum", minimum), ("maximum", maximum)] {
         if let Some(bound) = bound {
             writeln!(out, "{key} = {bound:?}")?;

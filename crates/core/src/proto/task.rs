@@ -57,8 +57,8 @@ fn recorded_from(recorded: v1::RecordedSize) -> RecordedSize {
 }
 
 fn field_from(field: v1::FieldSpec) -> FieldSpec {
-    let v1::FieldSpec { name, size, minimum, maximum, binary } = field;
-    FieldSpec { name, size, minimum, maximum, binary }
+    let v1::FieldSpec { name, size, unit, minimum, maximum, binary } = field;
+    FieldSpec { name, size, unit, minimum, maximum, binary }
 }
 
 fn alignment_from(alignment: i32) -> Result<Alignment> {
@@ -154,8 +154,8 @@ fn recorded_to(recorded: RecordedSize) -> v1::RecordedSize {
 }
 
 fn field_to(field: FieldSpec) -> v1::FieldSpec {
-    let FieldSpec { name, size, minimum, maximum, binary } = field;
-    v1::FieldSpec { name, size, minimum, maximum, binary }
+    let FieldSpec { name, size, unit, minimum, maximum, binary } = field;
+    v1::FieldSpec { name, size, unit, minimum, maximum, binary }
 }
 
 fn mapping_to(mapping: Mapping) -> v1::Mapping {

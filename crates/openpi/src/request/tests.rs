@@ -8,13 +8,7 @@ use crate::array::tests::packed;
 
 fn task(cameras: &[&str], fields: &[(&str, u32)]) -> TaskSpec {
     let camera = |name: &&str| CameraSpec { name: (*name).into(), height: 2, width: 4, depth: false, recorded: None };
-    let field = |(name, size): &(&str, u32)| FieldSpec {
-        name: (*name).into(),
-        size: *size,
-        minimum: None,
-        maximum: None,
-        binary: false,
-    };
+    let field = |(name, size): &(&str, u32)| FieldSpec::new(*name, *size);
     TaskSpec {
         name: "stack".into(),
         instruction: String::new(),

@@ -1,6 +1,8 @@
 //! Plots over time on one axis under the cameras: q with β and the kept segments, proprioception, action.
 
-use gleaner_core::{error::Kind, id::ScoreRunId, score::ScoreRun, selection::Filter, snapshot::Role, steps::Series};
+use gleaner_core::{
+    TaskSpec, error::Kind, id::ScoreRunId, score::ScoreRun, selection::Filter, snapshot::Role, steps::Series,
+};
 use maud::{Markup, html};
 
 use super::{Scored, View};
@@ -33,8 +35,8 @@ pub(super) fn timeline(view: &View, times: &[f64]) -> Markup {
             }
             @match &view.numbers {
                 Ok(numbers) => {
-                    (panels("Proprioception", &numbers.proprioception, times))
-                    (panels("Action", &numbers.action, times))
+                    (panels("Proprioception", (&numbers.proprioception, &view.task.spec), times))
+                    (panels("Action", (&numbers.action, &view.task.spec), times))
                 }
                 Err(error) if error.kind() == Kind::Internal => {
                     p.note.bad { "The steps of the recording cannot be read; see the server's log for the cause." }
@@ -98,18 +100,18 @@ fn drawn(view: &View, q: &[f32], stretches: &[(usize, usize)], times: &[f64]) ->
     frame.draw("q over time, with β as a level line", ("s", "q"), &inside)
 }
 
-fn panels(title: &str, fields: &[Series], times: &[f64]) -> Markup {
+fn panels(title: &str, (fields, task): (&[Series], &TaskSpec), times: &[f64]) -> Markup {
     html! {
         @if !fields.is_empty() {
             section aria-label=(title) {
                 h2 { (title) }
-                div.panels { @for field in fields { (panel(field, times)) } }
+                div.panels { @for field in fields { (panel(field, task, times)) } }
             }
         }
     }
 }
 
-fn panel(field: &Series, times: &[f64]) -> Markup {
+fn panel(field: &Series, task: &TaskSpec, times: &[f64]) -> Markup {
     let values = || field.values.iter().map(|&value| f64::from(value));
     let frame = Frame::new((WIDTH, HEIGHT), whole(times), roomy(values()));
     let dimension = |place: usize| -> Vec<(f64, f64)> {
@@ -120,20 +122,32 @@ fn panel(field: &Series, times: &[f64]) -> Markup {
         div.panel {
             div.row {
                 h3 { (field.name) }
-                @if field.size > 1 { (legend(field)) }
+                @if field.size > 1 { (legend(field, task)) }
             }
-            (frame.draw(&format!("{} over time", field.name), ("s", "as recorded"), &lines))
+            (frame.draw(&format!("{} over time", field.name), ("s", unit(&field.name, task)), &lines))
         }
     }
 }
 
-/// The legend: the line of each component of a field.
-fn legend(field: &Series) -> Markup {
+/// What the values of a field are measured in.
+fn unit<'a>(field: &str, task: &'a TaskSpec) -> &'a str {
+    let found = task.proprioception.iter().chain(&task.action).find(|known| known.name == field);
+    found.map(|field| field.unit.as_str()).filter(|unit| !unit.is_empty()).unwrap_or("as recorded")
+}
+
+/// The legend: the line of each component of a field, by its name where a mapping has names.
+fn legend(field: &Series, task: &TaskSpec) -> Markup {
+    let mut sources = task.mappings.iter().flat_map(|mapping| &mapping.fields);
+    let source = sources.find(|source| source.field == field.name && source.names.len() == field.size);
+    let name = |place: usize| match source {
+        Some(source) => source.names[place].clone(),
+        None => format!("[{place}]"),
+    };
     html! {
         ul.legend { @for place in 0..field.size {
             li {
                 svg viewBox="0 0 14 10" aria-hidden="true" { path class=(format!("line {}", colour(place))) d="M0 5H14" {} }
-                "[" (place) "]"
+                (name(place))
             }
         } }
     }
@@ -199,8 +213,18 @@ mod tests {
     #[test]
     fn each_dimension_is_a_line() {
         let field = Series { name: "tool".into(), size: 2, values: vec![0.0, 5.0, 1.0, f32::NAN, 2.0, 7.0] };
-        let drawn = panel(&field, &[0.0, 0.1, 0.2]).into_string();
-        assert_eq!((drawn.matches("class=\"line c1\"").count(), drawn.matches("class=\"line c2\"").count()), (2, 2));
-        assert!(drawn.contains("[1]") && !drawn.contains("NaN"));
+        let mut task: TaskSpec = serde_json::from_str(
+            r#"{"name": "t", "rate_hz": 5, "action": [{"name": "tool", "size": 2}],
+                "mappings": [{"name": "m", "fields": [{"field": "tool", "topic": "/t"}]}]}"#,
+        )
+        .unwrap();
+        let drawn = |task: &TaskSpec| panel(&field, task, &[0.0, 0.1, 0.2]).into_string();
+        let plain = drawn(&task);
+        assert_eq!((plain.matches("class=\"line c1\"").count(), plain.matches("class=\"line c2\"").count()), (2, 2));
+        assert!(plain.contains("[1]") && plain.contains("as recorded") && !plain.contains("NaN"));
+        task.action[0].unit = "rad".into();
+        task.mappings[0].fields[0].names = ["shoulder", "elbow"].map(String::from).into();
+        let named = drawn(&task);
+        assert!(named.contains("elbow") && named.contains("rad") && !named.contains("[1]"), "{named}");
     }
 }
