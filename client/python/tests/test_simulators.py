@@ -8,8 +8,10 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import gleaner
-from gleaner.simulators import Camera, Seen, Simulator, SimulatorAdapter, make
+from gleaner.simulators import Camera, Seen, Simulator, SimulatorAdapter, SimulatorVector, make
 
 SIDE, STEPS = 24, 8
 # Of each simulator: an environment, a camera of it and values with their sizes, and the size of an action.
@@ -125,6 +127,53 @@ class Far:
         pass
 
 
+class Uneven(Counted):
+    """Solved at the step of its seed's number, or ended in the fourth; a step after that fails, as seed 13 does."""
+
+    def reset(self, *, seed: int | None = None) -> tuple[Seen, dict[str, Any]]:
+        """The seed is in every value."""
+        self.seed, self.over = seed or 0, False
+        seen, info = super().reset(seed=seed)
+        if self.seed == 13:
+            raise gleaner.InvalidArgument("seed: is unlucky")
+        return seen, info
+
+    def step(self, action: NDArray[np.float32], /) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+        """Ends once."""
+        assert not self.over, "a step after the end"
+        seen, reward, _, _, _ = super().step(action)
+        self.over = self.steps == min(self.seed, 4)
+        info = {"success": self.steps == self.seed, "late": True} if self.steps > 1 else {"success": False}
+        return seen, reward, self.over, False, info
+
+
+def test_environments_in_processes_of_their_own_are_as_one() -> None:
+    with SimulatorVector(Uneven, 3) as envs:
+        assert (envs.num_envs, envs.name, envs.low.tolist()) == (3, "counted/one", [-0.5, -0.5])
+        seen, info = envs.reset(seed=[2, 3, 9])
+        assert [one.values["arm"].max() for one in seen] == [0, 0, 0]
+        assert info == {"success": [False] * 3, "_success": [True] * 3}
+        solved, ended = [], []
+        for _ in range(5):
+            seen, _, terminated, _, info = envs.step(np.zeros((3, 2), np.float32))
+            solved.append(info["success"])
+            ended.append(terminated)
+        # A step after the end is not taken: it would fail.
+        assert ended == [[False] * 3, [True, False, False], [True, True, False], [True] * 3, [True] * 3]
+        assert solved[1:3] == [[True, False, False], [True, True, False]]
+        assert [one.values["arm"].max() for one in seen] == [2, 3, 4]
+        with pytest.raises(gleaner.InvalidArgument, match="there are 3 environments, got 2"):
+            envs.reset(seed=[1, 2])
+        with pytest.raises(gleaner.InvalidArgument, match="seed: is unlucky"):
+            envs.reset(seed=[1, 13, 2])
+    with pytest.raises(gleaner.InvalidArgument, match="envs: must be at least 1"):
+        SimulatorVector(Uneven, 0)
+    with pytest.raises(gleaner.InvalidArgument, match="simulator: 'gazebo' is unknown"):
+        SimulatorVector(partial(make, "gazebo", "x", []), 2)
+    with pytest.raises(RuntimeError, match="the process of an environment ended with 7"):
+        SimulatorVector(partial(os._exit, 7), 1)
+
+
 def test_names_of_a_simulator_become_those_of_a_task() -> None:
     policy = Far(spec_of("counted", "front", {"arm_position": 3}, 2, depth=False))
     adapter = SimulatorAdapter({"front": "eye"}, {"arm_position": "arm"})
@@ -219,5 +268,8 @@ def test_the_command_evaluates_a_deployment_in_a_real_simulator(
     assert {path.name.split("-")[1] for path in video.iterdir()} == {"5", "6"}
     recorded = [episode for episode in client.episodes.list(f"{simulator}_task") if episode.cohort == deployment]
     assert [episode.steps for episode in recorded] == [4, 4]
+    together = run("--deployment", deployment, *limits, "--envs", "2")
+    assert together.returncode == 0, together.stderr
+    assert together.stdout.splitlines()[-1] == summary
     refused = run("--deployment", deployment, "--field", f"{next(iter(values))}=nothing")
     assert (refused.returncode, refused.stderr.splitlines()[-1][:13]) == (1, "error: field ")

@@ -11,11 +11,12 @@ from typing import Any
 
 from gleaner.errors import invalid
 from gleaner.simulators._base import Camera, Seen, Simulator, SimulatorAdapter
+from gleaner.simulators._vector import SimulatorVector
 
 # Their packages do not fit into one Python environment.
 NAMES = ("robosuite", "metaworld", "libero")
 
-__all__ = ["NAMES", "Camera", "Seen", "Simulator", "SimulatorAdapter", "make"]
+__all__ = ["NAMES", "Camera", "Seen", "Simulator", "SimulatorAdapter", "SimulatorVector", "make"]
 
 
 def make(simulator: str, env_id: str, cameras: list[Camera], **options: Any) -> Simulator:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from gleaner import Policy, Trial, evaluate
+from gleaner import Client, Policy, Trial, Trials, VectorPolicy, evaluate, evaluate_vector
 from gleaner._command import add_connection, connected, ended
 from gleaner.errors import invalid
-from gleaner.simulators import NAMES, Simulator, SimulatorAdapter, make
+from gleaner.simulators import NAMES, Simulator, SimulatorAdapter, SimulatorVector, make
 
 
 def main() -> int:
@@ -24,6 +25,12 @@ def main() -> int:
     parser.add_argument("env", help="its environment, such as Lift or pick-place-v3")
     parser.add_argument("--deployment", help="name of the deployment; without it, what the environment offers is shown")
     parser.add_argument("--episodes", type=int, default=50)
+    parser.add_argument(
+        "--envs",
+        type=int,
+        default=1,
+        help="environments that run at once, each in a process; the server answers a step of all together",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the first episode; later ones count on")
     parser.add_argument("--max-steps", type=int, help="steps after which an episode is unsolved (default: its own)")
     parser.add_argument("--execute", type=int, default=1, help="actions of each chunk to execute open loop")
@@ -49,29 +56,43 @@ def run(given: argparse.Namespace) -> int:
         sim.close()
         return 0
     adapter = SimulatorAdapter(_pairs("camera", given.camera), _pairs("field", given.field))
-    with (
-        connected(given) as client,
-        Policy(client, given.deployment, record=given.record, cohort=given.cohort) as policy,
-    ):
-        sim = make(given.simulator, given.env, adapter.wanted(policy.spec), **options)
-        try:
-            trials = evaluate(
-                sim,
-                policy,
-                adapter,
-                given.episodes,
-                given.seed,
-                max_steps=given.max_steps,
-                execute=given.execute,
-                video=given.video,
-                on_trial=_progress,
-            )
-        finally:
-            sim.close()
+    with connected(given) as client:
+        name, trials = (_one if given.envs == 1 else _several)(client, given, adapter, options)
         print(trials)
         if given.report:
-            print(trials.report(client, sim.name).id)
+            print(trials.report(client, name).id)
     return 0
+
+
+def _one(
+    client: Client, given: argparse.Namespace, adapter: SimulatorAdapter, options: dict[str, Any]
+) -> tuple[str, Trials]:
+    # The simulator's name, and the trials in one environment.
+    with Policy(client, given.deployment, record=given.record, cohort=given.cohort) as policy:
+        sim = make(given.simulator, given.env, adapter.wanted(policy.spec), **options)
+        try:
+            return sim.name, evaluate(sim, policy, adapter, given.episodes, given.seed, **_how(given))
+        finally:
+            sim.close()
+
+
+def _several(
+    client: Client, given: argparse.Namespace, adapter: SimulatorAdapter, options: dict[str, Any]
+) -> tuple[str, Trials]:
+    # The same in several at once.
+    with VectorPolicy(client, given.deployment, given.envs, record=given.record, cohort=given.cohort) as policy:
+        cameras = adapter.wanted(policy.spec)
+        with SimulatorVector(partial(make, given.simulator, given.env, cameras, **options), given.envs) as envs:
+            return envs.name, evaluate_vector(envs, policy, adapter, given.episodes, given.seed, **_how(given))
+
+
+def _how(given: argparse.Namespace) -> dict[str, Any]:
+    return {
+        "max_steps": given.max_steps,
+        "execute": given.execute,
+        "video": given.video,
+        "on_trial": _progress,
+    }
 
 
 def show(sim: Simulator) -> None:
