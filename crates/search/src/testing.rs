@@ -14,7 +14,7 @@ pub(crate) fn generator(seed: u64, stream: u64) -> ChaCha8Rng {
     ChaCha8Rng::from_seed(key)
 }
 
-/// Groups of windows of `length` rows, each group of so many rows, and the same points with rows of their own.
+/// Groups of windows of `length` rows, each group with its number of rows, and the same points with rows of their own.
 pub(crate) fn windows(rows: &[usize], widths: [usize; PARTS], length: usize) -> (Vec<Points>, Vec<Points>) {
     let group = |(number, rows): (usize, &usize)| {
         let mut rng = generator(number as u64, 14);
