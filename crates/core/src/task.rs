@@ -1,6 +1,6 @@
 //! Tasks: a named skill with its specification.
 
-use crate::{FieldSpec, TaskSpec};
+use crate::TaskSpec;
 
 use super::{id::TaskId, time::Millis};
 
@@ -32,15 +32,13 @@ pub struct OutcomeCounts {
 /// # Errors
 /// The field and the reason.
 pub fn check_change(before: &TaskSpec, after: &TaskSpec, read: &[String]) -> Result<(), (String, &'static str)> {
-    let numbers = |fields: &[FieldSpec]| -> Vec<FieldSpec> {
-        fields.iter().map(|field| FieldSpec { unit: String::new(), ..field.clone() }).collect()
-    };
+    let (before, after) = (&before.of_steps(), &after.of_steps());
     let differs = [
         ("name", before.name != after.name),
         ("rate_hz", before.rate_hz.to_bits() != after.rate_hz.to_bits()),
         ("cameras", before.cameras != after.cameras),
-        ("proprioception", numbers(&before.proprioception) != numbers(&after.proprioception)),
-        ("action", numbers(&before.action) != numbers(&after.action)),
+        ("proprioception", before.proprioception != after.proprioception),
+        ("action", before.action != after.action),
         ("alignment", before.alignment != after.alignment),
         ("tolerance", before.tolerance.to_bits() != after.tolerance.to_bits()),
     ];
@@ -60,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_used_task_can_get_mappings_and_words_and_nothing_else() {
+    fn a_used_task_can_get_mappings_words_and_units_and_nothing_else() {
         let spec = |text: &str| -> TaskSpec { serde_json::from_str(text).unwrap() };
         let before = spec(
             r#"{"name":"t","rate_hz":5,"action":[{"name":"a","size":3}],
@@ -79,7 +77,7 @@ mod tests {
             ..before.clone()
         };
         assert_eq!(check_change(&before, &words, &read), Ok(()));
-        let field = |size, unit: &str| FieldSpec { unit: unit.into(), ..FieldSpec::new("a", size) };
+        let field = |size, unit: &str| crate::FieldSpec { unit: unit.into(), ..crate::FieldSpec::new("a", size) };
         let measured = TaskSpec { action: vec![field(3, "rad")], ..before.clone() };
         assert_eq!(check_change(&before, &measured, &read), Ok(()));
         let longer = TaskSpec { action: vec![field(4, "")], ..before.clone() };

@@ -88,7 +88,7 @@ pub struct FieldSpec {
     pub name: String,
     /// The number of its values.
     pub size: u32,
-    /// What its values are measured in, such as `rad`, or of several kinds `m, then no unit`: for people; nothing is converted. It
+    /// What its values are measured in, such as `rad`, or, where they differ, `m, then no unit`: for people; nothing is converted. It
     /// can change at any time.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub unit: String,
@@ -199,6 +199,22 @@ impl FieldSpec {
 }
 
 impl TaskSpec {
+    /// This specification without what can change at any time, because no step depends on it: the instruction, units, and
+    /// the keys of clients.
+    #[must_use]
+    pub fn of_steps(&self) -> Self {
+        let unitless = |fields: &[FieldSpec]| -> Vec<FieldSpec> {
+            fields.iter().map(|field| FieldSpec { unit: String::new(), ..field.clone() }).collect()
+        };
+        Self {
+            instruction: String::new(),
+            openpi: Vec::new(),
+            proprioception: unitless(&self.proprioception),
+            action: unitless(&self.action),
+            ..self.clone()
+        }
+    }
+
     /// Number of proprioception values per step (M).
     pub fn proprioception_size(&self) -> usize {
         total(&self.proprioception)

@@ -77,10 +77,8 @@ pub struct FramePaths {
 impl FramePaths {
     /// Those in a data folder for this task.
     pub fn new(data_dir: &Path, spec: &TaskSpec) -> Self {
-        // The keys of clients change at any time, and no step with them. Every specification can be written as JSON: it
-        // came from JSON.
-        let read = TaskSpec { openpi: Vec::new(), ..spec.clone() };
-        let spec = serde_json::to_vec(&read).unwrap_or_default();
+        // Every specification can be written as JSON: it came from JSON.
+        let spec = serde_json::to_vec(&spec.of_steps()).unwrap_or_default();
         let task = blake3::hash(&spec).to_hex().get(..16).unwrap_or_default().to_owned();
         Self { folder: data_dir.join(CACHE), task }
     }
@@ -103,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keys_of_clients_do_not_discard_decoded_steps() {
+    fn words_units_and_keys_of_clients_do_not_discard_decoded_steps() {
         let task = TaskSpec {
             name: "reach".to_owned(),
             instruction: String::new(),
@@ -119,6 +117,9 @@ mod tests {
         let openpi = vec![OpenpiKey { name: "pose".to_owned(), key: "observation/state_0".to_owned() }];
         let path = |spec: &TaskSpec| frames_path(Path::new("lab"), &BlobId::from(blake3::hash(b"recording")), spec);
         assert_eq!(path(&TaskSpec { openpi, ..task.clone() }), path(&task));
+        assert_eq!(path(&TaskSpec { instruction: "reach".to_owned(), ..task.clone() }), path(&task));
+        let pose = FieldSpec { unit: "m".to_owned(), ..FieldSpec::new("pose", 2) };
+        assert_eq!(path(&TaskSpec { proprioception: vec![pose], ..task.clone() }), path(&task));
         assert_ne!(path(&TaskSpec { rate_hz: 5.0, ..task.clone() }), path(&task));
     }
 }
