@@ -47,11 +47,13 @@ pub(crate) struct Corpus {
 
 impl Corpus {
     pub(crate) fn new(groups: &[(u32, &Points)], metric: Metric, tiles: Tiles) -> Self {
-        let shape = groups.first().map_or([1; PARTS].into(), |(_, points)| points.shape());
-        let mut points = Points::empty(shape);
+        let mut filled = groups.iter().filter(|(_, points)| points.count() > 0);
+        let mut points = Points::empty(filled.next().map_or([1; PARTS].into(), |(_, points)| points.shape()));
         let mut bounds = vec![0];
         for (_, group) in groups {
-            points.append(group);
+            if group.count() > 0 {
+                points.append(group);
+            }
             bounds.push(points.count());
         }
         let largest = metric.scale.iter().fold(0.0, |a: f64, b| a.max(*b));

@@ -2,9 +2,9 @@
 //!
 //! Products per part, ‖x − y‖² = ‖x‖² + ‖y‖² − 2 x·y after centring, are the filter: they give a lower bound of the
 //! distance with a proven margin. Cheap products come first, of codes of one byte a value or along few directions, then
-//! single-precision ones where those leave too many candidates. Candidates that the bound cannot rule out are compared
-//! directly in double precision. So the winner and its distance are exact and do not depend on tiles, threads or the
-//! processor. The product alone would not suffice: near zero, where the best match is, its error exceeds the distance.
+//! single-precision ones where those leave too many candidates; of windows of rows, those of the rows, added up.
+//! Candidates that the bound cannot rule out are compared directly in double precision. So the winner and its distance
+//! are exact and do not depend on tiles, threads or the processor. The product alone would not suffice: near zero, where the best match is, its error exceeds the distance.
 
 use std::cell::OnceCell;
 use std::sync::{Mutex, PoisonError};
@@ -43,8 +43,16 @@ impl Index {
         if !groups.is_sorted_by(|(a, _), (b, _)| a < b) {
             return Err(SearchError::new("groups", "must come with rising numbers, each once"));
         }
-        let index = Self::with_tiles(groups, metric, Tiles::default());
-        groups.iter().try_for_each(|(_, points)| index.check("groups", points)).map(|()| index)
+        let mut shapes = groups.iter().filter(|(_, points)| points.count() > 0).map(|(_, points)| points.shape());
+        if let Some(expected) = shapes.next()
+            && let Some(got) = shapes.find(|shape| *shape != expected)
+        {
+            return Err(SearchError::new(
+                "groups",
+                format!("expected {expected:?} as the first group has, got {got:?}"),
+            ));
+        }
+        Ok(Self::with_tiles(groups, metric, Tiles::default()))
     }
 
     pub(crate) fn with_tiles(groups: &[(u32, &Points)], metric: Metric, tiles: Tiles) -> Self {
@@ -90,7 +98,7 @@ impl Index {
         without: Option<u32>,
         matches: &mut [Option<Match>],
     ) -> Result<(), SearchError> {
-        self.check("queries", queries)?;
+        self.check(queries)?;
         if matches.len() != queries.count() {
             let message = format!("expected {} (one for each query), got {}", queries.count(), matches.len());
             return Err(SearchError::new("matches", message));
@@ -117,13 +125,13 @@ impl Index {
         Ok(matches.into_iter().collect())
     }
 
-    /// Fails unless `points` can be compared with those of the index.
-    fn check(&self, field: &'static str, points: &Points) -> Result<(), SearchError> {
-        let (expected, got) = (self.corpus.points.shape(), points.shape());
-        if points.count() == 0 || self.corpus.points.count() == 0 || got == expected {
+    /// Fails unless `queries` can be compared with the points.
+    fn check(&self, queries: &Points) -> Result<(), SearchError> {
+        let (expected, got) = (self.corpus.points.shape(), queries.shape());
+        if queries.count() == 0 || self.corpus.points.count() == 0 || got == expected {
             return Ok(());
         }
-        Err(SearchError::new(field, format!("expected {expected:?} as the first group has, got {got:?}")))
+        Err(SearchError::new("queries", format!("expected {expected:?} as the points have, got {got:?}")))
     }
 
     /// Compares all queries through `codes`; returns the numbers of the queries that remain.

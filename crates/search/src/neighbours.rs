@@ -8,7 +8,7 @@ use crate::points::{PARTS, Points};
 use crate::tensor::{int, rows};
 
 /// Upper bound of the number of distances that are in memory at a time, unless one point has more.
-const DISTANCES: usize = 1 << 22;
+const DISTANCES: usize = 1 << 24;
 
 /// Groups of points, prepared for the search around each point.
 pub struct Neighbours {
@@ -23,7 +23,8 @@ pub struct Neighbours {
 struct Part {
     /// `[R, width]`: the rows that the points are made of, scaled so that distances need no factor.
     rows: Tensor,
-    /// `[N]`: per point, the factor that makes it a unit vector; `None` where distances are not those of angles.
+    /// `[N]`: per window, the factor that makes it a unit vector; `None` where distances are not those of angles, and where
+    /// the rows are such vectors themselves.
     units: Option<Tensor>,
     /// `[N]`: the squares of points.
     squares: Tensor,
@@ -37,14 +38,23 @@ impl Part {
             // The distance is half of the square.
             Distance::Angular => (metric.scale[part] / 2.0).sqrt(),
         } as f32;
-        let rows = rows(points.values(part), points.shape().widths[part]) * f64::from(scale);
-        let units = (metric.kind == Distance::Angular).then(|| {
+        let mut rows = rows(points.values(part), points.shape().widths[part]) * f64::from(scale);
+        let mut units = (metric.kind == Distance::Angular).then(|| {
             let units = (0..points.count()).map(|at| to_unit(points.row(part, at)));
-            Tensor::from_slice(&units.collect::<Vec<f64>>()).to_kind(Kind::Float)
+            Tensor::from_slice(&units.collect::<Vec<f64>>()).to_kind(Kind::Float).clamp_max(f64::from(f32::MAX))
         });
-        let squares = rows.square().sum_dim_intlist([1i64].as_slice(), false, Kind::Float);
-        let squares = windows.sums(squares, (0, points.count()), Axes::Rows);
-        let squares = units.as_ref().map_or(squares.shallow_clone(), |units| squares * units.square());
+        if windows.length == 1
+            && let Some(units) = units.take()
+        {
+            rows *= units.unsqueeze(1);
+        }
+        let squares = if let Some(units) = &units {
+            // Those of unit vectors, and of zeros.
+            units.sign() * f64::from(scale).powi(2)
+        } else {
+            let squares = rows.square().sum_dim_intlist([1i64].as_slice(), false, Kind::Float);
+            windows.sums(squares, (0, points.count()), Axes::Rows)
+        };
         Self { rows, units, squares }
     }
 
@@ -57,7 +67,7 @@ impl Part {
         if let Some(units) = &self.units {
             let _ = products.g_mul_(units).g_mul_(&some(units));
         }
-        products.g_mul_scalar_(-2.0).g_add_(&some(&self.squares)).g_add_(&self.squares)
+        some(&self.squares) + &self.squares - products.g_mul_scalar_(2.0)
     }
 }
 
@@ -91,7 +101,7 @@ impl Windows {
 
     /// The values of points `from..to`: the sums of those of their rows, given those of [`Self::rows`].
     fn sums(&self, of_rows: Tensor, (from, to): (usize, usize), axes: Axes) -> Tensor {
-        if self.length == 1 {
+        if self.length == 1 || from == to {
             return of_rows;
         }
         let shifted = |by: i64| {
@@ -112,10 +122,13 @@ impl Neighbours {
     /// The search over `groups`, which have the same shape, under `metric`. Points are numbered through all groups,
     /// from 0.
     pub fn new(groups: &[Points], metric: Metric) -> Self {
-        let mut points = Points::empty(groups.first().map_or([1; PARTS].into(), Points::shape));
+        let mut filled = groups.iter().filter(|points| points.count() > 0);
+        let mut points = Points::empty(filled.next().map_or([1; PARTS].into(), Points::shape));
         let mut bounds = vec![0];
         for group in groups {
-            points.append(group);
+            if group.count() > 0 {
+                points.append(group);
+            }
             bounds.push(points.count());
         }
         let windows = Windows::new(&points);
@@ -156,6 +169,7 @@ impl Neighbours {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::points::PointShape;
 
     fn line(places: &[f32]) -> Points {
         Points::new([places.to_vec(), vec![0.0; places.len()], vec![0.0; places.len()]], [1; PARTS]).unwrap()
@@ -172,12 +186,20 @@ mod tests {
         assert_eq!(Neighbours::new(&[line(&[0.0, 1.0])], metric).nearest(0, 3), [[0usize; 0]; 2]);
     }
 
+    /// Fewer rows than a window has.
+    fn points_of_no_window() -> Points {
+        let shape = PointShape { widths: [5, 2, 3], length: 4 };
+        Points::new([vec![1.0; 10], vec![1.0; 4], vec![1.0; 6]], shape).unwrap()
+    }
+
     #[test]
     fn neighbours_of_windows_are_those_of_points_with_the_same_values() {
         let (windows, points) = crate::testing::windows(&[30, 3, 41, 9], [5, 2, 3], 4);
         for kind in [Distance::Euclidean, Distance::Angular] {
             let metric = Metric { kind, scale: [1.0, 0.5, 2.0] };
             let [found, expected] = [&windows, &points].map(|groups| Neighbours::new(groups, metric));
+            let nothing = Neighbours::new(&[Points::empty(windows[0].shape()), points_of_no_window()], metric);
+            assert_eq!((nothing.nearest(0, 5), nothing.nearest(1, 5)), (Vec::new(), Vec::new()));
             for group in 0..windows.len() {
                 let [mut found, mut expected] = [&found, &expected].map(|all| all.nearest(group, 5));
                 found.iter_mut().chain(&mut expected).for_each(|near| near.sort_unstable());

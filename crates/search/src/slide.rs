@@ -1,6 +1,6 @@
 //! The filter for windows of rows: the product of two windows is the sum of the products of their rows, and windows that
-//! overlap share those. So rows are multiplied once, a part of the work of whole windows as small as windows are long.
-//! Must not depend on the choice of the nearest.
+//! overlap share those. So each row is multiplied once, not once for every window that has it. Must not depend on the
+//! choice of the nearest.
 
 use std::sync::Arc;
 
@@ -119,15 +119,18 @@ impl Bounds {
         let width = (to - from).next_multiple_of(GROUP);
         self.all.clear();
         self.all.resize(open.len() * width, 0.0);
-        let (tile, block) = (points.rows_of((from, to)), queries.rows_of((begin, end)));
+        let tile = points.rows_of((from, to));
         let runs = runs(points, (from, to));
         let across = tile.1 - tile.0;
+        let (needed, firsts) = needed(queries, (begin, end), open);
+        let down = needed.len();
+        let needed = Tensor::from_slice(&needed);
         for (slide, placed) in slides.iter().zip(placed).filter(|(slide, _)| slide.factor > 0.0) {
-            let products = placed.rows.mm(&slide.rows.narrow(0, int(tile.0), int(across)).tr());
-            self.products.resize((block.1 - block.0) * across, 0.0);
-            products.copy_data(&mut self.products, (block.1 - block.0) * across);
-            for (row, query) in self.all.chunks_exact_mut(width).zip(open) {
-                let first = queries.first_row(begin + query) - block.0;
+            let rows = placed.rows.index_select(0, &needed);
+            let products = rows.mm(&slide.rows.narrow(0, int(tile.0), int(across)).tr());
+            self.products.resize(down * across, 0.0);
+            products.copy_data(&mut self.products, down * across);
+            for ((row, query), &first) in self.all.chunks_exact_mut(width).zip(open).zip(&firsts) {
                 for &(at, start, count) in &runs {
                     self.sums.clear();
                     self.sums.resize(count, 0.0);
@@ -149,6 +152,24 @@ impl Bounds {
             others.chunks_exact(width / GROUP).for_each(|other| lower(&mut self.lows[begin..], other));
         }
     }
+}
+
+/// The rows of the `open` ones of queries `begin..end`, each once and numbered from the first of all, and for each query the
+/// place of its first among them.
+fn needed(queries: &Points, (begin, end): (usize, usize), open: &[usize]) -> (Vec<i64>, Vec<usize>) {
+    let all = queries.rows_of((begin, end)).0;
+    let length = queries.shape().length;
+    let (mut needed, mut firsts) = (Vec::new(), Vec::with_capacity(open.len()));
+    let mut end = 0;
+    for query in open {
+        let first = queries.first_row(begin + query) - all;
+        // Queries rise, so the rows that this one shares with the last are the last ones.
+        let shared = end.max(first) - first;
+        firsts.push(needed.len() - shared);
+        needed.extend((first + shared..first + length).map(int));
+        end = first + length;
+    }
+    (needed, firsts)
 }
 
 /// The sequences of points `from..to` whose windows begin one row after another: the place of the first among them, its

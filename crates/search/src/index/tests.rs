@@ -148,17 +148,19 @@ fn threads_do_not_change_the_result() {
     // Enough pairs for three threads.
     let groups: Vec<Points> = (0..3).map(|seed| features(seed, 400, 10.0)).collect();
     let queries = features(7, 400, 10.0);
-    let matches = |threads| {
+    let windows = crate::testing::windows(&[400, 400, 403], WIDTHS, 4).0;
+    let of = |groups: &[Points], queries: &Points, threads| {
         let before = tch::get_num_threads();
         tch::set_num_threads(threads);
-        let index = Index::new(&numbered(&groups), ONES).unwrap();
-        let matches = index.nearest(&queries, None).unwrap().unwrap();
+        let index = Index::new(&numbered(groups), ONES).unwrap();
+        let matches = index.nearest(queries, None).unwrap().unwrap();
         assert_eq!(tch::get_num_threads(), threads);
         tch::set_num_threads(before);
         matches
     };
-    let alone = matches(1);
-    assert_eq!(matches(3), alone);
+    let alone = of(&groups, &queries, 1);
+    assert_eq!(of(&groups, &queries, 3), alone);
+    assert_eq!(of(&windows[..2], &windows[2], 3), of(&windows[..2], &windows[2], 1));
     for (query, found) in alone.iter().enumerate().step_by(37) {
         let group = &groups[found.group as usize];
         let plain = plain_distance(&ONES, (&queries, query), (group, found.row as usize));

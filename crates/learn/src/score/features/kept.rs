@@ -60,8 +60,11 @@ pub(in crate::score) fn exact_bytes(features: &Features) -> Result<Vec<u8>, Lear
 /// The features, of one row each, as bytes, rounded: one byte a value.
 ///
 /// # Errors
-/// As [`exact_bytes`].
+/// As [`exact_bytes`]; [`LearnError::Invalid`] for features of several rows.
 pub(in crate::score) fn rough_bytes(features: &Features) -> Result<Vec<u8>, LearnError> {
+    if features.shape().length > 1 {
+        return Err(LearnError::invalid("features", "are of several rows; keep them as they are"));
+    }
     let Codes { codes, steps, moved } = Codes::of(features);
     let bytes = codes.map(|codes| codes.iter().map(|code| code.to_le_bytes()[0]).collect::<Vec<u8>>());
     let bounds = [little_endian(&steps), little_endian(&moved)];
@@ -131,6 +134,12 @@ mod tests {
             }
             assert!(from_bytes(&bytes[..bytes.len() - 1], 2, [2, 1, 3].into()).is_none());
         }
+        let windows =
+            Features::new([vec![0.5; 6], vec![0.5; 3], vec![0.5; 3]], PointShape { widths: [2, 1, 1], length: 2 });
+        let windows = windows.unwrap();
+        let read = exact(from_bytes(&exact_bytes(&windows).unwrap(), 2, windows.shape()));
+        assert_eq!(read.as_ref(), Some(&windows));
+        assert!(rough_bytes(&windows).is_err());
         assert!(from_bytes(b"features", 2, [2, 1, 3].into()).is_none());
         let mut unsound = Features::empty([1; 3]);
         unsound.extend([[f32::NAN], [0.0], [0.0]]);

@@ -5,8 +5,8 @@ use crate::slide::Bounds;
 
 #[test]
 fn windows_are_found_as_points_with_the_same_values_are() {
-    // Enough points for directions.
-    let (groups, plain) = crate::testing::windows(&[700, 3, 90, 4], [40, 7, 33], 4);
+    // Enough points, and wide enough, for directions.
+    let (groups, plain) = crate::testing::windows(&[700, 3, 90, 4], [40, 24, 33], 4);
     let (queries, plain_queries) = (groups[2].clone(), plain[2].clone());
     assert_eq!(groups[1].count(), 0);
     for metric in METRICS {
@@ -17,8 +17,16 @@ fn windows_are_found_as_points_with_the_same_values_are() {
             }
         }
     }
-    let index = Index::with_views(&numbered(&groups), ONES, TILES[0], &VIEWS);
-    assert!(index.nearest(&plain_queries, None).is_err(), "of another shape");
+    let levels = |metric| Index::with_views(&numbered(&groups), metric, TILES[0], &VIEWS).filter().levels().len();
+    assert_eq!((levels(ONES), levels(METRICS[1])), (0, 2));
+    let index = Index::new(&numbered(&groups), ONES).unwrap();
+    assert_eq!(index.nearest(&plain_queries, None).unwrap_err().field, "queries");
+    for mixed in [[&groups[2], &plain[2]], [&plain[2], &groups[2]]] {
+        let problem = Index::new(&[(0, mixed[0]), (1, mixed[1])], ONES).err().unwrap();
+        assert_eq!(problem.field, "groups");
+    }
+    let nothing = Index::new(&numbered(&groups[1..2]), ONES).unwrap();
+    assert_eq!(nothing.nearest(&queries, None), Ok(None));
 }
 
 #[test]
