@@ -165,13 +165,58 @@ def test_environments_in_processes_of_their_own_are_as_one() -> None:
         with pytest.raises(gleaner.InvalidArgument, match="there are 3 environments, got 2"):
             envs.reset(seed=[1, 2])
         with pytest.raises(gleaner.InvalidArgument, match="seed: is unlucky"):
-            envs.reset(seed=[1, 13, 2])
+            envs.reset(seed=[13, 1, 2])
+        with pytest.raises(RuntimeError, match="the environments are closed"):
+            envs.reset(seed=[1, 2, 3])
     with pytest.raises(gleaner.InvalidArgument, match="envs: must be at least 1"):
         SimulatorVector(Uneven, 0)
     with pytest.raises(gleaner.InvalidArgument, match="simulator: 'gazebo' is unknown"):
         SimulatorVector(partial(make, "gazebo", "x", []), 2)
     with pytest.raises(RuntimeError, match="the process of an environment ended with 7"):
         SimulatorVector(partial(os._exit, 7), 1)
+    with pytest.raises(RuntimeError, match="ForeignError: it is stuck, 3 mm"):
+        SimulatorVector(stuck, 1)
+
+
+class ForeignError(Exception):
+    """Does not survive a pipe, as those of some libraries."""
+
+    def __init__(self, what: str, depth: int) -> None:
+        super().__init__(f"{what}, {depth} mm")
+
+
+def stuck() -> Simulator:
+    raise ForeignError("it is stuck", 3)
+
+
+def test_a_process_that_ends_and_an_interruption_end_all() -> None:
+    with SimulatorVector(Uneven, 2) as envs:
+        process, _ = envs._rows[0]
+        process.kill()
+        process.join()
+        with pytest.raises(RuntimeError, match="the process of an environment ended with -9"):
+            envs.step(np.zeros((2, 2), np.float32))
+    with SimulatorVector(Uneven, 2) as envs:
+        _, pipe = envs._rows[0]
+        receive, envs._rows[0] = pipe, (envs._rows[0][0], Interrupted())  # type: ignore[assignment]
+        with pytest.raises(KeyboardInterrupt):
+            envs.reset(seed=[1, 2])
+        with pytest.raises(RuntimeError, match="the environments are closed"):
+            envs.reset(seed=[3, 4])
+        receive.close()
+
+
+class Interrupted:
+    """A pipe at which the user loses patience."""
+
+    def send(self, request: Any) -> None:
+        pass
+
+    def recv(self) -> Any:
+        raise KeyboardInterrupt
+
+    def close(self) -> None:
+        pass
 
 
 def test_names_of_a_simulator_become_those_of_a_task() -> None:

@@ -80,9 +80,12 @@ def _several(
     client: Client, given: argparse.Namespace, adapter: SimulatorAdapter, options: dict[str, Any]
 ) -> tuple[str, Trials]:
     # The same in several at once.
-    with VectorPolicy(client, given.deployment, given.envs, record=given.record, cohort=given.cohort) as policy:
+    count = min(given.envs, given.episodes)
+    if count < 1:
+        raise invalid("--envs, --episodes", "must be at least 1")
+    with VectorPolicy(client, given.deployment, count, record=given.record, cohort=given.cohort) as policy:
         cameras = adapter.wanted(policy.spec)
-        with SimulatorVector(partial(make, given.simulator, given.env, cameras, **options), given.envs) as envs:
+        with SimulatorVector(partial(make, given.simulator, given.env, cameras, **options), count) as envs:
             return envs.name, evaluate_vector(envs, policy, adapter, given.episodes, given.seed, **_how(given))
 
 

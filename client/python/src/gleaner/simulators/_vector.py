@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any
@@ -20,7 +22,8 @@ class SimulatorVector:
     """`count` environments that `make` makes, in the form that `evaluate_vector` takes. A context manager.
 
     `make` is called in each process, so it must be importable there: a function of a module, or a `functools.partial`
-    of one. An environment that has ended stays as it is until the next reset. What fails in a process is raised here.
+    of one. An environment that has ended stays as it is, without reward, until the next reset. What fails in a process
+    is raised here and ends them all.
     """
 
     def __init__(self, make: Callable[[], Simulator], count: int) -> None:
@@ -74,24 +77,34 @@ class SimulatorVector:
         self.close()
 
     def _ask(self, requests: Sequence[tuple[str, Any]]) -> None:
+        if not self._rows:
+            raise RuntimeError("the environments are closed")
         if len(requests) != self.num_envs:
             raise invalid("envs", f"there are {self.num_envs} environments, got {len(requests)} seeds or actions")
         for (_, pipe), request in zip(self._rows, requests, strict=True):
-            pipe.send(request)
+            # That of a process that has ended is noticed where its answer is missing.
+            with suppress(OSError):
+                pipe.send(request)
 
     def _answers(self) -> list[Any]:
-        answers = []
-        for process, pipe in self._rows:
-            try:
-                answer, failure = pipe.recv()
-            except EOFError:
-                process.join(10)
-                raise RuntimeError(f"the process of an environment ended with {process.exitcode}") from None
-            if failure is not None:
-                error, text = failure
-                raise error from RuntimeError(text)
-            answers.append(answer)
-        return answers
+        try:
+            return [self._answer(process, pipe) for process, pipe in self._rows]
+        except BaseException:
+            # The answers that are left would be taken for those to the next question.
+            self.close()
+            raise
+
+    @staticmethod
+    def _answer(process: multiprocessing.process.BaseProcess, pipe: Connection) -> Any:
+        try:
+            answer, failure = pipe.recv()
+        except (EOFError, OSError):
+            process.join(10)
+            raise RuntimeError(f"the process of an environment ended with {process.exitcode}") from None
+        if failure is not None:
+            error, text = failure
+            raise RuntimeError(text) if error is None else error from RuntimeError(text)
+        return answer
 
 
 def _by_key(infos: list[dict[str, Any]]) -> dict[str, Any]:
@@ -103,31 +116,53 @@ def _by_key(infos: list[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
+class _GoneError(Exception):
+    """The other end of the pipe is closed."""
+
+
 def _run(make: Callable[[], Simulator], pipe: Connection) -> None:
     # One environment, until the other end of the pipe is closed.
     try:
         sim = make()
-        _serve(sim, pipe)
-        sim.close()
-    except (EOFError, BrokenPipeError):
+        try:
+            _serve(sim, pipe)
+        finally:
+            sim.close()
+    except _GoneError:
         pass
     except Exception as error:  # Reported where the environments are used.
-        pipe.send((None, (error, traceback.format_exc())))
+        with suppress(_GoneError):
+            _send(pipe, None, (_portable(error), traceback.format_exc()))
 
 
 def _serve(sim: Simulator, pipe: Connection) -> None:
-    pipe.send(((sim.name, sim.low, sim.high), None))
+    _send(pipe, (sim.name, sim.low, sim.high))
     ended: Any = None
     while True:
         try:
             act, value = pipe.recv()
-        except EOFError:
-            return
+        except (EOFError, OSError):
+            raise _GoneError from None
         if act == "reset":
             ended = None
-            pipe.send((sim.reset(seed=value), None))
+            _send(pipe, sim.reset(seed=value))
             continue
-        answer = ended if ended is not None else sim.step(value)
-        if answer[2] or answer[3]:
-            ended = answer
-        pipe.send((answer, None))
+        seen, reward, terminated, truncated, info = ended or sim.step(value)
+        if terminated or truncated:
+            ended = (seen, 0.0, terminated, truncated, info)
+        _send(pipe, (seen, reward, terminated, truncated, info))
+
+
+def _send(pipe: Connection, answer: Any, failure: Any = None) -> None:
+    try:
+        pipe.send((answer, failure))
+    except OSError:
+        raise _GoneError from None
+
+
+def _portable(error: Exception) -> Exception | None:
+    # The exception, if it arrives as it is.
+    try:
+        return error if type(pickle.loads(pickle.dumps(error))) is type(error) else None
+    except Exception:  # Whatever its class does.
+        return None
