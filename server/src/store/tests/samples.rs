@@ -15,7 +15,7 @@ use crate::{
 /// A version, a dump, and the number of rows that each table must still have.
 type Sample = (i64, &'static str, &'static [(&'static str, i64)]);
 
-const SAMPLES: [Sample; 11] = [
+const SAMPLES: [Sample; 12] = [
     (
         8,
         include_str!("../../../../tests/samples/schema_0008.sql"),
@@ -70,6 +70,11 @@ const SAMPLES: [Sample; 11] = [
         30,
         include_str!("../../../../tests/samples/schema_0030.sql"),
         &[("episodes", 10), ("jobs", 4), ("policies", 2), ("deployment_changes", 2), ("job_metrics", 25)],
+    ),
+    (
+        31,
+        include_str!("../../../../tests/samples/schema_0031.sql"),
+        &[("episodes", 10), ("jobs", 4), ("policies", 2), ("schedules", 1), ("job_metrics", 25)],
     ),
 ];
 
@@ -127,6 +132,7 @@ async fn reads(store: &Store) {
             assert!(!store.recordings(&snapshot.id).await.unwrap().is_empty());
         }
     }
+    assert!(store.schedules(None).await.unwrap().iter().all(|schedule| schedule.engine_options.is_empty()));
     assert!(!store.jobs(&JobFilter::default(), None, 100).await.unwrap().0.is_empty());
     store.deployments(None).await.unwrap();
     store.named_blobs().await.unwrap();
