@@ -177,7 +177,7 @@ impl Jobs {
     /// Stores a new schedule.
     ///
     /// # Errors
-    /// Exists when the task has a schedule of this name.
+    /// Exists when the task has a schedule of this name; Precondition for options of an engine that has none.
     pub(crate) async fn add_schedule(&self, schedule: &Schedule) -> Result<Schedule> {
         self.accept_options(&schedule.engine_options)?;
         let added = self.0.store.insert_schedule(schedule).await?;

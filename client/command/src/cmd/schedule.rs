@@ -130,7 +130,7 @@ async fn delete(context: &Context, schedule_id: String) -> Result<()> {
 }
 
 fn listing(schedules: &[Schedule]) -> String {
-    let columns = [Left("ID"), Left("NAME"), Left("RUNS"), Left("NEXT RUN"), Left("LAST RUN"), Left("STATE")];
+    let columns = ["ID", "NAME", "RUNS", "ENGINE OPTIONS", "NEXT RUN", "LAST RUN", "STATE"].map(Left);
     let row = |schedule: &Schedule| {
         let (runs, next) = when(schedule);
         let state = match (schedule.paused, schedule.last_error.as_str()) {
@@ -142,6 +142,7 @@ fn listing(schedules: &[Schedule]) -> String {
             schedule.id.clone(),
             schedule.name.clone(),
             runs,
+            schedule.engine_options.clone(),
             if schedule.paused { "-".into() } else { next },
             words::moment(schedule.last_run_time.as_ref()),
             state,
