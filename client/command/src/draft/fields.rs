@@ -209,7 +209,7 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
         && let Some(unit) = units::of_paths(&first.schema, &order.paths)
     {
         spec.unit = unit;
-        reasons.insert(place, format!("Its unit is the one of ROS's conventions for {}.", first.schema));
+        reasons.insert(place, format!("Its unit is that of {} by the conventions of ROS.", first.schema));
     }
     let stamped = std::iter::once(first.stamped).chain(alike.iter().map(|like| like.candidate.stamped));
     Field { spec, action, open: !action && first.open, stamped: stamped.collect(), sources, reasons }

@@ -295,7 +295,6 @@ fn transforms_of_frames_are_left_out_with_the_way_to_take_one() {
     assert!(draft.to_string().contains("size = 2\nunit = \"rad (m where a joint slides)\"\n"), "{draft}");
     let spec: TaskSpec = toml::from_str(&draft.to_string()).unwrap();
     assert_eq!(spec.proprioception[0].unit, draft.spec.proprioception[0].unit);
-    gleaner_recording::validate(&spec).unwrap();
     let left: Vec<String> = draft.left_out.iter().map(|left| format!("{}: {}", left.what, left.reason)).collect();
     assert_eq!(left.len(), 1, "{left:?}");
     assert!(left[0].starts_with("/tf (ros2): it has the poses of frames: a field of size 7"), "{left:?}");

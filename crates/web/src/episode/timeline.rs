@@ -21,6 +21,7 @@ const COLOURS: usize = 6;
 
 /// The plots.
 pub(super) fn timeline(view: &View, times: &[f64]) -> Markup {
+    let read = (&view.task.spec, view.inspected.episode.mapping.as_str());
     html! {
         div.timeline {
             section aria-labelledby="q-head" {
@@ -35,8 +36,8 @@ pub(super) fn timeline(view: &View, times: &[f64]) -> Markup {
             }
             @match &view.numbers {
                 Ok(numbers) => {
-                    (panels("Proprioception", (&numbers.proprioception, &view.task.spec), times))
-                    (panels("Action", (&numbers.action, &view.task.spec), times))
+                    (panels("Proprioception", &numbers.proprioception, read, times))
+                    (panels("Action", &numbers.action, read, times))
                 }
                 Err(error) if error.kind() == Kind::Internal => {
                     p.note.bad { "The steps of the recording cannot be read; see the server's log for the cause." }
@@ -100,18 +101,18 @@ fn drawn(view: &View, q: &[f32], stretches: &[(usize, usize)], times: &[f64]) ->
     frame.draw("q over time, with β as a level line", ("s", "q"), &inside)
 }
 
-fn panels(title: &str, (fields, task): (&[Series], &TaskSpec), times: &[f64]) -> Markup {
+fn panels(title: &str, fields: &[Series], read: (&TaskSpec, &str), times: &[f64]) -> Markup {
     html! {
         @if !fields.is_empty() {
             section aria-label=(title) {
                 h2 { (title) }
-                div.panels { @for field in fields { (panel(field, task, times)) } }
+                div.panels { @for field in fields { (panel(field, read, times)) } }
             }
         }
     }
 }
 
-fn panel(field: &Series, task: &TaskSpec, times: &[f64]) -> Markup {
+fn panel(field: &Series, read: (&TaskSpec, &str), times: &[f64]) -> Markup {
     let values = || field.values.iter().map(|&value| f64::from(value));
     let frame = Frame::new((WIDTH, HEIGHT), whole(times), roomy(values()));
     let dimension = |place: usize| -> Vec<(f64, f64)> {
@@ -122,9 +123,9 @@ fn panel(field: &Series, task: &TaskSpec, times: &[f64]) -> Markup {
         div.panel {
             div.row {
                 h3 { (field.name) }
-                @if field.size > 1 { (legend(field, task)) }
+                @if field.size > 1 { (legend(field, read)) }
             }
-            (frame.draw(&format!("{} over time", field.name), ("s", unit(&field.name, task)), &lines))
+            (frame.draw(&format!("{} over time", field.name), ("s", unit(&field.name, read.0)), &lines))
         }
     }
 }
@@ -135,9 +136,9 @@ fn unit<'a>(field: &str, task: &'a TaskSpec) -> &'a str {
     found.map(|field| field.unit.as_str()).filter(|unit| !unit.is_empty()).unwrap_or("as recorded")
 }
 
-/// The legend: the line of each component of a field, by its name where a mapping has names.
-fn legend(field: &Series, task: &TaskSpec) -> Markup {
-    let mut sources = task.mappings.iter().flat_map(|mapping| &mapping.fields);
+/// The legend: the line of each component of a field, by its name where the mapping by which it was read has names.
+fn legend(field: &Series, (task, mapping): (&TaskSpec, &str)) -> Markup {
+    let mut sources = task.mappings.iter().filter(|known| known.name == mapping).flat_map(|known| &known.fields);
     let source = sources.find(|source| source.field == field.name && source.names.len() == field.size);
     let name = |place: usize| match source {
         Some(source) => source.names[place].clone(),
@@ -218,7 +219,7 @@ mod tests {
                 "mappings": [{"name": "m", "fields": [{"field": "tool", "topic": "/t"}]}]}"#,
         )
         .unwrap();
-        let drawn = |task: &TaskSpec| panel(&field, task, &[0.0, 0.1, 0.2]).into_string();
+        let drawn = |task: &TaskSpec| panel(&field, (task, "m"), &[0.0, 0.1, 0.2]).into_string();
         let plain = drawn(&task);
         assert_eq!((plain.matches("class=\"line c1\"").count(), plain.matches("class=\"line c2\"").count()), (2, 2));
         assert!(plain.contains("[1]") && plain.contains("as recorded") && !plain.contains("NaN"));
@@ -226,5 +227,7 @@ mod tests {
         task.mappings[0].fields[0].names = ["shoulder", "elbow"].map(String::from).into();
         let named = drawn(&task);
         assert!(named.contains("elbow") && named.contains("rad") && !named.contains("[1]"), "{named}");
+        let other = panel(&field, (&task, "other"), &[0.0, 0.1, 0.2]).into_string();
+        assert!(other.contains("[1]") && !other.contains("elbow"), "{other}");
     }
 }
