@@ -178,15 +178,15 @@ impl Blobs {
         let place = self.path(id);
         let folder = place.parent().unwrap_or(&self.root);
         let file = File::open(from).map_err(fault("opening", from))?;
-        // The sweep reads the first time: a blob stored a moment ago may have no row yet. The limit of copies reads the
-        // second, which the system sets by a clock that is behind the one by which copies are used.
-        let now = SystemTime::now();
-        let times = FileTimes::new().set_modified(now).set_accessed(now);
-        file.set_times(times).map_err(fault("dating", from))?;
+        // The sweep reads this time: a blob stored a moment ago may have no row yet.
+        file.set_times(FileTimes::new().set_modified(SystemTime::now())).map_err(fault("dating", from))?;
         file.sync_all().map_err(fault("syncing", from))?;
         crate::fail_point::pass("blob.synced");
         if let Some(remote) = &self.remote {
             send(remote, file.metadata().map_err(fault("reading", from))?.len())?;
+            // The limit of copies reads this time. Sending has set it, by a clock of the system that is behind the one by
+            // which copies are used.
+            file.set_times(FileTimes::new().set_accessed(SystemTime::now())).map_err(fault("dating", from))?;
         }
         crate::fail_point::pass("blob.in_bucket");
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
