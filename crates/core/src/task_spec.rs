@@ -88,8 +88,8 @@ pub struct FieldSpec {
     pub name: String,
     /// The number of its values.
     pub size: u32,
-    /// What its values are measured in, such as `rad`, or, where they differ, `m, then no unit`: for people; nothing is converted. It
-    /// can change at any time.
+    /// What its values are measured in, such as `rad`, or, where they differ, `m, then no unit`: for people; nothing is
+    /// converted. It can change at any time.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub unit: String,
     /// In an action: the least value that the robot executes.

@@ -4,7 +4,8 @@
 //! distance with a proven margin. Cheap products come first, of codes of one byte a value or along few directions, then
 //! single-precision ones where those leave too many candidates; of windows of rows, those of the rows, added up.
 //! Candidates that the bound cannot rule out are compared directly in double precision. So the winner and its distance
-//! are exact and do not depend on tiles, threads or the processor. The product alone would not suffice: near zero, where the best match is, its error exceeds the distance.
+//! are exact and do not depend on tiles, threads or the processor. The product alone would not suffice: near zero, where
+//! the best match is, its error exceeds the distance.
 
 use std::cell::OnceCell;
 use std::sync::{Mutex, PoisonError};

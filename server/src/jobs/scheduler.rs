@@ -70,12 +70,7 @@ async fn start(inner: &Arc<Inner>, schedule: &Schedule, now: Millis) -> Result<O
         Ok((queued, _)) => tracing::info!(schedule.id = %schedule.id, jobs = queued.len(), "schedule started"),
         Err(error) => {
             tracing::warn!(schedule.id = %schedule.id, %error, "schedule could not start");
-            let reason = match schedule.engine_options.as_str() {
-                "" => error.message().to_owned(),
-                // Nothing else changes a schedule.
-                _ => format!("{} (a schedule without them: delete this one and create another)", error.message()),
-            };
-            inner.store.schedule_failed(&schedule.id, &reason, next_run_at).await?;
+            inner.store.schedule_failed(&schedule.id, error.message(), next_run_at).await?;
         }
     }
     Ok(next_run_at)

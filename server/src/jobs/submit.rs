@@ -72,8 +72,8 @@ impl Jobs {
             return Ok(());
         }
         Err(Error::precondition(format!(
-            "engine_options: this server runs jobs by the engine {}, which has no options; leave them out, or start the \
-             server with --engine slurm",
+            "engine_options: this server runs jobs by the engine {}, which has no options; leave them out (of a \
+             schedule: delete it and create another), or start the server with --engine slurm",
             self.0.engine.name()
         )))
     }

@@ -4,6 +4,8 @@ use gleaner_recording::{FieldKind, SurveyedCamera, SurveyedField, SurveyedTopic,
 
 use super::*;
 
+mod roles;
+
 fn range(minimum: f64, maximum: f64) -> ValueRange {
     ValueRange { minimum, maximum }
 }
@@ -109,75 +111,6 @@ fn missing_cameras_are_a_doubt() {
     let out = vec![numbers("target", &[range(-1.0, 1.0)]), numbers("grip", &[range(0.0, 1.0)])];
     let doubts = draft([&recording(vec![topic("/policy_out", "json", out)])], &known("lab")).unwrap().doubts();
     assert!(doubts.len() == 1 && doubts[0].starts_with("the task has no cameras"), "{doubts:?}");
-}
-
-/// The names of observations and actions in a draft of one topic with these fields, and its doubts.
-fn roles(name: &str, paths: &[&str]) -> (Vec<String>, Vec<String>, usize) {
-    let fields = paths.iter().map(|path| numbers(path, &[range(-1.0, 1.0), range(0.0, 5.0)])).collect();
-    let survey = recording(vec![camera("/front", "json", (96, 96)), topic(name, "json", fields)]);
-    let draft = draft([&survey], &known("t")).unwrap();
-    let names = |fields: &[gleaner_recording::FieldSpec]| fields.iter().map(|field| field.name.clone()).collect();
-    (names(&draft.spec.proprioception), names(&draft.spec.action), draft.doubts().len())
-}
-
-#[test]
-fn fields_beside_a_command_are_commands() {
-    for (name, paths, observations, actions) in [
-        ("/policy_out", &["target", "grip"][..], &[][..], &["target", "grip"][..]),
-        ("/leader", &["action", "gripper"], &[], &["action", "gripper"]),
-        ("/leader", &["command.arm", "desired_gripper"], &[], &["arm", "desired_gripper"]),
-        // Each part of a message has its own.
-        (
-            "/robot",
-            &["robot.q", "robot.gripper", "target.arm", "target.gripper"],
-            &["q", "gripper"],
-            &["arm", "target_gripper"],
-        ),
-        // Measurements beside commands of a topic that is named like commands.
-        (
-            "/teleop",
-            &["robot_state_q", "robot.q", "action", "gripper"],
-            &["robot_state_q", "q"],
-            &["action", "gripper"],
-        ),
-        ("/cmd", &["q", "gripper"], &[], &["q", "gripper"]),
-        ("/log", &["action", "robot0_eef_pos", "qpos", "dq"], &["robot0_eef_pos", "qpos", "dq"], &["action"]),
-    ] {
-        let (found, commands, doubts) = roles(name, paths);
-        assert_eq!((found, commands, doubts), (owned(observations), owned(actions), 0), "{name} {paths:?}");
-    }
-}
-
-fn owned(names: &[&str]) -> Vec<String> {
-    names.iter().map(|&name| name.to_owned()).collect()
-}
-
-#[test]
-fn a_field_between_commands_and_measurements_is_a_doubt() {
-    for (name, paths, observations) in [
-        ("/log", &["action", "qpos", "gripper"][..], &["qpos", "gripper"][..]),
-        ("/policy_out", &["target", "ee_pose"], &["ee_pose"]),
-        ("/step", &["action", "other"], &["other"]),
-    ] {
-        let (found, _, doubts) = roles(name, paths);
-        assert_eq!((found, doubts), (owned(observations), 1), "{name} {paths:?}");
-    }
-}
-
-#[test]
-fn each_role_has_its_reason() {
-    let fields = ["ee_pose.position", "mode"].map(|path| numbers(path, &[range(0.0, 1.0)]));
-    let out = ["target", "grip"].map(|path| numbers(path, &[range(-1.0, 5.0)]));
-    let survey = recording(vec![topic("/robot", "json", fields.into()), topic("/out", "json", out.into())]);
-    let text = draft([&survey], &known("t")).unwrap().to_string();
-    for part in [
-        "Proprioception, because it is named like the position of the end effector.",
-        "name = \"ee_pose_position\"",
-        "because it is not named like a command; remove it if a robot cannot send it",
-        "An action, because target of the same topic is one.",
-    ] {
-        assert!(text.contains(part), "{part}: {text}");
-    }
 }
 
 #[test]
@@ -292,6 +225,7 @@ fn transforms_of_frames_are_left_out_with_the_way_to_take_one() {
     survey.topics.push(SurveyedTopic { schema: "sensor_msgs/msg/JointState".into(), ..joints });
     survey.topics.push(topic("/action", "cdr", vec![numbers("data", &[ValueRange::of(0.25); 2])]));
     let draft = draft([&survey], &Known::default()).unwrap();
+    assert!(draft.to_string().contains("Its unit is that of sensor_msgs/msg/JointState"), "{draft}");
     assert!(draft.to_string().contains("size = 2\nunit = \"rad (m where a joint slides)\"\n"), "{draft}");
     let spec: TaskSpec = toml::from_str(&draft.to_string()).unwrap();
     assert_eq!(spec.proprioception[0].unit, draft.spec.proprioception[0].unit);

@@ -99,7 +99,7 @@ pub(in crate::score) fn from_bytes(bytes: &[u8], count: usize, shape: PointShape
     let codes: [Vec<i8>; 3] = codes.collect::<Vec<_>>().try_into().ok()?;
     let bound = |name| -> Option<[f32; 3]> { floats(&data(name, Dtype::F32, &[3])?).try_into().ok() };
     let codes = Codes { codes, steps: bound(BOUNDS[0])?, moved: bound(BOUNDS[1])? };
-    (shape.length == 1).then(|| codes.rough(count, widths).map(Kept::Rough)).flatten()
+    codes.rough(count, widths).map(Kept::Rough)
 }
 
 fn little_endian(values: &[f32]) -> Vec<u8> {
