@@ -173,8 +173,9 @@ $(EXPORTS): | .libtorch
 DIFFERENTIAL_ENV = target/differential-python
 differential: MUTANTS ?= 1500
 differential-test: MUTANTS ?= 50000
+# The features of the whole workspace, so that its dependencies are not built a second time.
 differential differential-test: $(DIFFERENTIAL_ENV)
-	$(CARGO) build --locked -p gleaner-recording --example mutants --features fuzzing
+	$(CARGO) build --locked --workspace --example mutants --features gleaner-recording/fuzzing
 	$(DIFFERENTIAL_ENV)/bin/pip install -q -r crates/recording/differential/requirements.txt
 	$(DIFFERENTIAL_ENV)/bin/python crates/recording/differential/compare.py --program target/debug/examples/mutants \
 		--mutants $(MUTANTS) --seed $(SEED) $(if $(CORPUS),--corpus $(CORPUS))
