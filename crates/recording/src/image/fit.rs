@@ -3,8 +3,8 @@
 //! The one definition of it: recordings, observations of robots and live scores all pass here. Independent of formats and
 //! messages.
 
-use fast_image_resize::images::{CroppedImage, Image, ImageRef};
-use fast_image_resize::{FilterType, PixelType, ResizeAlg, ResizeOptions, Resizer};
+use fast_image_resize::images::{TypedCroppedImage, TypedImage, TypedImageRef};
+use fast_image_resize::{FilterType, ResizeAlg, ResizeOptions, Resizer, pixels::U8x3};
 use gleaner_core::{Crop, PictureSizes};
 
 use super::broken;
@@ -26,14 +26,17 @@ pub(crate) fn check_size(sizes: &PictureSizes, found: (u32, u32)) -> Result<(), 
 /// [`RecordingError::WrongSize`].
 pub(crate) fn color(pixels: Vec<u8>, found: (u32, u32), sizes: &PictureSizes) -> Result<Vec<u8>, RecordingError> {
     let Some(crop) = crop(sizes, found)? else { return Ok(pixels) };
-    let source = ImageRef::new(found.1, found.0, &pixels, PixelType::U8x3).map_err(|error| unfit(&error))?;
+    // Of this kind of pixel alone: with a kind that is a value, the library would be compiled here for all thirteen.
+    let source = TypedImageRef::<U8x3>::from_buffer(found.1, found.0, &pixels).map_err(|error| unfit(&error))?;
     // A view of the crop, because the library's own option reads beyond its border.
-    let crop = CroppedImage::new(&source, crop.left, crop.top, crop.width, crop.height);
+    let crop = TypedCroppedImage::new(source, crop.left, crop.top, crop.width, crop.height);
     let crop = crop.map_err(|error| unfit(&error))?;
-    let mut step = Image::new(sizes.width, sizes.height, PixelType::U8x3);
+    let mut step = vec![0; sizes.height as usize * sizes.width as usize * 3];
+    let mut view =
+        TypedImage::<U8x3>::from_buffer(sizes.width, sizes.height, &mut step).map_err(|error| unfit(&error))?;
     let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear));
-    Resizer::new().resize(&crop, &mut step, &options).map_err(|error| unfit(&error))?;
-    Ok(step.into_vec())
+    Resizer::new().resize_typed(&crop, &mut view, &options).map_err(|error| unfit(&error))?;
+    Ok(step)
 }
 
 /// Depth of a step from 16-bit depth of the (height, width) `found`: the crop, with each new pixel the old one at its
