@@ -1,15 +1,33 @@
 //! The schema of a database: its version, and its update by the migrations of this program.
 
-use std::fmt::Display;
+use std::{fmt::Display, sync::LazyLock};
 
-use sqlx::migrate::{MigrateError, Migrator};
+use include_dir::{Dir, include_dir};
+use sqlx::{
+    SqlSafeStr as _,
+    migrate::{MigrateError, Migration, MigrationType, Migrator},
+};
 
 use super::{fault, row, sql::Pool};
 use crate::error::{Error, Result};
 
 /// The migrations of SQLite. Those of PostgreSQL have the same numbers, from the one with which they begin.
-pub(super) static SQLITE: Migrator = sqlx::migrate!("../migrations/sqlite");
-static POSTGRES: Migrator = sqlx::migrate!("../migrations/postgres");
+pub(super) static SQLITE: LazyLock<Migrator> = LazyLock::new(|| migrator(&SQLITE_FILES));
+static POSTGRES: LazyLock<Migrator> = LazyLock::new(|| migrator(&POSTGRES_FILES));
+
+// `sqlx::migrate!` would compile both databases a second time, for the compiler itself.
+static SQLITE_FILES: Dir<'static> = include_dir!("$CARGO_MANIFEST_DIR/../migrations/sqlite");
+static POSTGRES_FILES: Dir<'static> = include_dir!("$CARGO_MANIFEST_DIR/../migrations/postgres");
+
+/// The migrations of a folder, with the description and checksum that `sqlx` gives each.
+fn migrator(files: &'static Dir<'static>) -> Migrator {
+    let migration = |file: &'static include_dir::File<'static>| {
+        let (version, description) = file.path().file_stem()?.to_str()?.split_once('_')?;
+        let (version, sql) = (version.parse().ok()?, file.contents_utf8()?.into_sql_str());
+        Some(Migration::new(version, description.replace('_', " ").into(), MigrationType::Simple, sql, false))
+    };
+    Migrator::with_migrations(files.files().filter_map(migration).collect())
+}
 
 /// The newest migration of this program.
 pub(crate) fn newest() -> i64 {
@@ -79,6 +97,17 @@ pub(super) async fn has_table(pool: &Pool, name: &str) -> Result<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_file_is_a_migration_and_no_number_is_missing() {
+        for (migrator, files) in [(&SQLITE, &SQLITE_FILES), (&POSTGRES, &POSTGRES_FILES)] {
+            let versions: Vec<i64> = migrator.iter().map(|migration| migration.version).collect();
+            assert_eq!(versions.len(), files.files().count());
+            assert!(versions.is_sorted_by(|one, next| one + 1 == *next), "{versions:?}");
+        }
+        let known = SQLITE.iter().find(|migration| migration.version == 32).unwrap();
+        assert_eq!(known.description, "schedule engine options");
+    }
 
     #[test]
     fn both_databases_have_the_same_newest_migration() {
