@@ -4,7 +4,7 @@
 use crate::bound::Frame;
 use crate::matched::Match;
 use crate::metric::Metric;
-use crate::points::{PARTS, Points};
+use crate::points::Points;
 
 /// With more points than this many times the queries of a tile, the queries' values leave the cache.
 const MOST_MORE: usize = 4;
@@ -47,15 +47,7 @@ pub(crate) struct Corpus {
 
 impl Corpus {
     pub(crate) fn new(groups: &[(u32, &Points)], metric: Metric, tiles: Tiles) -> Self {
-        let mut filled = groups.iter().filter(|(_, points)| points.count() > 0);
-        let mut points = Points::empty(filled.next().map_or([1; PARTS].into(), |(_, points)| points.shape()));
-        let mut bounds = vec![0];
-        for (_, group) in groups {
-            if group.count() > 0 {
-                points.append(group);
-            }
-            bounds.push(points.count());
-        }
+        let (points, bounds) = Points::joined(groups.iter().map(|(_, points)| *points));
         let largest = metric.scale.iter().fold(0.0, |a: f64, b| a.max(*b));
         let unit = if largest > 0.0 { largest } else { 1.0 };
         let relative = Metric { kind: metric.kind, scale: metric.scale.map(|scale| scale / unit) };

@@ -122,15 +122,7 @@ impl Neighbours {
     /// The search over `groups`, which have the same shape, under `metric`. Points are numbered through all groups,
     /// from 0.
     pub fn new(groups: &[Points], metric: Metric) -> Self {
-        let mut filled = groups.iter().filter(|points| points.count() > 0);
-        let mut points = Points::empty(filled.next().map_or([1; PARTS].into(), Points::shape));
-        let mut bounds = vec![0];
-        for group in groups {
-            if group.count() > 0 {
-                points.append(group);
-            }
-            bounds.push(points.count());
-        }
+        let (points, bounds) = Points::joined(groups.iter());
         let windows = Windows::new(&points);
         let parts = [0, 1, 2].map(|part| Part::new((&points, &windows), part, &metric));
         Self { parts, windows, bounds, kind: metric.kind }

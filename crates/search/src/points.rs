@@ -95,6 +95,23 @@ impl Points {
         self.starts.extend(other.starts.iter().map(|start| before + start));
     }
 
+    /// The points of all groups, which have the same shape, in their order; and the number of points before each group,
+    /// then of all. A group without points may have any shape.
+    pub(crate) fn joined<'a>(groups: impl Iterator<Item = &'a Self>) -> (Self, Vec<usize>) {
+        let mut points = Self::empty([1; PARTS]);
+        let mut bounds = vec![0];
+        for group in groups {
+            if points.count() == 0 {
+                points.shape = group.shape;
+            }
+            if group.count() > 0 {
+                points.append(group);
+            }
+            bounds.push(points.count());
+        }
+        (points, bounds)
+    }
+
     /// Number of points N.
     pub fn count(&self) -> usize {
         if self.shape.length > 1 { self.starts.len() } else { self.rows() }
