@@ -60,7 +60,7 @@ impl Demand {
         let demand = |part, needed, available, unit| Self { part, needed, available, unit };
         vec![
             demand(Part::Network, robots * lab.bytes_a_second() * 8.0 / 1e6, machine.network_mbit, "Mbit/s"),
-            demand(Part::Disk, disk_bytes(lab) / 1e12, machine.disk_tb, "TB"),
+            demand(Part::Disk, disk_bytes(lab, machine) / 1e12, machine.disk_tb, "TB"),
             demand(Part::Inspection, inspection_seconds(lab) / 3600.0, processors * 24.0, "processor hours a day"),
             demand(
                 Part::Writes,
@@ -74,17 +74,23 @@ impl Demand {
                 machine.memory_gib * MEMORY_SHARE,
                 "GiB",
             ),
-            demand(Part::Scoring, scoring_seconds(lab) / 3600.0, processors * 24.0, "processor hours a run"),
+            demand(
+                Part::Scoring,
+                scoring_seconds(lab) / 3600.0,
+                machine.scoring_processors() * 24.0,
+                "processor hours a run",
+            ),
             demand(Part::TrainingStart, lab.run_episodes() * rate::START_SECONDS_AN_EPISODE, START, "s"),
             demand(Part::Sessions, robots * lab.rate, rate::ACTIONS_A_SECOND * processors, "actions a second"),
         ]
     }
 }
 
-fn disk_bytes(lab: &Lab) -> f64 {
+fn disk_bytes(lab: &Lab, machine: &Machine) -> f64 {
     let learned = f64::from(lab.learned_pixels) * f64::from(lab.learned_pixels);
     let cached = lab.camera_count() * learned * rate::CACHE_BYTES_A_PIXEL;
-    let step = lab.bytes_a_second() / lab.rate + cached + rate::ROW_BYTES_A_SEGMENT;
+    let recorded = if machine.bucket { 0.0 } else { lab.recorded_bytes_a_step() };
+    let step = recorded + cached + rate::ROW_BYTES_A_SEGMENT;
     lab.steps() * step + lab.episodes() * rate::ROW_BYTES_AN_EPISODE
 }
 
@@ -117,7 +123,8 @@ mod tests {
         }
     }
 
-    const MACHINE: Machine = Machine { processors: 2, memory_gib: 24.0, disk_tb: 1.0, network_mbit: 1000.0 };
+    const MACHINE: Machine =
+        Machine { processors: 2, memory_gib: 24.0, disk_tb: 1.0, network_mbit: 1000.0, nodes: 0, bucket: false };
 
     fn part(demands: &[Demand], part: Part) -> Demand {
         *demands.iter().find(|demand| demand.part == part).unwrap()
@@ -136,6 +143,17 @@ mod tests {
         // 360,000 steps: recordings of 136 kB, caches of 52 kB.
         let disk = part(&demands, Part::Disk);
         assert!((0.067..0.069).contains(&disk.needed), "{disk:?}");
+    }
+
+    /// Caches of 52 kB for each of 360,000 steps stay on the disk; 4 nodes have 4 times the processors of the server.
+    #[test]
+    fn a_bucket_takes_the_recordings_and_nodes_the_score_runs() {
+        let larger = Machine { bucket: true, nodes: 4, ..MACHINE };
+        let (alone, helped) = (Demand::of(&lab(1), &MACHINE), Demand::of(&lab(1), &larger));
+        let disk = part(&helped, Part::Disk).needed;
+        assert!((0.018..0.020).contains(&disk), "{disk}");
+        let (alone, helped) = (part(&alone, Part::Scoring), part(&helped, Part::Scoring));
+        assert_eq!((helped.needed, helped.available), (alone.needed, 4.0 * alone.available));
     }
 
     #[test]

@@ -46,7 +46,18 @@ impl Lab {
     /// Bytes that one robot records in a second.
     #[must_use]
     pub fn bytes_a_second(&self) -> f64 {
-        self.rate * self.cameras.iter().map(Camera::recorded_bytes).sum::<f64>()
+        self.rate * self.recorded_bytes_a_step()
+    }
+
+    /// Bytes that one robot records at one step.
+    pub(crate) fn recorded_bytes_a_step(&self) -> f64 {
+        self.cameras.iter().map(Camera::recorded_bytes).sum()
+    }
+
+    /// Bytes of all recordings that are kept.
+    #[must_use]
+    pub fn recorded_bytes(&self) -> f64 {
+        self.steps() * self.recorded_bytes_a_step()
     }
 
     /// Bytes that all robots record in a day.

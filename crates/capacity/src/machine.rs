@@ -1,4 +1,4 @@
-//! The machine of the server.
+//! The machine of the server, and what it has beside it.
 
 use serde::Serialize;
 
@@ -13,4 +13,15 @@ pub struct Machine {
     pub disk_tb: f64,
     /// Network towards the robots in Mbit/s.
     pub network_mbit: f64,
+    /// Nodes of a cluster with as many processors each, among which score runs are divided; 0: they run on the server.
+    pub nodes: u32,
+    /// Whether recordings are in a bucket, so that the disk holds the cache and the database alone.
+    pub bucket: bool,
+}
+
+impl Machine {
+    /// Processors that score: those of the nodes, or of the server where there is no node.
+    pub(crate) fn scoring_processors(&self) -> f64 {
+        f64::from(self.processors) * f64::from(self.nodes.max(1))
+    }
 }

@@ -51,13 +51,15 @@ pub fn report(lab: &Lab, machine: &Machine) -> Report {
 }
 
 impl Part {
-    fn words(self) -> &'static str {
+    fn words(self, machine: &Machine) -> &'static str {
         match self {
             Self::Network => "network while robots record",
+            Self::Disk if machine.bucket => "disk for cache and database",
             Self::Disk => "disk for recordings, cache and database",
             Self::Inspection => "inspection of recordings",
             Self::Writes => "durable writes of the database",
             Self::Memory => "newest score run, in half of the memory",
+            Self::Scoring if machine.nodes > 0 => "score run on the nodes, within a day",
             Self::Scoring => "score run, within a day",
             Self::TrainingStart => "first step of a training, within a minute",
             Self::Sessions => "actions for all robots at once",
@@ -65,14 +67,22 @@ impl Part {
     }
 
     /// What helps when one machine does not suffice.
-    fn remedy(self) -> &'static str {
+    fn remedy(self, machine: &Machine) -> &'static str {
         match self {
             Self::Network => "record video in place of JPEG, or push at night (`gleaner push` resumes)",
-            Self::Disk => "keep recordings for fewer days, record video, or limit the cache (`--max-cache-bytes`)",
+            Self::Disk if machine.bucket => "limit the cache (`--max-cache-bytes`), or learn from smaller pictures",
+            Self::Disk => {
+                "keep recordings for fewer days, record video, keep recordings in a bucket (`--blob-store`), or limit the cache \
+                 (`--max-cache-bytes`)"
+            }
             Self::Inspection => "more processors, or JPEG, which decodes faster than video",
             Self::Writes => "longer episodes",
             Self::Memory => "score fewer days in one run (a snapshot of some cohorts), or more memory",
-            Self::Scoring => "compare with fewer experts, or extend an earlier run, which compares new episodes alone",
+            Self::Scoring if machine.nodes > 0 => "more nodes, or compare with fewer experts",
+            Self::Scoring => {
+                "compare with fewer experts, extend an earlier run, which compares new episodes alone, or divide it among \
+                 nodes (`--score-ranks`)"
+            }
             Self::TrainingStart => "train on the best part of a dataset, or on a snapshot of fewer days",
             Self::Sessions => "more processors, or a second server for some of the robots",
         }
@@ -91,17 +101,26 @@ impl fmt::Display for Report {
             rounded(self.episodes),
             rounded(self.run_segments),
         )?;
+        let Machine { processors, memory_gib, disk_tb, network_mbit, nodes, bucket } = machine;
+        if *bucket {
+            writeln!(f, "The bucket holds {} TB of recordings.", rounded(lab.recorded_bytes() / 1e12))?;
+        }
+        let beside = match nodes {
+            0 => String::new(),
+            1 => format!(", and a node of {processors} processors"),
+            _ => format!(", and {nodes} nodes of {processors} processors"),
+        };
         writeln!(
             f,
-            "One server with {} processors, {} GiB of memory, {} TB of disk and {} Mbit/s:\n",
-            machine.processors, machine.memory_gib, machine.disk_tb, machine.network_mbit,
+            "One server with {processors} processors, {memory_gib} GiB of memory, {disk_tb} TB of disk and \
+             {network_mbit} Mbit/s{beside}:\n",
         )?;
         let mut table = Table::new();
         table.load_style(NOTHING).set_content_arrangement(ContentArrangement::Disabled);
         table.set_header(["part", "needed", "available", "unit", "used", "enough for"]);
         table.add_rows(self.parts.iter().map(|Row { demand, share, largest_lab }| {
             [
-                demand.part.words().to_owned(),
+                demand.part.words(machine).to_owned(),
                 rounded(demand.needed),
                 rounded(demand.available),
                 demand.unit.to_owned(),
@@ -126,12 +145,17 @@ impl fmt::Display for Report {
             writeln!(
                 f,
                 "One server suffices. The first part to give out is {}, above {} robots.",
-                first.demand.part.words(),
+                first.demand.part.words(machine),
                 first.largest_lab
             )?;
         }
         for row in beyond {
-            writeln!(f, "Not enough: {}. Remedy: {}.", row.demand.part.words(), row.demand.part.remedy())?;
+            writeln!(
+                f,
+                "Not enough: {}. Remedy: {}.",
+                row.demand.part.words(machine),
+                row.demand.part.remedy(machine)
+            )?;
         }
         write!(f, "The rates were measured on two processors and scaled; docs/scale.md names their sources.")
     }
@@ -176,7 +200,8 @@ mod tests {
         }
     }
 
-    const MACHINE: Machine = Machine { processors: 16, memory_gib: 128.0, disk_tb: 20.0, network_mbit: 1000.0 };
+    const MACHINE: Machine =
+        Machine { processors: 16, memory_gib: 128.0, disk_tb: 20.0, network_mbit: 1000.0, nodes: 0, bucket: false };
 
     #[test]
     fn numbers_have_three_digits_that_matter() {
@@ -205,6 +230,20 @@ mod tests {
         }
         let text = report.to_string();
         assert_eq!(text.matches("Not enough: ").count(), shares.iter().filter(|share| **share > 1.0).count());
+    }
+
+    #[test]
+    fn a_bucket_and_nodes_are_named() {
+        let text = report(&lab(100), &Machine { nodes: 8, bucket: true, ..MACHINE }).to_string();
+        for part in [
+            "The bucket holds 2144 TB of recordings.",
+            "1000 Mbit/s, and 8 nodes of 16 processors:",
+            "disk for cache and database",
+            "score run on the nodes, within a day",
+        ] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        assert!(!text.contains("--blob-store"), "{text}");
     }
 
     #[test]

@@ -46,6 +46,13 @@ pub struct PlanConfig {
     /// Network towards the robots in Mbit/s.
     #[arg(long, default_value_t = 1000.0, value_name = "MBIT", value_parser = positive)]
     pub network_mbit: f64,
+    /// Nodes of a cluster, each with as many processors as the server, among which score runs are divided (`--engine slurm`,
+    /// `--score-ranks`; 0: they run on the server).
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub nodes: u32,
+    /// Keep recordings in a bucket (`--blob-store`), so that the disk holds the cache and the database alone.
+    #[arg(long)]
+    pub bucket: bool,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -63,8 +70,8 @@ impl PlanConfig {
         let &Self { robots, hours_a_day, episode_seconds, rate, learned_pixels, experts, run_days, days, .. } = self;
         let cameras = self.cameras.clone();
         let lab = Lab { robots, hours_a_day, episode_seconds, rate, cameras, learned_pixels, experts, run_days, days };
-        let &Self { processors, memory_gib, disk_tb, network_mbit, .. } = self;
-        (lab, Machine { processors, memory_gib, disk_tb, network_mbit })
+        let &Self { processors, memory_gib, disk_tb, network_mbit, nodes, bucket, .. } = self;
+        (lab, Machine { processors, memory_gib, disk_tb, network_mbit, nodes, bucket })
     }
 }
 
