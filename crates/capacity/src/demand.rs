@@ -39,14 +39,14 @@ pub struct Demand {
     pub part: Part,
     /// Needed.
     pub needed: f64,
-    /// There on one machine.
+    /// What there is of it.
     pub available: f64,
     /// The unit of both.
     pub unit: &'static str,
 }
 
 impl Demand {
-    /// The share of the part that is used; above 1 one machine does not suffice.
+    /// The share of the part that is used; above 1 the part does not suffice.
     #[must_use]
     pub fn share(&self) -> f64 {
         self.needed / self.available

@@ -1,4 +1,4 @@
-//! The largest lab of a kind that one machine serves.
+//! The largest lab of a kind for which each part suffices.
 
 use crate::{
     demand::{Demand, Part},
@@ -6,7 +6,7 @@ use crate::{
     machine::Machine,
 };
 
-/// The most robots of this kind of lab for which a part of one machine suffices; 0 if it does not suffice for one.
+/// The most robots of this kind of lab for which a part of the machine suffices; 0 if it does not suffice for one.
 #[must_use]
 pub fn largest_lab(lab: &Lab, machine: &Machine, part: Part) -> u32 {
     let suffices = |robots: u32| {

@@ -15,12 +15,14 @@ pub struct Machine {
     pub network_mbit: f64,
     /// Nodes of a cluster with as many processors each, among which score runs are divided; 0: they run on the server.
     pub nodes: u32,
-    /// Whether recordings are in a bucket, so that the disk holds the cache and the database alone.
+    /// Whether recordings are in a bucket, so that the disk holds the cache and the database. Copies of recordings in use
+    /// are not counted.
     pub bucket: bool,
 }
 
 impl Machine {
-    /// Processors that score: those of the nodes, or of the server where there is no node.
+    /// Processors that score: those of the nodes, which are taken to share a run without loss, or of the server where there
+    /// is no node.
     pub(crate) fn scoring_processors(&self) -> f64 {
         f64::from(self.processors) * f64::from(self.nodes.max(1))
     }

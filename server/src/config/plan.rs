@@ -47,10 +47,11 @@ pub struct PlanConfig {
     #[arg(long, default_value_t = 1000.0, value_name = "MBIT", value_parser = positive)]
     pub network_mbit: f64,
     /// Nodes of a cluster, each with as many processors as the server, among which score runs are divided (`--engine slurm`,
-    /// `--score-ranks`; 0: they run on the server).
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    /// `--score-ranks`), up to 64; 0: they run on the server.
+    #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u32).range(..=64))]
     pub nodes: u32,
-    /// Keep recordings in a bucket (`--blob-store`), so that the disk holds the cache and the database alone.
+    /// Keep recordings in a bucket (`--blob-store`). The disk then holds the cache, the database and copies of the recordings
+    /// in use (`--blob-cache-bytes`), which are not counted.
     #[arg(long)]
     pub bucket: bool,
     /// Print JSON.
@@ -119,6 +120,7 @@ mod tests {
             ("--rate", "0", "above 0"),
             ("--disk-tb", "nan", "above 0"),
             ("--days", "0", "0 is not in 1.."),
+            ("--nodes", "65", "65 is not in 0..=64"),
             ("--cameras", "2x480", "COUNTxHEIGHTxWIDTH"),
         ] {
             let problem = parse(&[flag, value]).unwrap_err().to_string();
