@@ -19,12 +19,13 @@ static POSTGRES: LazyLock<Migrator> = LazyLock::new(|| migrator(&POSTGRES_FILES)
 static SQLITE_FILES: Dir<'static> = include_dir!("$CARGO_MANIFEST_DIR/../migrations/sqlite");
 static POSTGRES_FILES: Dir<'static> = include_dir!("$CARGO_MANIFEST_DIR/../migrations/postgres");
 
-/// The migrations of a folder, with the description and checksum that `sqlx` gives each.
+/// The migrations of a folder, with the description and checksum that `sqlx` gives each. Other files are left out.
 fn migrator(files: &'static Dir<'static>) -> Migrator {
     let migration = |file: &'static include_dir::File<'static>| {
-        let (version, description) = file.path().file_stem()?.to_str()?.split_once('_')?;
-        let (version, sql) = (version.parse().ok()?, file.contents_utf8()?.into_sql_str());
-        Some(Migration::new(version, description.replace('_', " ").into(), MigrationType::Simple, sql, false))
+        let (version, description) = file.path().to_str()?.strip_suffix(".sql")?.split_once('_')?;
+        let (version, sql) = (version.parse().ok()?, file.contents_utf8()?);
+        let (description, alone) = (description.replace('_', " "), sql.starts_with("-- no-transaction"));
+        Some(Migration::new(version, description.into(), MigrationType::Simple, sql.into_sql_str(), alone))
     };
     Migrator::with_migrations(files.files().filter_map(migration).collect())
 }
