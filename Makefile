@@ -173,7 +173,7 @@ $(EXPORTS): | .libtorch
 DIFFERENTIAL_ENV = target/differential-python
 differential: MUTANTS ?= 1500
 differential-test: MUTANTS ?= 50000
-# The features of the whole workspace, so that its dependencies are not built a second time.
+# `--workspace` selects the features with which `make test` builds, so that nothing is built a second time.
 differential differential-test: $(DIFFERENTIAL_ENV)
 	$(CARGO) build --locked --workspace --example mutants --features gleaner-recording/fuzzing
 	$(DIFFERENTIAL_ENV)/bin/pip install -q -r crates/recording/differential/requirements.txt

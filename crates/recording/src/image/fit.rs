@@ -26,7 +26,7 @@ pub(crate) fn check_size(sizes: &PictureSizes, found: (u32, u32)) -> Result<(), 
 /// [`RecordingError::WrongSize`].
 pub(crate) fn color(pixels: Vec<u8>, found: (u32, u32), sizes: &PictureSizes) -> Result<Vec<u8>, RecordingError> {
     let Some(crop) = crop(sizes, found)? else { return Ok(pixels) };
-    // Of this kind of pixel alone: with a kind that is a value, the library would be compiled here for all thirteen.
+    // `Resizer::resize` selects the kind of pixel at run time, and would compile all thirteen into this crate.
     let source = TypedImageRef::<U8x3>::from_buffer(found.1, found.0, &pixels).map_err(|error| unfit(&error))?;
     // A view of the crop, because the library's own option reads beyond its border.
     let crop = TypedCroppedImage::new(source, crop.left, crop.top, crop.width, crop.height);
