@@ -4,7 +4,7 @@
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::ops::RangeInclusive;
 use std::os::unix::fs::FileExt as _;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -14,6 +14,8 @@ use re_mp4::{Avc1Box, HevcBox, Mp4, Sample, StsdBoxContent, TrackKind};
 
 use crate::problem::Problem;
 
+/// Most bytes of a file's tables: those of a day at 30 pictures a second take about a quarter.
+const MOST_TABLE_BYTES: u64 = 256 << 20;
 /// Most bytes of a packet.
 const MOST_BYTES: u64 = 64 << 20;
 /// Seconds by which the time of a picture may differ from that of its step.
@@ -55,7 +57,9 @@ impl Film {
     pub(super) fn open(path: &Path) -> Result<Self, Problem> {
         let file = File::open(path).map_err(Problem::io(path))?;
         let size = file.metadata().map_err(Problem::io(path))?.len();
-        let read = || Mp4::read(BufReader::new(&file), size);
+        // Each byte of a table is read once. The reader never ends where a part of a table states that it has no length.
+        let left = (2 * size).min(MOST_TABLE_BYTES);
+        let read = || Mp4::read(Bounded { from: BufReader::new(&file), left }, size);
         // The reader panics on tables that contradict each other.
         let damaged = |why: String| unfit(path, &format!("the video is damaged ({why}); copy or download it again"));
         let mp4 =
@@ -168,6 +172,27 @@ impl Film {
                 shown.len()
             ),
         )
+    }
+}
+
+/// A reader of so many bytes, wherever they are.
+struct Bounded<R> {
+    from: R,
+    left: u64,
+}
+
+impl<R: Read> Read for Bounded<R> {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.from.read(out)?;
+        let left = self.left.checked_sub(count as u64);
+        self.left = left.ok_or_else(|| std::io::Error::other("its tables are read again and again"))?;
+        Ok(count)
+    }
+}
+
+impl<R: Seek> Seek for Bounded<R> {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.from.seek(to)
     }
 }
 

@@ -155,3 +155,15 @@ fn other_codecs_are_named() {
     let error = copy.refused();
     assert!(error.contains("file-000.mp4") && error.contains("AV1, H.264 or H.265"), "{error}");
 }
+
+/// Found by fuzzing: the reader of MP4 stays at a part without a length.
+#[test]
+fn a_table_without_a_length_ends() {
+    let copy = Copy::of("lerobot_v30_video");
+    let mut bytes = fs::read(copy.file(VIDEO)).unwrap();
+    let at = bytes.windows(4).position(|window| window == b"stsd").unwrap();
+    bytes[at - 4..at].fill(0);
+    fs::write(copy.file(VIDEO), bytes).unwrap();
+    let error = copy.refused();
+    assert!(error.contains("file-000.mp4") && error.contains("the video is damaged"), "{error}");
+}
