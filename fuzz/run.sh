@@ -17,12 +17,16 @@ cargo +nightly fuzz --version >/dev/null 2>&1 || {
     exit 1
 }
 plain="container foxglove ros2 json path cdr protobuf image"
+datasets="dataset"
 linked="checkpoint observation wire"
-[ $# -gt 0 ] || set -- $plain $linked
+[ $# -gt 0 ] || set -- $plain $datasets $linked
 export LD_LIBRARY_PATH="$PWD/../.libtorch/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}" OMP_NUM_THREADS=1
 # Recordings are read from files, which are in memory where that is possible.
 [ ! -w /dev/shm ] || export TMPDIR=/dev/shm
-features() { case " $linked " in *" $1 "*) echo "--features server" ;; esac; }
+features() {
+    case " $datasets " in *" $1 "*) echo "--features datasets" ;; esac
+    case " $linked " in *" $1 "*) echo "--features server" ;; esac
+}
 
 for target; do
     # The code is safe Rust, so the search is for panics, time and memory, and sanitizers would slow it down. The target

@@ -1,6 +1,8 @@
 //! Shared parts of the fuzz targets: limits on the cost of an input, recordings with the messages of an input, and the task
 //! of those recordings.
 
+#[cfg(feature = "datasets")]
+pub mod dataset;
 pub mod recording;
 pub mod seeds;
 pub mod task;
@@ -33,7 +35,7 @@ pub fn run(input: impl FnOnce()) {
 }
 
 /// Crates whose panics are known and caught by their callers; any other panic ends the target.
-const CAUGHT: [&str; 2] = ["/mcap-", "/prost-reflect-"];
+const CAUGHT: [&str; 6] = ["/arrow-", "/hdf5-pure-", "/mcap-", "/parquet-", "/prost-reflect-", "/re_mp4-"];
 
 fn ignore_caught_panics() {
     let end = std::panic::take_hook();

@@ -30,6 +30,8 @@ pub fn write(target: &str) {
         "protobuf" => foxglove().and_then(|steps| schemas(target, dialects::foxglove(), steps)),
         "image" => images(),
         "checkpoint" => checkpoints(),
+        #[cfg(feature = "datasets")]
+        "dataset" => datasets(),
         "observation" => seed(target, "raw", &observation()),
         "wire" => messages(),
         _ => Ok(()),
@@ -211,6 +213,22 @@ fn images() -> Result<(), Failure> {
     for kind in 9..18_u8 {
         let size = [SIDE, SIDE, SIDE * 4].map(u32::to_le_bytes).concat();
         seed("image", &format!("raw-{kind}"), &[&[kind][..], &size, &[7; 256]].concat())?;
+    }
+    Ok(())
+}
+
+/// Each file of the datasets of the tests: whole, or with its first bytes written over themselves.
+#[cfg(feature = "datasets")]
+fn datasets() -> Result<(), Failure> {
+    for (at, file) in crate::dataset::files().enumerate() {
+        let mut bytes = vec![at as u8];
+        if fs::metadata(&file)?.len() <= crate::dataset::MOST_BYTES {
+            bytes.extend(fs::read(&file)?);
+        } else {
+            bytes.extend([0; 3]);
+            append(&mut bytes, &fs::read(&file)?[..512]);
+        }
+        seed("dataset", &at.to_string(), &bytes)?;
     }
     Ok(())
 }
