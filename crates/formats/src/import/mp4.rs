@@ -175,7 +175,7 @@ impl Film {
     }
 }
 
-/// A reader of so many bytes, wherever they are.
+/// A reader of at most `left` bytes, wherever they lie.
 struct Bounded<R> {
     from: R,
     left: u64,
