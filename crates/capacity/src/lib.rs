@@ -1,6 +1,6 @@
-//! What a lab of a size needs of one server and of what stands beside it: recordings, disk, inspection, scoring, sessions and memory, each from a rate
-//! that was measured, and the part that gives out first. The crate computes and prints; it depends on no other crate of the
-//! workspace and reads nothing.
+//! What a lab of a size needs of one server and of what stands beside it: recordings, disk, inspection, scoring, sessions
+//! and memory, each from a rate that was measured, and the part that gives out first. The crate computes and prints; it
+//! depends on no other crate of the workspace and reads nothing.
 
 mod camera;
 mod codec;
