@@ -2,10 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::io::{BufReader, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
+use bytes::Bytes;
 use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
+use parquet::file::reader::{ChunkReader, Length};
 use serde_json::Value;
 
 use super::{cells, unfit, unopened};
@@ -13,6 +16,38 @@ use crate::problem::Problem;
 
 /// Rows of small tables that are decoded at once.
 const TABLE_ROWS: usize = 1024;
+
+/// A file of parquet, whose end is an error: the reader skips what a damaged page states, be it billions of values, and does
+/// not notice that none is left.
+pub(super) struct Table(File);
+
+impl Length for Table {
+    fn len(&self) -> u64 {
+        Length::len(&self.0)
+    }
+}
+
+impl ChunkReader for Table {
+    type T = Part;
+
+    fn get_read(&self, start: u64) -> parquet::errors::Result<Part> {
+        self.0.get_read(start).map(Part)
+    }
+
+    fn get_bytes(&self, start: u64, length: usize) -> parquet::errors::Result<Bytes> {
+        self.0.get_bytes(start, length)
+    }
+}
+
+/// A file from some byte on.
+pub(super) struct Part(BufReader<File>);
+
+impl Read for Part {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.0.read(out)?;
+        if count == 0 && !out.is_empty() { Err(ErrorKind::UnexpectedEof.into()) } else { Ok(count) }
+    }
+}
 
 /// The files `*.parquet` in a folder or the folders in it, by their names.
 pub(super) fn tables(folder: &Path) -> Result<Vec<PathBuf>, Problem> {
@@ -50,8 +85,8 @@ pub(super) fn read_table(path: &Path, columns: &[String]) -> Result<Vec<BTreeMap
 }
 
 /// A reader of the columns named.
-pub(super) fn builder(path: &Path, names: &[&str]) -> Result<ParquetRecordBatchReaderBuilder<File>, Problem> {
-    let file = File::open(path).map_err(unopened(path))?;
+pub(super) fn builder(path: &Path, names: &[&str]) -> Result<ParquetRecordBatchReaderBuilder<Table>, Problem> {
+    let file = Table(File::open(path).map_err(unopened(path))?);
     // The types are those of parquet, whatever a writer noted beside them.
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     let builder = ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
