@@ -97,7 +97,9 @@ fn the_stages_compute_what_torchvision_computes_for_the_same_image() {
 #[test]
 fn a_camera_with_depth_begins_with_the_features_of_its_colours() {
     let [plain, deep] = [false, true].map(|depth| stages(Kind::Resnet18, depth).remove(3));
-    assert_eq!((&plain - &deep).abs().max().double_value(&[]), 0.0);
+    // Not bit for bit: another number of channels is summed in another order on some processors.
+    let [moved, size] = [&plain - &deep, plain].map(|x| x.abs().max().double_value(&[]));
+    assert!(moved < 1e-4 * size, "{moved} of {size}");
 }
 
 #[test]
