@@ -12,8 +12,8 @@ use tch::Tensor;
 use crate::error::LearnError;
 use gleaner_core::Device;
 
-/// Held while the number of threads changes.
-static THREADS: Mutex<()> = Mutex::new(());
+/// The number of intra-op threads of the process, once it is known. Held while the number changes.
+static THREADS: Mutex<Option<i32>> = Mutex::new(None);
 
 /// Just under the largest value of glibc's dynamic threshold.
 const KEPT: usize = (32 << 20) - (64 << 10);
@@ -22,8 +22,8 @@ const KEPT: usize = (32 << 20) - (64 << 10);
 ///
 /// Serve with one thread per model: a second thread on busy cores costs more than it gains.
 pub fn set_threads(threads: u32) {
-    let _changing = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
-    tch::set_num_threads(i32::try_from(threads.max(1)).unwrap_or(i32::MAX));
+    let mut process = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
+    tch::set_num_threads(*process.insert(i32::try_from(threads.max(1)).unwrap_or(i32::MAX)));
 }
 
 /// The library's device for `device`; also sets `threads`, if given.
@@ -48,9 +48,16 @@ pub(crate) fn spawn_single<'scope>(
     scope: &'scope Scope<'scope, '_>,
     work: impl FnOnce() + Send + 'scope,
 ) -> io::Result<()> {
-    let _changing = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
-    let threads = tch::get_num_threads();
+    let mut process = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
+    let threads = *process.get_or_insert_with(tch::get_num_threads);
     let (started, wait) = channel::<()>();
+    // The number becomes that of the thread which sets it, and of all that start later. So another thread returns it to
+    // the process: the caller, which may itself be a single thread, keeps its own.
+    let restore = move || {
+        let _ended = wait.recv();
+        tch::set_num_threads(threads);
+    };
+    let restored = Builder::new().spawn_scoped(scope, restore)?;
     let single = move || {
         // The first call on a thread takes the number of the process, so it comes before that of the thread.
         let _process = tch::get_num_threads();
@@ -59,9 +66,7 @@ pub(crate) fn spawn_single<'scope>(
         work();
     };
     Builder::new().name("batches".to_owned()).spawn_scoped(scope, single)?;
-    // The number is that of the thread which sets it, and of all that start later.
-    let _ended = wait.recv();
-    tch::set_num_threads(threads);
+    let _ended = restored.join();
     Ok(())
 }
 
@@ -91,6 +96,22 @@ mod tests {
     use super::*;
 
     const PIECE: usize = 16 << 20;
+
+    #[test]
+    fn a_single_thread_that_starts_another_stays_single_and_the_process_keeps_its_number() {
+        let (number, numbers) = channel();
+        std::thread::scope(|scope| {
+            let first = move || {
+                std::thread::scope(|inner| spawn_single(inner, || ()).unwrap());
+                number.send(tch::get_num_threads()).unwrap();
+            };
+            spawn_single(scope, first).unwrap();
+        });
+        // Held, so that no other test changes the number.
+        let process = THREADS.lock().unwrap();
+        let later = std::thread::spawn(tch::get_num_threads).join().unwrap();
+        assert_eq!((numbers.recv().unwrap(), later), (1, process.unwrap()));
+    }
 
     /// Pages given to this thread so far.
     fn faults() -> usize {
