@@ -161,8 +161,8 @@ def test_refusals_name_the_call_and_keep_the_token_out(
 
 
 def test_the_command_prints_the_run_or_one_line(server: str, lab: Lab, rules: str) -> None:
-    def run(job: str) -> subprocess.CompletedProcess[str]:
-        words = [sys.executable, "-m", "gleaner.track", job, "--mlflow", rules, "--server", server]
+    def run(*given: str) -> subprocess.CompletedProcess[str]:
+        words = [sys.executable, "-m", "gleaner.track", *given, "--mlflow", rules, "--server", server]
         return subprocess.run(words, check=False, capture_output=True, text=True)
 
     assert run(lab.score.id).stdout.strip() in Rules.runs
@@ -170,6 +170,14 @@ def test_the_command_prints_the_run_or_one_line(server: str, lab: Lab, rules: st
     assert missing.returncode == 1
     assert missing.stderr.startswith("error: ")
     assert missing.stderr.count("\n") == 1
+
+    every = run("--all", "--task", TASK).stdout.split()
+    sent = dict(zip(every[::2], every[1::2], strict=True))
+    assert {lab.pretrain.id, lab.score.id, lab.train.id} <= sent.keys()
+    assert len(set(sent.values())) == len(sent)
+    assert set(sent.values()) <= Rules.runs.keys()
+    for words in [("--all", "--follow"), (lab.score.id, "--task", TASK), (lab.score.id, "--all"), ()]:
+        assert run(*words).returncode == 2, words
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
-"""A job as a run of MLflow, by its REST interface: parameters, curves and end state. Needs no package of MLflow.
+"""Jobs as runs of MLflow, by its REST interface: parameters, curves and end state. Needs no package of MLflow.
 
-`python -m gleaner.track JOB --mlflow URL` sends what there is, with `--follow` until the job ends. Sending a job again
-adds to its run what is new.
+`python -m gleaner.track JOB --mlflow URL` sends what there is, with `--follow` until the job ends; `--all` sends every
+job. Sending a job again adds to its run what is new.
 """
 
 from __future__ import annotations
@@ -123,6 +123,15 @@ def track(client: Client, job: str | Job, url: str, *, experiment: str = "gleane
     return sender.run_id
 
 
+def track_all(client: Client, url: str, *, task: str = "", experiment: str = "gleaner") -> dict[str, str]:
+    """Sends every job, or those of one task, to MLflow at `url`; returns the id of the run of each job, oldest first.
+
+    Raises `TrackerError` when MLflow is unreachable or rejects a request.
+    """
+    jobs = sorted(client.jobs.list(task), key=lambda job: job.create_time.ToNanoseconds())
+    return {job.id: track(client, job, url, experiment=experiment) for job in jobs}
+
+
 def _curves(client: Client, job: Job) -> Iterator[tuple[str, int, float]]:
     for name, curve in client.jobs.metrics(job).items():
         for step, value in zip(curve.steps, curve.values, strict=True):
@@ -212,15 +221,27 @@ def _pairs(values: dict[str, str]) -> list[dict[str, Any]]:
 def main() -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m gleaner.track", description=__doc__.splitlines()[0])
-    parser.add_argument("job", help="id of the job")
+    jobs = parser.add_mutually_exclusive_group(required=True)
+    jobs.add_argument("job", nargs="?", help="id of the job")
+    jobs.add_argument(
+        "--all", action="store_true", help="every job that the server has, or with --task those of a task"
+    )
+    parser.add_argument("--task", default="", metavar="NAME", help="with --all: only the jobs of this task")
     parser.add_argument("--mlflow", required=True, metavar="URL", help="address of MLflow's server")
     parser.add_argument("--experiment", default="gleaner", help="experiment of the run, created if missing")
     parser.add_argument("--follow", action="store_true", help="send new metrics until the job ends")
     add_connection(parser)
     given = parser.parse_args()
+    for flag, value, wanted in [("--follow", given.follow, not given.all), ("--task", given.task, given.all)]:
+        if value and not wanted:
+            parser.error(f"{flag} applies to {'one job' if given.all else '--all'} only")
 
     def run() -> int:
         with connected(given) as client:
+            if given.all:
+                for job, sent in track_all(client, given.mlflow, task=given.task, experiment=given.experiment).items():
+                    print(job, sent)
+                return 0
             print(track(client, given.job, given.mlflow, experiment=given.experiment, follow=given.follow))
         return 0
 
