@@ -44,16 +44,21 @@ impl Alike {
     }
 }
 
-/// A message without what differs between recordings with one problem: its numbers, and the id of the call.
+/// A message without what differs between recordings with one problem: its numbers, and the id of the call. The numbers
+/// in topics and paths stay: `/joint1` and `/joint2` are two problems.
 fn key(text: &str) -> String {
     let text = text.split(" (request ").next().unwrap_or_default();
     let mut key = String::new();
+    let (mut named, mut last) = (false, ' ');
     for c in text.chars() {
+        let apart = |c: char| c.is_whitespace() || "\"'`(,;".contains(c);
+        named = if c == '/' { named || apart(last) } else { named && !apart(c) };
         match c {
-            '0'..='9' if key.ends_with('0') => {}
-            '0'..='9' => key.push('0'),
+            '0'..='9' if !named && last.is_ascii_digit() => {}
+            '0'..='9' if !named => key.push('0'),
             other => key.push(other),
         }
+        last = c;
     }
     key
 }
@@ -68,11 +73,16 @@ mod tests {
         for at in 0..105 {
             alike.add(&format!("{at}.mcap: {} messages of /x are missing", 10 + at), &format!("x/{at}.mcap"));
         }
+        for (topic, recording) in [("/joint1", "p.mcap"), ("/joint2", "q.mcap"), ("/joint1", "r.mcap")] {
+            alike.add(&format!("\"{topic}\" ends after 12.5 s"), recording);
+        }
         alike.add("is empty", "z.mcap");
         assert_eq!(
             alike.lines("rejected"),
             [
                 "rejected: 105 recordings (x/0.mcap, x/1.mcap, x/2.mcap, …): 0.mcap: 10 messages of /x are missing",
+                "rejected: 2 recordings (p.mcap, r.mcap): \"/joint1\" ends after 12.5 s",
+                "rejected: q.mcap: \"/joint2\" ends after 12.5 s",
                 "rejected: z.mcap: is empty"
             ]
         );
