@@ -9,8 +9,8 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::error::{ClientError, Result};
-use crate::file;
 use crate::parts::Rosbag;
+use crate::{file, foreign};
 
 /// What a search found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -36,12 +36,16 @@ pub struct Skipped {
 ///
 /// # Errors
 /// [`ClientError::Io`] for a path that is not there; [`ClientError::Invalid`] for a path that is neither a regular file
-/// nor a folder, and for a folder without recordings.
+/// nor a folder, for a folder without recordings, and, with the command that converts it, for a ROS 1 bag, a rosbag2
+/// recording in SQLite, or a file of TensorFlow's records.
 pub fn find_recordings(paths: &[PathBuf]) -> Result<Found> {
     let mut search = Search::default();
     for path in paths {
         let kind = std::fs::metadata(path).map_err(ClientError::io(path))?.file_type();
         if kind.is_file() {
+            if let Some(remedy) = foreign::remedy(path) {
+                return Err(ClientError::Invalid(remedy));
+            }
             search.recordings.insert(path.clone());
         } else if kind.is_dir() {
             search.named_folder(path)?;
@@ -56,11 +60,14 @@ pub fn find_recordings(paths: &[PathBuf]) -> Result<Found> {
 struct Search {
     recordings: BTreeSet<PathBuf>,
     skipped: Vec<Skipped>,
+    /// What to do with the first file of another format.
+    remedy: Option<String>,
 }
 
 impl Search {
     fn named_folder(&mut self, path: &Path) -> Result<()> {
         let (before, skipped_before) = (self.recordings.len(), self.skipped.len());
+        self.remedy = None;
         self.folder(path);
         if self.recordings.len() > before {
             return Ok(());
@@ -72,7 +79,9 @@ impl Search {
             0 => String::new(),
             count => format!("; skipped {count}: {}", reasons.join(", ")),
         };
-        Err(ClientError::Invalid(format!("{}: there is no *.mcap in this folder or below it{skipped}", path.display())))
+        let remedy = self.remedy.take().map(|remedy| format!("; {remedy}")).unwrap_or_default();
+        let problem = format!("{}: there is no *.mcap in this folder or below it", path.display());
+        Err(ClientError::Invalid(problem + &skipped + &remedy))
     }
 
     fn folder(&mut self, folder: &Path) {
@@ -122,6 +131,8 @@ impl Search {
             self.recordings.insert(path);
         } else if named {
             self.skip(&path, file::describe(kind).to_owned());
+        } else if self.remedy.is_none() && kind.is_file() {
+            self.remedy = foreign::remedy_in_folder(&path);
         }
     }
 

@@ -37,6 +37,7 @@ mod error;
 mod export;
 mod file;
 mod find;
+mod foreign;
 mod import;
 mod labels;
 mod lowest;

@@ -22,6 +22,30 @@ fn folders_are_searched_and_files_are_taken_as_they_are() {
 }
 
 #[test]
+fn files_of_other_formats_are_refused_with_the_command_that_converts_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let rlds = "is a file of an RLDS dataset";
+    for (name, contents, parts) in [
+        ("one/run.bag", &b"#ROSBAG V2.0\n"[..], ["run.bag is a ROS 1 bag", "--src {}/one/run.bag --dst"]),
+        ("two/run_0.db3", b"SQLite format 3\0x", ["run_0.db3 is a rosbag2 recording in SQLite", "--src {}/two --dst"]),
+        ("three/run-train.tfrecord-00000-of-00002", b"\x80", [rlds, "examples/port_datasets"]),
+    ] {
+        let path = at(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, contents).unwrap();
+        for named in [path.clone(), path.parent().unwrap().to_owned()] {
+            let problem = find_recordings(&[named]).unwrap_err().to_string();
+            let place = folder.path().display().to_string();
+            assert!(parts.iter().all(|part| problem.contains(&part.replace("{}", &place))), "{problem}");
+        }
+    }
+    // Beside recordings they are of no concern.
+    std::fs::write(at("one/run.mcap"), b"x").unwrap();
+    assert_eq!(find_recordings(&[at("one")]).unwrap().recordings, [at("one/run.mcap")]);
+}
+
+#[test]
 fn irregular_files_are_skipped_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
