@@ -3,9 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
+use tokio::process::Command;
 
-use crate::support::command::{gleaner, json as shown};
+use crate::support::command::{Output, gleaner, json as shown, run};
 use crate::support::files::root;
+use crate::support::process::GLEANER;
 use crate::support::server::TestServer;
 
 /// No server is there: commands that ask one fail.
@@ -126,4 +128,108 @@ async fn a_dataset_with_a_missing_video_is_refused_before_anything_is_sent() {
         let refused = gleaner(server.url(), &[words, &[text(&fixture("robomimic.hdf5"))]].concat()).await;
         assert!(!refused.success && refused.text().contains("does not apply"), "{}", refused.text());
     }
+}
+
+const INFO: &str = "meta/info.json";
+const DATA: &str = "data/chunk-000/file-000.parquet";
+const VIDEO: &str = "videos/observation.images.top/chunk-000/file-000.mp4";
+
+fn copy(from: &Path, to: &Path) {
+    if from.is_file() {
+        std::fs::copy(from, to).unwrap();
+        return;
+    }
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        copy(&path, &to.join(path.file_name().unwrap()));
+    }
+}
+
+/// Replaces the last occurrence of bytes in a file by as many or fewer.
+fn replace(path: &Path, from: &[u8], to: &[u8]) {
+    let mut bytes = std::fs::read(path).unwrap();
+    let at = bytes.windows(from.len()).rposition(|window| window == from).unwrap();
+    bytes.splice(at..at + from.len(), to.iter().copied());
+    std::fs::write(path, bytes).unwrap();
+}
+
+/// Pushes with a folder of its own for temporary files, in which nothing may remain.
+async fn push(server: &TestServer, dataset: &Path) -> Output {
+    let temporary = tempfile::tempdir().unwrap();
+    let mut command = Command::new(GLEANER);
+    command.args(["push", text(dataset)]).env("GLEANER_SERVER", server.url()).env("TMPDIR", temporary.path());
+    let output = run(&mut command).await;
+    let left = std::fs::read_dir(temporary.path()).unwrap().count();
+    assert_eq!(left, 0, "files remain: {}", output.text());
+    output
+}
+
+#[tokio::test]
+async fn damaged_datasets_are_refused_before_a_task_is_made_and_accepted_when_corrected() {
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    let folder = tempfile::tempdir().unwrap();
+    let cut = |path: &Path| {
+        let bytes = std::fs::read(path).unwrap();
+        std::fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
+    };
+    type Damage<'a> = &'a dyn Fn(&Path);
+    let cases: [(&str, &str, Damage, &[&str]); 6] = [
+        (
+            "lerobot_v30_video",
+            "rate",
+            &|at| replace(&at.join(INFO), b"\"fps\": 10,", b"\"fps\": 30,"),
+            &["correct `fps`"],
+        ),
+        ("lerobot_v30_video", "codec", &|at| replace(&at.join(VIDEO), b"av01", b"mp4v"), &["AV1, H.264 or H.265"]),
+        ("lerobot_v30_video", "video", &|at| cut(&at.join(VIDEO)), &["file-000.mp4", "damaged"]),
+        ("lerobot_v30_images", "table", &|at| cut(&at.join(DATA)), &["file-000.parquet", "damaged"]),
+        (
+            "lerobot_v30_images",
+            "dtype",
+            &|at| replace(&at.join(INFO), b"\"dtype\": \"bool\"", b"\"dtype\": \"audio\""),
+            &["\"audio\"", "remove it"],
+        ),
+        ("robomimic.hdf5", "demos.hdf5", &cut, &["demos.hdf5"]),
+    ];
+    for (from, name, damage, parts) in cases {
+        let dataset = folder.path().join(name);
+        copy(&fixture(from), &dataset);
+        damage(&dataset);
+        let refused = push(&server, &dataset).await;
+        let message = refused.text();
+        assert!(!refused.success && parts.iter().all(|part| message.contains(part)), "{name}: {message}");
+        assert!(message.len() < 1500, "{name}: {message}");
+    }
+    let tasks = shown(server.url(), &["task", "list"]).await;
+    assert!(tasks["tasks"].as_array().is_none_or(Vec::is_empty), "no task was made: {tasks}");
+
+    let dataset = folder.path().join("rate");
+    replace(&dataset.join(INFO), b"\"fps\": 30,", b"\"fps\": 10,");
+    let accepted = push(&server, &dataset).await;
+    assert!(accepted.success && accepted.text().contains("created task rate"), "{}", accepted.text());
+    // The task of a dataset's name does not sample it at another rate without a word.
+    replace(&dataset.join(INFO), b"\"fps\": 10,", b"\"fps\": 30,");
+    let refused = push(&server, &dataset).await;
+    let message = refused.text();
+    assert!(!refused.success && message.contains("has 30 steps per second and the task rate 10"), "{message}");
+}
+
+#[tokio::test]
+async fn a_folder_stands_for_the_datasets_in_it() {
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir_all(folder.path().join("lift/ph")).unwrap();
+    copy(&fixture("robomimic.hdf5"), &folder.path().join("lift/ph/demos.hdf5"));
+    let inspected = gleaner(NOWHERE, &["inspect", text(folder.path())]).await;
+    assert!(inspected.success && inspected.text().contains("robomimic HDF5"), "{}", inspected.text());
+    let pushed = gleaner(server.url(), &["push", text(folder.path()), "--rate", "10"]).await;
+    assert!(pushed.success && pushed.text().contains("created task demos"), "{}", pushed.text());
+    let refused = gleaner(server.url(), &["push", text(folder.path()), "--rate", "25"]).await;
+    assert!(!refused.success && refused.text().contains("the task demos 10"), "{}", refused.text());
+
+    copy(&fixture("lerobot_v21"), &folder.path().join("kitchen"));
+    let both = gleaner(server.url(), &["push", text(folder.path()), "--rate", "10"]).await;
+    assert!(both.success && both.text().contains("2 already stored"), "{}", both.text());
+    assert!(both.text().contains("2 recordings pushed"), "{}", both.text());
 }

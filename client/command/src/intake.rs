@@ -4,6 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
+use gleaner_client::find_recordings;
 use gleaner_inspector::{Assumed, Converted, Description};
 use gleaner_recording::printable;
 use tempfile::TempDir;
@@ -39,9 +40,35 @@ pub(crate) fn is_dataset(path: &Path) -> bool {
     path.join(INFO).is_file() || (ending && path.is_file())
 }
 
-/// Splits paths into datasets of other programs and the rest.
+/// Splits paths into datasets of other programs and the rest. A folder without recordings stands for the datasets in it.
 pub(crate) fn split(paths: &[PathBuf]) -> (Vec<PathBuf>, Vec<PathBuf>) {
-    paths.iter().cloned().partition(|path| is_dataset(path))
+    let (mut datasets, mut others) = (Vec::new(), Vec::new());
+    for path in paths {
+        let mut inside = Vec::new();
+        if is_dataset(path) {
+            inside.push(path.clone());
+        } else if path.is_dir() && find_recordings(std::slice::from_ref(path)).is_err() {
+            below(path, &mut inside);
+            inside.sort();
+        }
+        if inside.is_empty() {
+            others.push(path.clone());
+        }
+        datasets.append(&mut inside);
+    }
+    (datasets, others)
+}
+
+/// Adds the datasets below a folder. Links to folders are not followed, because one to a folder above would never end.
+fn below(folder: &Path, datasets: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if is_dataset(&path) {
+            datasets.push(path);
+        } else if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            below(&path, datasets);
+        }
+    }
 }
 
 impl Intake {
@@ -128,5 +155,11 @@ mod tests {
         let (datasets, others) = split(&all);
         assert_eq!(datasets, [at("pick"), at("b.hdf5"), at("c.h5")]);
         assert_eq!(others, [at("a.mcap"), folder.path().to_owned()]);
+        std::fs::create_dir_all(at("exports/lift")).unwrap();
+        std::fs::rename(at("pick"), at("exports/pick")).unwrap();
+        std::fs::rename(at("b.hdf5"), at("exports/lift/b.hdf5")).unwrap();
+        let (datasets, others) = split(&[at("exports"), folder.path().to_owned()]);
+        assert_eq!(datasets, [at("exports/lift/b.hdf5"), at("exports/pick")]);
+        assert_eq!(others, [folder.path().to_owned()], "beside recordings, datasets are given by name");
     }
 }

@@ -14,10 +14,10 @@ use crate::context::Context;
 use crate::draft::of_description;
 use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
-use crate::intake::Intake;
+use crate::intake::{Episode, Intake};
 
 /// Recordings of a dataset by which a task is found: one of them may be unusable for a reason of its own.
-const TRIED: usize = 3;
+const TRIED: u64 = 3;
 /// The part by which rates differ at most.
 const RATE: f64 = 0.05;
 
@@ -79,7 +79,7 @@ async fn episode(
 }
 
 /// The task that was named, that of the dataset's name, or the one that the dataset fits; if it fits none, one is created
-/// from its features.
+/// from its features. A dataset of which no episode can be used creates none.
 async fn task(args: &PushArgs, context: &Context, client: &Client, dataset: &Intake) -> Result<String> {
     let path = dataset.path.display();
     if let Some(named) = &args.task {
@@ -90,10 +90,12 @@ async fn task(args: &PushArgs, context: &Context, client: &Client, dataset: &Int
     let specs = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
     let specs: Vec<TaskSpec> = specs.into_iter().filter_map(|task| spec_from_proto(task.spec?).ok()).collect();
     let spec = of_description(&dataset.description, dataset.name()).spec;
-    if specs.iter().any(|known| known.name == spec.name) {
+    if let Some(known) = specs.iter().find(|known| known.name == spec.name) {
+        same_rate(dataset, known)?;
         return Ok(spec.name);
     }
-    let mut fitting = fitting(dataset, &specs).await?;
+    gleaner_recording::validate(&spec)?;
+    let mut fitting = trial(dataset, &specs, &spec).await?;
     match fitting.len() {
         0 => {}
         1 => {
@@ -108,7 +110,6 @@ async fn task(args: &PushArgs, context: &Context, client: &Client, dataset: &Int
             return Err(Failure::message(format!("{path} fits several tasks; add --task with one of: {names}")));
         }
     }
-    gleaner_recording::validate(&spec)?;
     let name = spec.name.clone();
     client.tasks().create_task(CreateTaskRequest { spec: Some(spec_to_proto(spec)) }).await?;
     let why = if specs.is_empty() { "" } else { ", which fit no other task" };
@@ -118,33 +119,78 @@ async fn task(args: &PushArgs, context: &Context, client: &Client, dataset: &Int
     Ok(name)
 }
 
-/// The names of the tasks of the dataset's rate that would accept one of its first episodes.
-async fn fitting(dataset: &Intake, specs: &[TaskSpec]) -> Result<Vec<String>> {
-    let rate = dataset.description.spec.rate_hz;
-    let mut open: Vec<&TaskSpec> = specs.iter().filter(|spec| (spec.rate_hz - rate).abs() <= RATE * rate).collect();
-    let mut names = Vec::new();
-    if open.is_empty() {
-        return Ok(names);
+fn near(rate: f64, other: f64) -> bool {
+    (rate - other).abs() <= RATE * rate
+}
+
+/// Refuses a dataset of another rate than the task of its name: its steps would be sampled at that of the task.
+fn same_rate(dataset: &Intake, known: &TaskSpec) -> Result<()> {
+    let (path, name) = (dataset.path.display(), &known.name);
+    let (rate, theirs) = (dataset.description.spec.rate_hz, known.rate_hz);
+    if near(rate, theirs) {
+        return Ok(());
     }
+    Err(Failure::message(if dataset.description.rate_stated {
+        format!(
+            "{path} has {rate} steps per second and the task {name} {theirs}: correct the rate, or add --task {name} to \
+             sample the episodes at that of the task"
+        )
+    } else {
+        format!(
+            "{path} does not state its rate, and the task {name} has {theirs} steps per second: add --rate {theirs}"
+        )
+    }))
+}
+
+/// The names of the tasks of the dataset's rate that would accept one of its first episodes. An error if not even the
+/// task that was drafted from it would.
+async fn trial(dataset: &Intake, specs: &[TaskSpec], drafted: &TaskSpec) -> Result<Vec<String>> {
+    let mut open: Vec<&TaskSpec> = specs.iter().filter(|spec| near(drafted.rate_hz, spec.rate_hz)).collect();
     let inspector = Inspector::find()?;
-    let mut tried = 0;
-    for number in 0..dataset.description.episodes {
-        if tried == TRIED || open.is_empty() {
-            break;
+    let (mut names, mut usable, mut problem) = (Vec::new(), false, None);
+    let tried = dataset.description.episodes.min(TRIED);
+    for number in 0..tried {
+        let episode = match dataset.episode(number).await? {
+            Ok(episode) => episode,
+            Err(why) => {
+                problem.get_or_insert(why);
+                continue;
+            }
+        };
+        if !usable {
+            match accepts(&inspector, &episode, drafted).await? {
+                Ok(()) => usable = true,
+                Err(why) => {
+                    problem.get_or_insert(why);
+                }
+            }
         }
-        let Ok(episode) = dataset.episode(number).await? else { continue };
-        tried += 1;
         let mut left = Vec::new();
         for spec in open {
-            let reports = inspector.check(std::slice::from_ref(&episode.recording), spec).await?;
-            if reports.iter().all(|(_, report)| report.is_ok()) {
-                names.push(spec.name.clone());
-            } else {
-                left.push(spec);
+            match accepts(&inspector, &episode, spec).await? {
+                Ok(()) => names.push(spec.name.clone()),
+                Err(_) => left.push(spec),
             }
         }
         open = left;
+        if open.is_empty() && usable {
+            break;
+        }
     }
-    names.sort();
-    Ok(names)
+    match problem {
+        Some(why) if !usable && names.is_empty() => Err(Failure::message(format!(
+            "{}: none of its first {tried} episodes can be used, so that no task was created for it: {why}",
+            dataset.path.display()
+        ))),
+        _ => {
+            names.sort();
+            Ok(names)
+        }
+    }
+}
+
+/// Whether the task would accept the episode, or why not.
+async fn accepts(inspector: &Inspector, episode: &Episode, spec: &TaskSpec) -> Result<std::result::Result<(), String>> {
+    let mut reports = inspector.check(std::slice::from_ref(&episode.recording), spec).await?;
+    Ok(reports.pop().map_or(Ok(()), |(_, report)| report.map(|_| ())))
 }

@@ -1,6 +1,12 @@
 //! Datasets that are damaged, incomplete, or contradict themselves: a clear error, and no recording.
 
 use std::fs;
+use std::sync::Arc;
+
+use arrow_array::{Array as _, FixedSizeListArray, Float32Array, RecordBatch};
+use arrow_schema::DataType;
+use parquet::arrow::ArrowWriter;
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
 use super::*;
 
@@ -142,6 +148,28 @@ fn numbers_that_are_not_finite_are_named_by_their_step() {
     fs::write(&path, damaged).unwrap();
     let error = copy.refused();
     assert!(error.contains("demo_0") && error.contains("step 1") && error.contains("NaN"), "{error}");
+}
+
+#[test]
+fn a_table_with_a_number_that_is_not_finite_is_named_by_its_step() {
+    let copy = Copy::of("lerobot_v30_images");
+    let path = copy.file(DATA);
+    let tables = ParquetRecordBatchReaderBuilder::try_new(fs::File::open(&path).unwrap()).unwrap().build().unwrap();
+    let tables: Vec<RecordBatch> = tables.map(Result::unwrap).collect();
+    let mut writer = ArrowWriter::try_new(fs::File::create(&path).unwrap(), tables[0].schema(), None).unwrap();
+    let at = tables[0].schema().index_of("action").unwrap();
+    let lists = tables[0].column(at).as_any().downcast_ref::<FixedSizeListArray>().unwrap();
+    let mut values = lists.values().as_any().downcast_ref::<Float32Array>().unwrap().values().to_vec();
+    values[2 * 3 + 1] = f32::NAN;
+    let (field, values) = (arrow_schema::Field::new("element", DataType::Float32, true), Float32Array::from(values));
+    let lists = FixedSizeListArray::new(Arc::new(field), 3, Arc::new(values), None);
+    let mut columns = tables[0].columns().to_vec();
+    columns[at] = Arc::new(lists);
+    writer.write(&RecordBatch::try_new(tables[0].schema(), columns).unwrap()).unwrap();
+    writer.close().unwrap();
+
+    let error = copy.refused();
+    assert!(error.contains("action") && error.contains("step 2") && error.contains("NaN"), "{error}");
 }
 
 #[test]
