@@ -33,10 +33,17 @@ use stats::Stats;
 const VERSION: &str = "v3.0";
 /// Files of a folder.
 const FILES_IN_CHUNK: usize = 1000;
-/// The next data file begins with the episode after this size.
-const DATA_FILE_BYTES: u64 = 100 << 20;
+/// Those of LeRobot's own datasets.
+const SIZES: FileSizes = FileSizes { data: 100 << 20, video: 200 << 20 };
 /// Most steps of an episode whose pictures count for statistics.
 const SAMPLED_STEPS: usize = 100;
+
+/// The sizes in bytes after which an episode begins the next file.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FileSizes {
+    pub(crate) data: u64,
+    pub(crate) video: u64,
+}
 
 /// The number of a file, from 0 on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,17 +69,22 @@ impl FileNumber {
 
 /// Writes the folder of a dataset.
 pub(crate) fn write<E: Export>(export: &mut E, spec: ExportSpec) -> Result<(), E::Error> {
+    write_files(export, spec, SIZES)
+}
+
+/// The same with files of these sizes.
+pub(crate) fn write_files<E: Export>(export: &mut E, spec: ExportSpec, sizes: FileSizes) -> Result<(), E::Error> {
     let task = export.task().clone();
     let features = Features::new(&task, spec);
     let experts = experts(export.pieces());
     let mut file = FileNumber::default();
     let mut frames = Frames::create(create(export, &file.table("data"))?, &features)?;
     let mut episodes = Episodes::create(create(export, &FileNumber::default().table("meta/episodes"))?, &features)?;
-    let mut films = Films::new(&features);
+    let mut films = Films::new(&features, sizes.video);
     let mut whole = Stats::new(&features);
     let mut total = 0;
     for at in 0..export.pieces().len() {
-        if frames.bytes() >= DATA_FILE_BYTES {
+        if at > 0 && frames.bytes() >= sizes.data {
             let next = FileNumber(file.0 + 1);
             let out = create(export, &next.table("data"))?;
             std::mem::replace(&mut frames, Frames::create(out, &features)?).finish()?;
@@ -108,7 +120,7 @@ pub(crate) fn write<E: Export>(export: &mut E, spec: ExportSpec) -> Result<(), E
     tasks::write(create(export, "meta/tasks.parquet")?, task_text(&task))?;
     export.finished("meta/tasks.parquet")?;
     let totals = Totals { episodes: export.pieces().len(), frames: total };
-    text(export, "meta/info.json", &pretty(&info(&task, &features, &totals)))?;
+    text(export, "meta/info.json", &pretty(&info(&task, &features, &totals, sizes)))?;
     text(export, "meta/stats.json", &pretty(&whole.to_json()))?;
     let card = card::card(export, &features, &totals);
     text(export, "README.md", &card)
@@ -216,7 +228,7 @@ fn task_text(task: &TaskSpec) -> &str {
     if task.instruction.is_empty() { &task.name } else { &task.instruction }
 }
 
-fn info(task: &TaskSpec, features: &Features, totals: &Totals) -> Value {
+fn info(task: &TaskSpec, features: &Features, totals: &Totals, sizes: FileSizes) -> Value {
     json!({
         "codebase_version": VERSION,
         "robot_type": Value::Null,
@@ -225,8 +237,8 @@ fn info(task: &TaskSpec, features: &Features, totals: &Totals) -> Value {
         "total_frames": totals.frames,
         "total_tasks": 1,
         "chunks_size": FILES_IN_CHUNK,
-        "data_files_size_in_mb": DATA_FILE_BYTES >> 20,
-        "video_files_size_in_mb": films::FILE_BYTES >> 20,
+        "data_files_size_in_mb": sizes.data >> 20,
+        "video_files_size_in_mb": sizes.video >> 20,
         "splits": {"train": format!("0:{}", totals.episodes)},
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": features.is_filmed().then_some("videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"),

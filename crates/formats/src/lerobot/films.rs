@@ -11,9 +11,6 @@ use super::{Begun, FileNumber, create};
 use crate::export::Export;
 use crate::problem::Problem;
 
-/// The next file begins with the episode after this size.
-pub(super) const FILE_BYTES: u64 = 200 << 20;
-
 /// Where the pictures of an episode and camera are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Place {
@@ -29,6 +26,8 @@ pub(super) struct Films(Vec<Film>);
 struct Film {
     camera: Camera,
     fps: u32,
+    /// The next file begins with the episode after this size.
+    file_bytes: u64,
     number: FileNumber,
     open: Option<(FilmWriter<BufWriter<File>>, PathBuf)>,
     /// The picture of its file with which the episode begins.
@@ -36,10 +35,11 @@ struct Film {
 }
 
 impl Films {
-    pub(super) fn new(features: &Features) -> Self {
+    pub(super) fn new(features: &Features, file_bytes: u64) -> Self {
         let film = |camera: &Camera| Film {
             camera: camera.clone(),
             fps: features.fps(),
+            file_bytes,
             number: FileNumber::default(),
             open: None,
             first: 0,
@@ -73,7 +73,7 @@ impl Film {
     }
 
     fn begin_episode<E: Export>(&mut self, export: &mut E) -> Result<(), E::Error> {
-        if self.open.as_ref().is_some_and(|(film, _)| film.bytes() >= FILE_BYTES) {
+        if self.open.as_ref().is_some_and(|(film, _)| film.bytes() >= self.file_bytes) {
             self.finish(export)?;
             self.number = FileNumber(self.number.0 + 1);
         }

@@ -4,6 +4,7 @@ use gleaner_core::dataset::{ExportFormat, ExportSpec};
 
 use super::*;
 use crate::export::Export as _;
+use crate::lerobot::{self, FileSizes};
 use crate::testing::Lab;
 
 fn exported(format: ExportFormat) -> Lab {
@@ -64,6 +65,35 @@ fn video_there_and_back_has_the_picture_of_each_step() {
                 assert!(ratio > 34.0, "episode {at}, step {step}: {ratio:.1} dB");
             }
             assert!(found[color..color / 3 * 5] == wanted[color..color / 3 * 5], "depth is exact");
+        }
+    }
+}
+
+#[test]
+fn episodes_in_files_of_their_own_have_the_same_steps() {
+    const LARGE: u64 = 1 << 30;
+    let spec = ExportSpec { format: ExportFormat::Lerobot, depth: true, video: true, whole: false };
+    let mut one = Lab::smooth();
+    crate::write(spec, &mut one).unwrap();
+    let count = |lab: &Lab, ending: &str| lab.files.iter().filter(|name| name.ends_with(ending)).count();
+    let (tables, films) = (count(&one, ".parquet"), count(&one, ".mp4"));
+    for (data, video) in [(1, 1), (1, LARGE), (LARGE, 1)] {
+        let mut lab = Lab::smooth();
+        lerobot::write_files(&mut lab, spec, FileSizes { data, video }).unwrap();
+        let episodes = lab.pieces().len();
+        let expected =
+            |size: u64, files: usize, each: usize| if size == 1 { files + each * (episodes - 1) } else { files };
+        assert_eq!(count(&lab, ".parquet"), expected(data, tables, 1), "{:?}", lab.files);
+        assert_eq!(count(&lab, ".mp4"), expected(video, films, films), "{:?}", lab.files);
+        for at in 0..episodes as u64 {
+            let (found, report, converted) = steps(lab.out.path(), at);
+            let (wanted, ..) = steps(one.out.path(), at);
+            assert_eq!((converted.steps, report.findings.as_slice()), (wanted.steps() as u64, [].as_slice()), "{at}");
+            assert_eq!(found.proprioception(), wanted.proprioception(), "{at}");
+            assert_eq!(found.action(), wanted.action(), "{at}");
+            // The encoder sees other neighbours at the beginning of a file.
+            let ratio = signal_to_noise(found.frames().as_ref(), wanted.frames().as_ref());
+            assert!(ratio > 34.0, "episode {at}: {ratio:.1} dB");
         }
     }
 }
