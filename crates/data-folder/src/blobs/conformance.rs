@@ -129,10 +129,32 @@ fn copies_stay_below_their_limit_and_the_least_recently_used_go_first() {
     assert!(!blobs.path(&ids[0]).exists() && blobs.path(&ids[1]).exists() && blobs.path(&ids[2]).exists());
     assert_eq!(blobs.get(&ids[0]).unwrap(), [0; 400]);
     assert!(!blobs.path(&ids[1]).exists());
-    // A copy whose object is lost is the last one.
-    store.bucket("one").unwrap().remove(&remote::name(dir.path(), &blobs.path(&ids[2]))).unwrap();
-    blobs.get(&ids[1]).unwrap();
-    assert!(blobs.path(&ids[2]).exists() && !blobs.path(&ids[0]).exists());
+}
+
+#[test]
+fn a_copy_is_kept_and_sent_again_where_the_store_has_lost_its_object_or_a_part_of_it() {
+    let Some(store) = test_store() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = blobs_in(&store, &dir, "one", 1000);
+    let bucket = store.bucket("one").unwrap();
+    let [lost, cut] = [1, 2].map(|n| blobs.put(&[n; 400]).unwrap());
+    let name = |id: &BlobId| remote::name(dir.path(), &blobs.path(id));
+    bucket.remove(&name(&lost)).unwrap();
+    let part = dir.path().join("part");
+    fs::write(&part, [2; 100]).unwrap();
+    bucket.put(&name(&cut), &part).unwrap();
+
+    blobs.put(&[3; 400]).unwrap();
+    assert!(blobs.path(&lost).exists() && blobs.path(&cut).exists());
+    for id in [&lost, &cut] {
+        assert_eq!(&blobs.digest(id).unwrap(), id, "the object is whole again");
+    }
+    // A damaged copy is not sent in the place of an object.
+    fs::write(blobs.path(&cut), [9; 300]).unwrap();
+    blobs.put(&[4; 400]).unwrap();
+    blobs.put(&[5; 400]).unwrap();
+    assert!(!blobs.path(&cut).exists());
+    assert_eq!(blobs.digest(&cut).unwrap(), cut);
 }
 
 #[test]

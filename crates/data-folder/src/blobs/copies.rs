@@ -16,7 +16,7 @@ use gleaner_core::{
 use tempfile::TempPath;
 
 use super::{
-    Blobs, across, fault,
+    Blobs, across, digest, fault,
     hold::Naming,
     remote::{self, Remote},
 };
@@ -126,8 +126,8 @@ impl Blobs {
         Ok(())
     }
 
-    /// Removes the least recently used copies until `bytes` more fit below the limit. A copy whose object is missing
-    /// stays.
+    /// Removes the least recently used copies until `bytes` more fit below the limit. A copy whose object is missing or has
+    /// another size stays, and its object is sent again.
     pub(super) fn limit_copies(&self, remote: &Remote, bytes: u64) -> Result<()> {
         if remote.most_bytes == 0 {
             return Ok(());
@@ -165,12 +165,9 @@ impl Blobs {
             if there.saturating_add(bytes) <= most {
                 break;
             }
-            let Some(object) = remote.bucket.size(&self.name(&id))? else {
-                tracing::error!(blob.id = %id, store = remote.bucket.shown(), "the bucket lacks a blob: its copy stays");
+            let object = remote.bucket.size(&self.name(&id))?;
+            if object != Some(size) && self.is_wanted(remote, &id, &path, object) {
                 continue;
-            };
-            if object != size {
-                tracing::warn!(blob.id = %id, "a copy has another size than its object: it is removed");
             }
             match fs::remove_file(&path) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => {
@@ -180,6 +177,25 @@ impl Blobs {
             }
         }
         Ok(there)
+    }
+
+    /// Whether a copy is better than its object, which is missing or has another size (`object`); then the object is sent
+    /// again.
+    fn is_wanted(&self, remote: &Remote, id: &BlobId, path: &Path, object: Option<u64>) -> bool {
+        let store = remote.bucket.shown();
+        if digest(path).ok().as_ref() != Some(id) {
+            tracing::error!(blob.id = %id, store, object, "a copy is damaged, and its object is missing or has another size");
+            return object.is_none();
+        }
+        match remote.bucket.put(&self.name(id), path) {
+            Ok(()) => {
+                tracing::error!(blob.id = %id, store, object, "the bucket had lost a blob, or a part of it: sent again")
+            }
+            Err(error) => {
+                tracing::error!(blob.id = %id, store, object, %error, "the bucket lacks a blob: its copy stays")
+            }
+        }
+        true
     }
 
     /// The name of a blob in its bucket.
