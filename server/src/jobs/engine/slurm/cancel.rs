@@ -24,7 +24,7 @@ impl SlurmJob {
             loop {
                 for id in &ids {
                     if let Err(problem) = commands.cancel(id).await {
-                        tracing::warn!(slurm.id = id, problem, "a Slurm job cannot be cancelled; retrying");
+                        tracing::warn!(slurm.id = id, %problem, "a Slurm job cannot be cancelled; retrying");
                     }
                 }
                 let (_, snapshot) = view.after(Instant::now(), |_| ()).await;

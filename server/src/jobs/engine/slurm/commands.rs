@@ -10,6 +10,31 @@ const LIMIT: Duration = Duration::from_secs(60);
 /// Longest part of a command's errors in a message, in characters.
 const LONGEST: usize = 400;
 
+/// What to check where a command does not act as Slurm's do.
+const PROGRAM: &str = "check --slurm-bin, the folder of Slurm's commands";
+/// What to check where they get no answer.
+const CONTROLLER: &str = "check that slurmctld runs and that SLURM_CONF, or this machine's own configuration, names it";
+/// Parts of the words of Slurm's commands for a controller that does not answer.
+const AWAY: [&str; 4] =
+    ["slurm controller", "Socket timed out", "Connection refused", "Communication connection failure"];
+
+/// Why a command has no result, in words that name the setting, but for that of a refusal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Problem {
+    /// Slurm refused it, in its own words.
+    Refused(String),
+    /// The command or the controller gave no answer.
+    NoAnswer(String),
+}
+
+impl std::fmt::Display for Problem {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Refused(words) | Self::NoAnswer(words) => f.write_str(words),
+        }
+    }
+}
+
 /// A Slurm job, as squeue lists it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Entry {
@@ -45,20 +70,21 @@ impl Commands {
     /// Submits a script, with these arguments and variables; returns the id of the job.
     ///
     /// # Errors
-    /// In words. The job may exist nevertheless, unless Slurm refused it.
+    /// The job may exist nevertheless, unless Slurm refused it.
     pub(super) async fn submit(
         &self,
         arguments: &[OsString],
         variables: &[(&'static str, String)],
         script: &str,
-    ) -> Result<String, String> {
+    ) -> Result<String, Problem> {
         let mut command = self.command("sbatch");
         command.arg("--parsable").args(arguments).envs(variables.iter().cloned());
         let answer = self.run("sbatch", command, Some(script)).await?;
         // With several clusters the name of one follows.
         let id = answer.trim().split(';').next().unwrap_or_default();
         if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {
-            return Err(format!("sbatch printed {:?} instead of the id of a job", shortened(&answer)));
+            let answer = shortened(&answer);
+            return Err(Problem::NoAnswer(format!("sbatch printed {answer:?} instead of the id of a job; {PROGRAM}")));
         }
         Ok(id.to_owned())
     }
@@ -66,20 +92,24 @@ impl Commands {
     /// Every job of this user, running, waiting or ended a short time ago.
     ///
     /// # Errors
-    /// In words. A failure is no statement about any job.
-    pub(super) async fn list(&self) -> Result<Vec<Entry>, String> {
+    /// A failure is no statement about any job.
+    pub(super) async fn list(&self) -> Result<Vec<Entry>, Problem> {
         let mut command = self.command("squeue");
         let user = rustix::process::getuid().as_raw();
         command.args(["--noheader", "--states=all", "--format=%j|%i|%T|%N|%r"]).arg(format!("--user={user}"));
-        let answer = self.run("squeue", command, None).await?;
+        let answer = self.run("squeue", command, None).await.map_err(|problem| match problem {
+            // It asks for nothing that depends on a setting of a job.
+            Problem::Refused(words) => Problem::NoAnswer(format!("{words}; {CONTROLLER}")),
+            Problem::NoAnswer(words) => Problem::NoAnswer(words),
+        })?;
         answer.lines().filter(|line| !line.trim().is_empty()).map(entry).collect()
     }
 
     /// Cancels a job.
     ///
     /// # Errors
-    /// In words.
-    pub(super) async fn cancel(&self, id: &str) -> Result<(), String> {
+    /// The job may run on.
+    pub(super) async fn cancel(&self, id: &str) -> Result<(), Problem> {
         let mut command = self.command("scancel");
         command.args(["--quiet", id]);
         self.run("scancel", command, None).await.map(drop)
@@ -94,7 +124,7 @@ impl Commands {
         command
     }
 
-    async fn run(&self, name: &str, mut command: Command, input: Option<&str>) -> Result<String, String> {
+    async fn run(&self, name: &str, mut command: Command, input: Option<&str>) -> Result<String, Problem> {
         command.stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
         command.stdin(if input.is_some() { Stdio::piped() } else { Stdio::null() });
         let work = async {
@@ -104,7 +134,7 @@ impl Commands {
                         "{name} is not installed here: install the commands of Slurm, or set --slurm-bin to their folder"
                     )
                 } else {
-                    format!("{name} cannot be started: {error}")
+                    format!("{name} cannot be started: {error}; {PROGRAM}")
                 }
             })?;
             if let (Some(input), Some(mut pipe)) = (input, child.stdin.take()) {
@@ -114,16 +144,27 @@ impl Commands {
             child.wait_with_output().await.map_err(|error| format!("{name} was lost: {error}"))
         };
         let output = match tokio::time::timeout(self.limit, work).await {
-            Ok(output) => output?,
-            Err(_) => return Err(format!("{name} did not end within {} s and was stopped", self.limit.as_secs())),
+            Ok(output) => output.map_err(Problem::NoAnswer)?,
+            Err(_) => {
+                let seconds = self.limit.as_secs();
+                let words =
+                    format!("{name} did not end within {seconds} s and was stopped; {CONTROLLER}, or {PROGRAM}");
+                return Err(Problem::NoAnswer(words));
+            }
         };
         if output.status.success() {
             return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
         }
         let errors = String::from_utf8_lossy(&output.stderr);
         let errors: Vec<&str> = errors.lines().map(|line| strip(name, line)).filter(|line| !line.is_empty()).collect();
-        let reason = if errors.is_empty() { output.status.to_string() } else { shortened(&errors.join("; ")) };
-        Err(format!("{name}: {reason}"))
+        if errors.is_empty() {
+            return Err(Problem::NoAnswer(format!("{name}: {}; {PROGRAM}", output.status)));
+        }
+        let words = format!("{name}: {}", shortened(&errors.join("; ")));
+        if AWAY.iter().any(|part| words.contains(part)) {
+            return Err(Problem::NoAnswer(format!("{words}; {CONTROLLER}")));
+        }
+        Err(Problem::Refused(words))
     }
 }
 
@@ -142,14 +183,16 @@ fn shortened(text: &str) -> String {
     }
 }
 
-fn entry(line: &str) -> Result<Entry, String> {
+fn entry(line: &str) -> Result<Entry, Problem> {
     let fields: Vec<&str> = line.splitn(5, '|').map(str::trim).collect();
     let [name, id, state, node, reason] = fields[..] else {
-        return Err(format!("squeue printed {:?} instead of a job", shortened(line)));
+        let words = format!("squeue printed {:?} instead of a job; {PROGRAM}", shortened(line));
+        return Err(Problem::NoAnswer(words));
     };
     let word = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_');
     if !word(state) {
-        return Err(format!("squeue printed {:?} instead of a state of a job", shortened(line)));
+        let words = format!("squeue printed {:?} instead of a state of a job; {PROGRAM}", shortened(line));
+        return Err(Problem::NoAnswer(words));
     }
     let reason = if reason == "None" { "" } else { reason };
     Ok(Entry {

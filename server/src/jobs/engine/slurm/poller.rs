@@ -137,6 +137,7 @@ async fn poll(shared: Arc<Shared>) {
                 shared.snapshots.send_replace(Snapshot { asked_at: Some(asked_at), entries, problem: None });
             }
             Err(problem) => {
+                let problem = problem.to_string();
                 tracing::warn!(problem, "the queue of Slurm cannot be read; retrying");
                 shared.snapshots.send_modify(|snapshot| snapshot.problem = Some(problem));
             }

@@ -54,9 +54,10 @@ pub(super) fn end(entry: &Entry, begun: bool) -> Option<End> {
         State::Waiting | State::Running | State::Completing => None,
         // A worker succeeds without a result only after a request to stop: SIGTERM, which announces a limit.
         State::Completed => Some(End::Stopped(format!("Slurm job {id}{at} was stopped by SIGTERM"))),
-        State::Failed => {
-            Some(End::Broken(format!("the worker of Slurm job {id}{at} failed ({state}{why}); see the log")))
-        }
+        State::Failed => Some(End::Broken(format!(
+            "the worker of Slurm job {id}{at} failed ({state}{why}); see the log, and where the worker did not start, \
+                 --slurm-worker and --slurm-setup"
+        ))),
         State::OutOfMemory => Some(End::Broken(format!(
             "the worker of Slurm job {id}{at} needed more memory than its limit ({state}); raise --mem in its options"
         ))),

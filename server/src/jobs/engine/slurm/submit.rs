@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::{From, SlurmJob, replace};
+use super::{From, SlurmJob, commands::Problem, replace};
 
 /// Pauses between submissions.
 #[cfg(not(test))]
@@ -25,9 +25,12 @@ impl SlurmJob {
                 Ok(id) => return self.submitted(&id),
                 Err(problem) => problem,
             };
-            let sources = &submission.sources;
-            let waiting = format!("{problem}; check {sources}; the submission is repeated");
-            tracing::warn!(problem, sources, "Slurm did not accept a job; retrying");
+            let problem = match problem {
+                Problem::Refused(words) => format!("{words}; check {}", submission.sources),
+                Problem::NoAnswer(words) => words,
+            };
+            let waiting = format!("{problem}; the submission is repeated");
+            tracing::warn!(problem, "Slurm did not accept a job; retrying");
             self.placement.send_if_modified(|placement| replace(&mut placement.waiting, &waiting));
             sleep(pause).await;
             pause = LONGEST_PAUSE.min(pause * 2);

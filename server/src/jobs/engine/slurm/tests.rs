@@ -1,5 +1,6 @@
 //! The engine with commands that are missing, refuse, hang or print nonsense: scripts in a folder of the test.
 
+mod failures;
 mod fake;
 
 use std::time::Duration;
@@ -56,75 +57,6 @@ async fn the_options_of_a_job_come_after_those_of_the_server() {
     let script = std::fs::read_to_string(fake.path("script")).unwrap();
     let lines: Vec<&str> = script.lines().filter(|line| line.starts_with("#SBATCH")).collect();
     assert_eq!(lines, [format!("#SBATCH {PARTITION}").as_str(), "#SBATCH --partition=gpu --gres=gpu:1"]);
-}
-
-/// The job waits with the reason and runs once the command works; no attempt is counted meanwhile.
-#[tokio::test]
-async fn each_failure_of_sbatch_is_a_reason_for_waiting() {
-    let refusal = "echo 'sbatch: error: invalid partition specified: nope' >&2; exit 1";
-    for (script, expected) in [
-        ("", "sbatch is not installed here: install the commands of Slurm, or set --slurm-bin"),
-        (refusal, "sbatch: invalid partition specified: nope; check --slurm-options and --slurm-pretrain-options"),
-        ("exec sleep 60", "sbatch did not end within"),
-        ("echo hello", "sbatch printed \"hello\" instead of the id of a job"),
-        ("exit 3", "exit status: 3"),
-    ] {
-        let fake = Fake::new().await;
-        fake.install("squeue", "true");
-        if !script.is_empty() {
-            fake.install("sbatch", script);
-        }
-        let mut execution = fake.start();
-        let mut places = execution.placement();
-        let submitted = async {
-            let waits = place(&mut places, |place| !place.waiting.is_empty()).await;
-            assert!(waits.waiting.contains(expected) && waits.engine_id.is_empty(), "{waits:?}");
-            fake.install("sbatch", "echo 18");
-            let submitted = place(&mut places, |place| !place.engine_id.is_empty()).await;
-            assert_eq!(submitted.engine_id, "18");
-        };
-        tokio::select! {
-            end = execution.ended() => panic!("{script}: {end:?}"),
-            () = submitted => {}
-        }
-    }
-}
-
-#[tokio::test]
-async fn a_lost_answer_of_sbatch_is_found_and_not_submitted_again() {
-    let fake = Fake::new().await;
-    fake.install("sbatch", "echo 1 >> submissions; echo 'sbatch: error: Socket timed out' >&2; exit 1");
-    fake.list("19|RUNNING|node1|None");
-    let mut execution = fake.start();
-    let mut places = execution.placement();
-    tokio::select! {
-        end = execution.ended() => panic!("{end:?}"),
-        found = place(&mut places, |place| !place.node.is_empty()) => assert_eq!(found.engine_id, "19"),
-    }
-    assert_eq!(std::fs::read_to_string(fake.path("submissions")).unwrap().lines().count(), 1);
-}
-
-#[tokio::test]
-async fn a_failing_squeue_is_no_statement_about_a_job() {
-    for failure in ["echo 1 >> calls; exit 1", "echo 1 >> calls; exec sleep 60", "echo 1 >> calls; echo nonsense"] {
-        let fake = Fake::new().await;
-        fake.install("sbatch", "echo 17");
-        fake.list("17|RUNNING|node1|None");
-        let mut execution = fake.start();
-        let mut places = execution.placement();
-        let watched = async {
-            place(&mut places, |place| place.node == "node1").await;
-            fake.install("squeue", failure);
-            fake.calls_more(4).await;
-            fake.list("17|NODE_FAIL|node1|NodeDown");
-            std::future::pending::<()>().await;
-        };
-        tokio::select! {
-            end = execution.ended() => assert!(matches!(&end, End::Interrupted(why) if why.contains("NODE_FAIL")), "{end:?}"),
-            () = watched => {}
-        }
-        assert!(fake.calls() >= 4, "{failure}: the failure was met");
-    }
 }
 
 #[tokio::test]
