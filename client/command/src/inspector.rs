@@ -14,8 +14,9 @@ use gleaner_inspector::{Assumed, Converted, Description, Order, RecordingsConfig
 use gleaner_recording::{CutEpisode, Cuts, Limits, Report, Survey, TaskSpec};
 use rustix::process::Signal;
 use tempfile::TempDir;
-use tokio::io::AsyncReadExt as _;
+use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, BufReader};
 use tokio::process::Command;
+use tokio::time::Instant;
 
 use crate::failure::{Failure, Result};
 
@@ -28,6 +29,8 @@ const BYTES_PER_SECOND: u64 = 512 << 10;
 const PARALLEL: usize = 4;
 /// The most bytes of a child's standard error that are shown.
 const STDERR_BYTES: u64 = 4 << 10;
+/// The most bytes of a child's line.
+const LINE_BYTES: u64 = 32;
 /// The most bytes of a verdict.
 const VERDICT_BYTES: u64 = 256 << 20;
 
@@ -183,23 +186,30 @@ impl Inspector {
             // A backtrace takes more memory than the child has.
             .env("RUST_BACKTRACE", "0")
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .kill_on_drop(true)
             .spawn()
             .map_err(ClientError::io(&self.program))?;
-        let mut stderr_text = Vec::new();
+        let (begun, mut line, mut stderr_text) = (Instant::now(), String::new(), Vec::new());
+        let mut stdout = child.stdout.take();
+        if let Some(stdout) = &mut stdout {
+            let mut stdout = BufReader::new(stdout.take(LINE_BYTES));
+            // Without a line in this time, its time is over.
+            let _ = tokio::time::timeout(Duration::from_secs(order.seconds), stdout.read_line(&mut line)).await;
+        }
+        let seconds = order.seconds_stated(&line);
         let ended = async {
             if let Some(stderr) = child.stderr.take() {
                 stderr.take(STDERR_BYTES).read_to_end(&mut stderr_text).await?;
             }
             child.wait().await
         };
-        let status = match tokio::time::timeout(Duration::from_secs(order.seconds), ended).await {
+        let status = match tokio::time::timeout_at(begun + Duration::from_secs(seconds), ended).await {
             Ok(ended) => ended?,
             Err(_) => {
                 child.kill().await?;
-                return Ok(Err(took_too_long(order)));
+                return Ok(Err(took_too_long(seconds)));
             }
         };
         let mut json = Vec::new();
@@ -208,7 +218,7 @@ impl Inspector {
         }
         Ok(match serde_json::from_slice(&json) {
             Ok(verdict) if status.success() => Ok(verdict),
-            _ => Err(broken(order, status, &String::from_utf8_lossy(&stderr_text))),
+            _ => Err(broken(order, status, &String::from_utf8_lossy(&stderr_text), seconds)),
         })
     }
 }
@@ -262,14 +272,14 @@ fn basic_order(recording: &Path, folder: &TempDir, spec: Option<&TaskSpec>) -> R
     })
 }
 
-fn took_too_long(order: &Order) -> String {
-    format!("reading it takes more than {} s; record shorter episodes", order.seconds)
+fn took_too_long(seconds: u64) -> String {
+    format!("reading it takes more than {seconds} s; record shorter episodes")
 }
 
 /// The cause of death of a child without a verdict.
-fn broken(order: &Order, status: ExitStatus, stderr_text: &str) -> String {
+fn broken(order: &Order, status: ExitStatus, stderr_text: &str, seconds: u64) -> String {
     match status.signal().and_then(Signal::from_named_raw) {
-        Some(Signal::XCPU) => took_too_long(order),
+        Some(Signal::XCPU) => took_too_long(seconds),
         Some(Signal::XFSZ) => {
             format!("its decoded images take more than {} MiB; record shorter episodes", order.most_written() >> 20)
         }

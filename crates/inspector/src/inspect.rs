@@ -2,14 +2,14 @@
 //!
 //! Hostile bytes can abort the process in any of these functions, which is why it is a separate process.
 
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
 use gleaner_formats::Problem;
 use gleaner_formats::import::{self, Assumed, Converted, Description};
 use gleaner_recording::{
     CutEpisode, Cuts, ImageThreads, Kept, RecordingError, Report, Survey, TaskSpec, TimeRange, cache_episode, cut,
-    extract, salvage, survey,
+    decoded_pixels, extract, salvage, summarize, survey,
 };
 
 use crate::{InspectError, Order, limits};
@@ -94,10 +94,23 @@ fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> 
         let kept: Kept = json(kept, "reading the scores")?;
         return Ok(extract(&order.recording, &spec, &kept, &order.frames).map(|()| Verdict::Extracted));
     }
+    grant_time_for_pictures(order, &spec)?;
     let bytes = usize::try_from(order.memory_bytes / UNDER_WAY).unwrap_or(usize::MAX);
     let threads = ImageThreads { count: order.threads, bytes };
     let cached = cache_episode(&order.recording, &spec, (&order.limits.limits(), threads), &order.frames);
     Ok(cached.map(Verdict::Usable))
+}
+
+/// Extends the limit on processor time by that of the pictures that the recording states, and prints it for the parent.
+fn grant_time_for_pictures(order: &Order, spec: &TaskSpec) -> Result<(), InspectError> {
+    // A recording that states nothing about itself, or cannot be read, has the time of its size.
+    let stated = summarize(&order.recording).ok().flatten();
+    let seconds = order.seconds_for(stated.map_or(0, |summary| decoded_pixels(&summary, spec)));
+    limits::extend(seconds)?;
+    // Without a parent that reads it, the line is of no use.
+    let mut out = std::io::stdout();
+    let _ = writeln!(out, "{seconds}").and_then(|()| out.flush());
+    Ok(())
 }
 
 /// A dataset's own faults are a verdict; a failed file operation is the error of a recording.

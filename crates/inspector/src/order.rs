@@ -56,7 +56,7 @@ pub struct Order {
     /// Maximum memory in bytes.
     #[arg(long)]
     pub memory_bytes: u64,
-    /// Maximum processor time in seconds.
+    /// Maximum processor time in seconds, to which the pictures that the recording states add their own.
     #[arg(long)]
     pub seconds: u64,
     /// Threads that decode images.
@@ -66,6 +66,11 @@ pub struct Order {
     #[command(flatten)]
     pub limits: RecordingsConfig,
 }
+
+/// Pixels that add one second of processor time: a quarter of the rate at which H.264 is decoded twice and converted.
+const PIXELS_PER_SECOND: u64 = 4_000_000;
+/// The most seconds that pictures add: four cameras of 480×640 for an hour at 15 Hz take 4.6 hours of this rate.
+const MOST_FOR_PICTURES: u64 = 6 * 3600;
 
 /// The most that the images of a recording may grow by when they are decoded and compressed again without loss: up to 15
 /// times for JPEG images at their own size.
@@ -81,6 +86,17 @@ impl Order {
     /// The most bytes of a file that the inspection may write.
     pub fn most_written(&self) -> u64 {
         most_written(self.memory_bytes, std::fs::metadata(&self.recording).map_or(0, |file| file.len()))
+    }
+
+    /// The processor time in seconds for a recording with this many pixels to decode. The process prints it on a line of its
+    /// own before it reads the recording.
+    pub fn seconds_for(&self, pixels: u64) -> u64 {
+        self.seconds.saturating_add((pixels / PIXELS_PER_SECOND).min(MOST_FOR_PICTURES))
+    }
+
+    /// The time in seconds that the process has by the line that it printed, or by the order alone if it printed none.
+    pub fn seconds_stated(&self, line: &str) -> u64 {
+        line.trim().parse().unwrap_or(self.seconds).clamp(self.seconds, self.seconds_for(u64::MAX))
     }
 
     /// The arguments of the program.
@@ -138,9 +154,8 @@ mod tests {
         order: Order,
     }
 
-    #[test]
-    fn arguments_parse_to_the_same_order() {
-        let order = Order {
+    fn order() -> Order {
+        Order {
             recording: "r".into(),
             spec: "s p a c e".into(),
             report: "p".into(),
@@ -159,7 +174,25 @@ mod tests {
             seconds: 1,
             threads: 2,
             limits: RecordingsConfig { max_records: 3, ..gleaner_recording::Limits::ADMITTED.into() },
-        };
+        }
+    }
+
+    #[test]
+    fn pictures_add_time_up_to_a_limit() {
+        let order = Order { seconds: 120, ..order() };
+        let hour = 4 * 15 * 3600 * 480 * 640;
+        assert_eq!((order.seconds_for(0), order.seconds_for(hour)), (120, 120 + 16_588));
+        assert_eq!(order.seconds_stated("300\n"), 300);
+        let most = order.seconds_for(u64::MAX);
+        assert_eq!(most, 120 + 6 * 3600);
+        for (line, seconds) in [("", 120), ("nonsense\n", 120), ("7\n", 120), ("-1", 120), ("99999999999\n", most)] {
+            assert_eq!(order.seconds_stated(line), seconds, "{line:?}");
+        }
+    }
+
+    #[test]
+    fn arguments_parse_to_the_same_order() {
+        let order = order();
         let salvage = Order { salvage: Some("repaired".into()), ..order.clone() };
         let survey = Order { survey: true, pictures: Some("p".into()), ..order.clone() };
         let describe = Order { describe: true, rate_hz: Some(12.5), ..order.clone() };

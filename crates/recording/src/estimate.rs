@@ -9,7 +9,7 @@ use crate::error::RecordingError;
 use crate::frames::pictures;
 use crate::plan::choice;
 use crate::tracks::Stamp;
-use gleaner_core::{InspectionEstimate, Mapping, RecordingSummary, TaskSpec};
+use gleaner_core::{CameraSpec, InspectionEstimate, Mapping, RecordingSummary, TaskSpec};
 
 pub use crate::tracks::MAX_MESSAGES;
 
@@ -46,6 +46,26 @@ pub fn estimate(summary: &RecordingSummary, spec: &TaskSpec) -> InspectionEstima
     InspectionEstimate { steps, least_memory_bytes, least_decoded_bytes, most_decoded_bytes }
 }
 
+/// Pixels of all pictures that reading such a recording decodes, as it has them: by the mapping with the most of them.
+pub fn decoded_pixels(summary: &RecordingSummary, spec: &TaskSpec) -> u64 {
+    let spec = &*choice::readable(spec);
+    let messages = |topic: &str| summary.topics.get(topic).copied().unwrap_or_default();
+    let of_camera = |mapping: &Mapping, camera: &CameraSpec| {
+        let source = mapping.cameras.iter().find(|source| source.camera == camera.name)?;
+        let depth = source.depth.as_deref().filter(|_| camera.depth);
+        let pictures = messages(&source.color).saturating_add(depth.map_or(0, messages));
+        let (height, width) = camera
+            .recorded
+            .as_ref()
+            .map_or((camera.height, camera.width), |recorded| (recorded.height, recorded.width));
+        Some(pictures.saturating_mul(u64::from(height) * u64::from(width)))
+    };
+    let of_mapping = |mapping: &Mapping| {
+        spec.cameras.iter().filter_map(|camera| of_camera(mapping, camera)).fold(0, u64::saturating_add)
+    };
+    spec.mappings.iter().map(of_mapping).max().unwrap_or_default()
+}
+
 /// At most one step for each message of the clock, and for each period of the task's rate.
 fn steps(summary: &RecordingSummary, spec: &TaskSpec, mapping: &Mapping) -> u64 {
     let ticks = mapping.clock_topic(spec).and_then(|topic| summary.topics.get(topic)).copied().unwrap_or_default();
@@ -78,6 +98,8 @@ fn decoded_bytes(spec: &TaskSpec, mapping: &Mapping, steps: u64, messages: &dyn 
 mod tests {
     use std::collections::BTreeMap;
 
+    use gleaner_core::RecordedSize;
+
     use super::*;
     use crate::testing::arm;
 
@@ -104,6 +126,17 @@ mod tests {
         assert_eq!(found.least_memory_bytes, (3 * 3000 + 2 * 300) * 24);
         // A clock slower than the rate.
         assert_eq!(estimate(&summary(60, 100, 600), &arm()).steps, 100);
+    }
+
+    #[test]
+    fn every_picture_of_a_camera_is_decoded_at_its_recorded_size() {
+        let mut spec = arm();
+        assert_eq!(decoded_pixels(&summary(60, 3000, 300), &spec), 2 * 300 * 8 * 16);
+        spec.cameras[0].recorded = Some(RecordedSize { height: 480, width: 640, crop: None });
+        assert_eq!(decoded_pixels(&summary(60, 3000, 300), &spec), 2 * 300 * 480 * 640);
+        spec.cameras[0].depth = false;
+        assert_eq!(decoded_pixels(&summary(60, 3000, 300), &spec), 300 * 480 * 640);
+        assert_eq!(decoded_pixels(&RecordingSummary::default(), &spec), 0);
     }
 
     #[test]

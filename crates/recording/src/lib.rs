@@ -93,7 +93,7 @@ pub use gleaner_core::{
 pub use cache::{FrameCache, Numbers};
 pub use cut::{CutEpisode, Cuts, TimeRange, cut};
 pub use error::RecordingError;
-pub use estimate::{MAX_MESSAGES, estimate, summarize};
+pub use estimate::{MAX_MESSAGES, decoded_pixels, estimate, summarize};
 pub use extract::{Kept, StepScore, WholeEpisode, extract};
 pub use frames::{Episode, FrameBytes, frame_bytes_per_step};
 pub use image::{PixelFormat, decode_color, decode_depth, encode_depth_png, encode_jpeg, encode_png};

@@ -14,7 +14,11 @@ use std::{
 use gleaner_inspector::{Order, RecordingsConfig, Verdict};
 use gleaner_recording::{Limits, Report, TaskSpec};
 use tempfile::TempDir;
-use tokio::{io::AsyncReadExt as _, process::Command};
+use tokio::{
+    io::{AsyncBufReadExt as _, AsyncReadExt as _, BufReader},
+    process::{ChildStdout, Command},
+    time::Instant,
+};
 
 use super::{off_runtime, slots::Slots, sync_folder};
 use crate::{
@@ -28,8 +32,12 @@ use crate::{
 /// The most bytes of a child's standard error kept for the log.
 const STDERR_BYTES: u64 = 16 << 10;
 
+/// The most bytes of a child's line.
+const LINE_BYTES: u64 = 32;
+
 /// This many bytes of a recording add one second to the limit of its inspection: about a tenth of the rate at which
-/// JPEG images are decoded and compressed, because compressed video takes more time a byte.
+/// JPEG images are decoded and compressed. The pictures that it states add their own ([`Order::seconds_for`]), because a
+/// picture of compressed video may have few bytes.
 const BYTES_PER_SECOND: u64 = 512 << 10;
 
 /// More threads would wait for the one that reads the recording.
@@ -164,7 +172,7 @@ impl Inspector {
 
     /// The child's verdict, if it accepted the recording.
     async fn verdict(&self, order: &Order, shown: &str) -> Result<Verdict> {
-        let (status, stderr_text) = self.run(order).await?;
+        let (status, stderr_text, seconds) = self.run(order).await?;
         let report = order.report.clone();
         let verdict = off_runtime("reading an inspection's report", move || Ok(std::fs::read(report).ok())).await?;
         let verdict = verdict.and_then(|json| serde_json::from_slice(&json).ok());
@@ -189,12 +197,12 @@ impl Inspector {
                 | Verdict::Extracted
                 | Verdict::Refused(_),
             )
-            | None => Err(failure::broken(order, status, &stderr_text)),
+            | None => Err(failure::broken(order, status, &stderr_text, seconds)),
         }
     }
 
-    /// Runs the child to its end or the deadline.
-    async fn run(&self, order: &Order) -> Result<(ExitStatus, String)> {
+    /// Runs the child to its end or the deadline. Returns its exit status, its standard error and the seconds that it had.
+    async fn run(&self, order: &Order) -> Result<(ExitStatus, String, u64)> {
         let fault = |error: std::io::Error| Error::internal("running an inspection", error);
         let (program, first) = self.command.split_first().ok_or_else(|| fault(std::io::ErrorKind::NotFound.into()))?;
         let mut child = Command::new(program)
@@ -205,14 +213,17 @@ impl Inspector {
             // A backtrace takes more memory than the child has, and it may hang instead of ending.
             .env("RUST_BACKTRACE", "0")
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             // A Ctrl-C at the server's terminal must not reach it; it still ends with the server.
             .process_group(0)
             .kill_on_drop(true)
             .spawn()
             .map_err(fault)?;
-        let stderr = child.stderr.take();
+        let (begun, mut stdout, stderr) = (Instant::now(), child.stdout.take(), child.stderr.take());
+        let line = first_line(stdout.as_mut());
+        let line = tokio::time::timeout(Duration::from_secs(order.seconds), line).await;
+        let seconds = order.seconds_stated(&line.unwrap_or_default());
         let ended = async {
             let mut stderr_text = Vec::new();
             if let Some(stderr) = stderr {
@@ -220,14 +231,24 @@ impl Inspector {
             }
             Ok((child.wait().await?, String::from_utf8_lossy(&stderr_text).into_owned()))
         };
-        match tokio::time::timeout(Duration::from_secs(order.seconds), ended).await {
-            Ok(ended) => ended.map_err(fault),
+        match tokio::time::timeout_at(begun + Duration::from_secs(seconds), ended).await {
+            Ok(ended) => ended.map(|(status, errors)| (status, errors, seconds)).map_err(fault),
             Err(_) => {
                 child.kill().await.map_err(fault)?;
-                Err(failure::took_too_long(order))
+                Err(failure::took_too_long(seconds))
             }
         }
     }
+}
+
+/// The line by which a child states the time that it has; empty if it ends without one.
+async fn first_line(stdout: Option<&mut ChildStdout>) -> String {
+    let mut line = String::new();
+    if let Some(stdout) = stdout {
+        // A failure is a child without a line.
+        let _ = BufReader::new(stdout.take(LINE_BYTES)).read_line(&mut line).await;
+    }
+    line
 }
 
 /// Threads of one inspection, at most as many as are of use.

@@ -9,7 +9,7 @@ use std::time::Instant;
 use gleaner_inspector::{Order, RecordingsConfig, Verdict};
 use gleaner_recording::{
     CameraRef, CameraSpec, EpisodeWriter, FieldSpec, FrameCache, ImageRef, Limits, ObservationRef, PixelFormat,
-    TaskSpec, encode_jpeg,
+    RecordedSize, TaskSpec, encode_jpeg,
 };
 
 /// A recording to be made: cameras of one size, all at the rate of the steps.
@@ -17,6 +17,8 @@ pub(crate) struct Long {
     pub(crate) cameras: usize,
     pub(crate) height: u32,
     pub(crate) width: u32,
+    /// Side of the square pictures that the task learns from; `None`: those of the recording.
+    pub(crate) learned: Option<u32>,
     pub(crate) rate_hz: u32,
     pub(crate) steps: u32,
 }
@@ -25,13 +27,14 @@ pub(crate) struct Long {
 const PICTURES: u32 = 48;
 
 impl Long {
-    fn spec(&self) -> TaskSpec {
+    /// The task of the recording, or with `learned` the one that reads it.
+    fn spec(&self, learned: Option<u32>) -> TaskSpec {
         let camera = |at| CameraSpec {
             name: format!("camera{at}"),
-            height: self.height,
-            width: self.width,
+            height: learned.unwrap_or(self.height),
+            width: learned.unwrap_or(self.width),
             depth: false,
-            recorded: None,
+            recorded: learned.map(|_| RecordedSize { height: self.height, width: self.width, crop: None }),
         };
         let mut spec: TaskSpec = serde_json::from_value(serde_json::json!({
             "name": "long", "rate_hz": self.rate_hz, "mappings": [], "proprioception": [], "action": [],
@@ -62,7 +65,7 @@ impl Long {
 
     fn write(&self, path: &Path) {
         let pictures: Vec<Vec<u8>> = (0..PICTURES).map(|at| self.picture(at)).collect();
-        let mut writer = EpisodeWriter::create(std::fs::File::create(path).unwrap(), &self.spec()).unwrap();
+        let mut writer = EpisodeWriter::create(std::fs::File::create(path).unwrap(), &self.spec(None)).unwrap();
         for step in 0..self.steps {
             let values: Vec<f32> =
                 (0..14u8).map(|at| f32::from(u16::try_from(step % 1000).unwrap()) + f32::from(at)).collect();
@@ -100,10 +103,17 @@ impl Long {
             threads,
             limits: RecordingsConfig::from(Limits::default()),
         };
-        std::fs::write(&order.spec, serde_json::to_vec(&self.spec()).unwrap()).unwrap();
-        let status = Command::new(env!("CARGO_BIN_EXE_gleaner-inspector")).args(order.arguments()).status().unwrap();
+        std::fs::write(&order.spec, serde_json::to_vec(&self.spec(self.learned)).unwrap()).unwrap();
+        let output = Command::new(env!("CARGO_BIN_EXE_gleaner-inspector")).args(order.arguments()).output().unwrap();
+        let pixels = self.cameras as u64 * u64::from(self.steps) * u64::from(self.height) * u64::from(self.width);
+        let stated = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(
+            order.seconds_stated(&stated),
+            order.seconds_for(pixels),
+            "pictures have time of their own: {stated:?}"
+        );
         let verdict = std::fs::read(&order.report).ok().and_then(|json| serde_json::from_slice(&json).ok());
-        (status, verdict)
+        (output.status, verdict)
     }
 
     /// Checks that the recording is accepted with this much memory, far less than its pictures take, with each of these
@@ -125,10 +135,11 @@ impl Long {
             digests.push(digest.finalize());
         }
         assert!(digests.iter().all(|digest| *digest == digests[0]), "{digests:?}");
-        let cache = FrameCache::open(&folder.path().join("frames"), &self.spec()).unwrap();
+        let cache = FrameCache::open(&folder.path().join("frames"), &self.spec(self.learned)).unwrap();
         let last = cache.steps() - 1;
         let decoded = cache.frames(last..last + 1).unwrap();
-        assert!((cache.steps() * decoded.len()) as u64 > 2 * memory_bytes, "the pictures would fit into memory");
+        let pictures = u64::from(self.steps) * self.cameras as u64 * 3 * u64::from(self.height) * u64::from(self.width);
+        assert!(pictures > 2 * memory_bytes, "the pictures would fit into memory");
         assert!(decoded.iter().any(|value| *value != decoded[0]));
         seconds
     }

@@ -20,22 +20,21 @@ pub(super) fn refused(reason: &str) -> Error {
 }
 
 /// The child used its time up.
-pub(super) fn took_too_long(order: &Order) -> Error {
+pub(super) fn took_too_long(seconds: u64) -> Error {
     Error::invalid(
         "recording",
         format!(
-            "reading it takes more than {} s; record shorter episodes, or raise --inspect-seconds at the server",
-            order.seconds
+            "reading it takes more than {seconds} s; record shorter episodes, or raise --inspect-seconds at the server"
         ),
     )
 }
 
 /// The cause of death of a child without a verdict.
-pub(super) fn broken(order: &Order, status: ExitStatus, stderr_text: &str) -> Error {
+pub(super) fn broken(order: &Order, status: ExitStatus, stderr_text: &str, seconds: u64) -> Error {
     tracing::warn!(inspect.status = %status, inspect.stderr = stderr_text, "an inspection failed");
     let (memory, written) = (order.memory_bytes >> 20, order.most_written());
     match status.signal().and_then(Signal::from_named_raw) {
-        Some(Signal::XCPU) => took_too_long(order),
+        Some(Signal::XCPU) => took_too_long(seconds),
         Some(Signal::XFSZ) if largest_file().is_some_and(|most| most < written) => Error::exhausted(
             "the recording's decoded images take more than the file size limit of the server's process: raise it \
              there (`ulimit -f`, LimitFSIZE= of its service), then push the file again",
