@@ -1,11 +1,15 @@
-//! The address and the options of workers on a cluster: TLS, refused options.
+//! The address, the files and the options of workers on a cluster: TLS, a bucket, refused options.
 
+use gleaner_bucket::testing::TestStore;
 use gleaner_client::UploadLabel;
 use gleaner_proto::v1::*;
 
 use crate::support::{
+    api::Api,
+    blob_store,
     lab::{self, RECORDINGS},
     secure::SecureServer,
+    server::TestServer,
     slurm::Cluster,
     wait::within,
 };
@@ -41,6 +45,35 @@ async fn workers_on_a_cluster_call_by_tls_with_the_authority_of_the_server() {
     };
     within("the job ends", watching).await;
     assert_eq!((ended.state(), ended.engine.as_str()), (JobState::Succeeded, "slurm"), "{}", ended.error);
+}
+
+/// The nodes have no recording and no encoder in the shared folder until their workers fetch them.
+#[tokio::test]
+async fn jobs_on_nodes_read_and_write_a_bucket() {
+    let Some(cluster) = Cluster::start(2).await else { return };
+    let Some(store) = TestStore::start().unwrap() else { return };
+    let flags = cluster.flags();
+    let mut server = blob_store::start(&store, "one", &flags.iter().map(String::as_str).collect::<Vec<_>>()).await;
+    let mut api = Api::connect(&server).await;
+    let episodes = lab::set_up(&mut api).await;
+    blob_store::forget_copies(server.data_dir());
+    let pretrain = api.succeed(lab::TASK, lab::pretrain(4)).await;
+    blob_store::forget_copies(server.data_dir());
+    let score = api.succeed(lab::TASK, lab::score(&pretrain.result_id)).await;
+    assert_eq!((pretrain.engine.as_str(), score.engine.as_str()), ("slurm", "slurm"));
+    assert!(server.stop().await);
+
+    // The encoder of a node is in the bucket: another server's own worker scores by it, with the same bytes.
+    blob_store::forget_copies(server.data_dir());
+    let server = TestServer::start_over(server.data_dir(), &[]).await;
+    let mut api = Api::connect(&server).await;
+    let local = api.succeed(lab::TASK, lab::score(&pretrain.result_id)).await;
+    assert_eq!(local.engine, "local");
+    for episode in &episodes {
+        let expected = api.episode_scores(&local.result_id, &episode.id).await;
+        assert_eq!(api.episode_scores(&score.result_id, &episode.id).await, expected);
+    }
+    cluster.until_empty().await;
 }
 
 /// Slurm sends SIGTERM, and the worker saves a checkpoint before it ends.
