@@ -1,7 +1,8 @@
 """A score job in one process and over several, on the same episodes: its time, the processor time of each process, and a
 digest of the rows that it writes, which must not depend on their number.
 
-Each process has one thread of its own, so that two of them use two processors where one uses one.
+Each process has one thread of its own, so that two of them use two processors where one uses one. With --slurm they run on
+as many nodes of the Slurm that SLURM_CONF names; the time is that of the job, without its wait for the nodes.
 """
 
 import argparse
@@ -10,6 +11,7 @@ import json
 import os
 import pathlib
 import shutil
+import socket
 import tempfile
 import time
 
@@ -35,6 +37,12 @@ def processor_seconds(server: Server) -> dict[int, float]:
     return seconds
 
 
+def free_port() -> int:
+    """For workers on nodes, whose server has a fixed port."""
+    with socket.create_server(("127.0.0.1", 0)) as closed:
+        return closed.getsockname()[1]
+
+
 def digest(data: pathlib.Path, run: str) -> str:
     """Of every row of the run but its ids and times."""
     hasher = hashlib.sha256()
@@ -58,6 +66,9 @@ def score(given: argparse.Namespace, folder: pathlib.Path, ranks: int, words: li
     for kept in (data / "cache").glob("*.features"):
         kept.unlink()
     flags = ["--score-ranks", str(ranks), "--worker-threads", "1", "--worker-nice", "0", "--worker-idle", "false"]
+    if given.slurm:
+        flags += ["--engine", "slurm", "--worker-listen", f"127.0.0.1:{free_port()}", "--slurm-poll-seconds", "1"]
+        flags += ["--slurm-options", given.slurm_options]
     server = Server(bin, data, 1, *flags)
     job = json.loads(client(bin, server, folder, "score", *words))
     seconds, peak = {}, 0.0
@@ -94,6 +105,8 @@ def main() -> None:
     arguments.add_argument("--ranks", type=int, nargs="+", default=[1, 2], help="numbers of processes to compare")
     arguments.add_argument("--scorers", nargs="+", default=["raw", "ssdf"])
     arguments.add_argument("--preset", default="small", help="of the encoder")
+    arguments.add_argument("--slurm", action="store_true", help="processes on nodes of Slurm")
+    arguments.add_argument("--slurm-options", default="--cpus-per-task=1", help="options of sbatch")
     arguments.add_argument("--repeat", type=int, default=3, help="runs of each; the fastest is shown")
     given = arguments.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
