@@ -86,7 +86,7 @@ impl Search {
 
     fn folder(&mut self, folder: &Path) {
         match Rosbag::of(folder) {
-            Ok(Some(rosbag)) => match rosbag.unreadable() {
+            Ok(Some(rosbag)) => match rosbag.unreadable(folder) {
                 Some(reason) => return self.skip(folder, reason),
                 None if !rosbag.is_whole() => return self.parts(folder),
                 None => {}
@@ -132,7 +132,7 @@ impl Search {
         } else if named {
             self.skip(&path, file::describe(kind).to_owned());
         } else if self.remedy.is_none() && kind.is_file() {
-            self.remedy = foreign::remedy_in_folder(&path);
+            self.remedy = foreign::remedy(&path);
         }
     }
 

@@ -63,11 +63,13 @@ impl Rosbag {
     }
 
     /// Why its files cannot be read as MCAP, and what to do; `None` if they can.
-    pub(crate) fn unreadable(&self) -> Option<String> {
+    pub(crate) fn unreadable(&self, folder: &Path) -> Option<String> {
         if self.storage_identifier != "mcap" {
             return Some(format!(
-                "is a rosbag2 recording in the storage {:?}; convert it to MCAP with `ros2 bag convert`",
-                self.storage_identifier
+                "is a rosbag2 recording in the storage {:?}; convert it with `rosbags-convert --src {} --dst NEW_FOLDER \
+                 --dst-storage mcap` (Python package rosbags), and push NEW_FOLDER",
+                self.storage_identifier,
+                folder.display()
             ));
         }
         let compressed = match self.compression_mode.as_deref().unwrap_or_default().to_ascii_uppercase().as_str() {
@@ -88,7 +90,7 @@ impl Rosbag {
 
     /// The parts, which must all be there, with as many messages as the metadata states.
     fn parts(&self, folder: &Path) -> Result<Vec<PathBuf>> {
-        if let Some(problem) = self.unreadable() {
+        if let Some(problem) = self.unreadable(folder) {
             return Err(invalid(folder, &format!("it {problem}")));
         }
         let there: BTreeSet<PathBuf> = recordings_in(folder)?.into_iter().collect();

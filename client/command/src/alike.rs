@@ -23,7 +23,8 @@ impl Alike {
     /// Adds a message about a recording.
     pub(crate) fn add(&mut self, text: &str, recording: &str) {
         let name = recording.rsplit('/').next().unwrap_or_default();
-        let key = key(&if name.is_empty() { text.to_owned() } else { text.replace(name, "") });
+        let text_alone = text.replace(recording, "");
+        let key = key(&if name.is_empty() { text_alone } else { text_alone.replace(name, "") });
         match self.messages.iter_mut().find(|known| known.key == key) {
             Some(known) => known.recordings.push(recording.to_owned()),
             None => self.messages.push(Message { key, text: text.to_owned(), recordings: vec![recording.to_owned()] }),
@@ -76,6 +77,9 @@ mod tests {
         for (topic, recording) in [("/joint1", "p.mcap"), ("/joint2", "q.mcap"), ("/joint1", "r.mcap")] {
             alike.add(&format!("\"{topic}\" ends after 12.5 s"), recording);
         }
+        for recording in ["/data/ep_001/a.mcap", "/data/ep_002/a.mcap"] {
+            alike.add(&format!("{recording}: permission denied"), recording);
+        }
         alike.add("is empty", "z.mcap");
         assert_eq!(
             alike.lines("rejected"),
@@ -83,6 +87,7 @@ mod tests {
                 "rejected: 105 recordings (x/0.mcap, x/1.mcap, x/2.mcap, …): 0.mcap: 10 messages of /x are missing",
                 "rejected: 2 recordings (p.mcap, r.mcap): \"/joint1\" ends after 12.5 s",
                 "rejected: q.mcap: \"/joint2\" ends after 12.5 s",
+                "rejected: 2 recordings (/data/ep_001/a.mcap, /data/ep_002/a.mcap): /data/ep_001/a.mcap: permission denied",
                 "rejected: z.mcap: is empty"
             ]
         );

@@ -14,6 +14,8 @@ use crate::inspector::Inspector;
 
 /// The file that describes a dataset of LeRobot.
 const INFO: &str = "meta/info.json";
+/// The name of the file of a robomimic export.
+const EXPORTED: &str = "dataset";
 /// Endings of HDF5 files.
 const ENDINGS: [&str; 2] = ["hdf5", "h5"];
 
@@ -59,7 +61,7 @@ pub(crate) fn split(paths: &[PathBuf]) -> (Vec<PathBuf>, Vec<PathBuf>) {
     (datasets, others)
 }
 
-/// Adds the datasets below a folder. Links to folders are not followed, because one to a folder above would never end.
+/// Adds the datasets below a folder. Other links to folders are not followed, because one to a folder above would never end.
 fn below(folder: &Path, datasets: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
@@ -94,7 +96,9 @@ impl Intake {
     /// The dataset's name: that of its folder or file, as a name of a task and of a cohort may be.
     pub(crate) fn name(&self) -> String {
         let path = self.path.canonicalize().unwrap_or_else(|_| self.path.clone());
-        let name = if path.is_dir() { path.file_name() } else { path.file_stem() };
+        let of_file = path.file_stem().filter(|stem| *stem != EXPORTED);
+        // The file of an export here always has one name; its folder has the person's.
+        let name = if path.is_dir() { path.file_name() } else { of_file.or(path.parent().and_then(Path::file_name)) };
         let plain = |c: char| if c.is_ascii_alphanumeric() || "_-.".contains(c) { c } else { '_' };
         let name: String = name.unwrap_or_default().to_string_lossy().chars().take(100).map(plain).collect();
         if name.is_empty() { "dataset".to_owned() } else { name }

@@ -60,7 +60,7 @@ def sqlite_bag(folder: Path) -> Path:
     path = folder / "run"
     with rosbags.rosbag2.Writer(path, version=8, storage_plugin=rosbags.rosbag2.StoragePlugin.SQLITE3) as writer:
         write(writer, store, store.serialize_cdr)
-    return path / "run.db3"
+    return path
 
 
 def write(writer: Any, store: Any, serialize: Any) -> None:

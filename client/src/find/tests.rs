@@ -21,6 +21,10 @@ fn folders_are_searched_and_files_are_taken_as_they_are() {
     assert!(find_recordings(&[at("nowhere")]).unwrap_err().to_string().contains("nowhere"));
 }
 
+/// As rosbag2 writes it.
+const SQLITE: &str = "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: sqlite3\n  \
+                      relative_file_paths:\n    - run_0.db3\n";
+
 #[test]
 fn files_of_other_formats_are_refused_with_the_command_that_converts_them() {
     let folder = tempfile::tempdir().unwrap();
@@ -40,6 +44,9 @@ fn files_of_other_formats_are_refused_with_the_command_that_converts_them() {
             assert!(parts.iter().all(|part| problem.contains(&part.replace("{}", &place))), "{problem}");
         }
     }
+    std::fs::write(at("two/metadata.yaml"), SQLITE).unwrap();
+    let problem = find_recordings(&[at("two")]).unwrap_err().to_string();
+    assert!(problem.contains(&format!("--src {} --dst", at("two").display())), "{problem}");
     // Beside recordings they are of no concern.
     std::fs::write(at("one/run.mcap"), b"x").unwrap();
     assert_eq!(find_recordings(&[at("one")]).unwrap().recordings, [at("one/run.mcap")]);
@@ -123,7 +130,7 @@ fn a_folder_of_several_rosbag2_parts_is_one_recording() {
     let found = find_recordings(&[folder.path().to_owned()]).unwrap();
     assert_eq!(found.recordings, [split, folder.path().join("torn"), whole.join("whole_0.mcap")]);
     assert_eq!(found.skipped.iter().map(|skipped| &skipped.path).collect::<Vec<_>>(), [&old]);
-    assert!(found.skipped[0].reason.contains("ros2 bag convert"));
+    assert!(found.skipped[0].reason.contains("rosbags-convert --src"));
     let metadata = "rosbag2_bagfile_information:\n  storage_identifier: mcap\n  compression_mode: MESSAGE\n  \
                     relative_file_paths: [old_0.mcap]\n";
     std::fs::write(old.join("metadata.yaml"), metadata).unwrap();

@@ -86,7 +86,7 @@ fn parts_that_contradict_the_metadata_are_named() {
     for (files, metadata, words) in [
         (&["run_0.mcap", "run_2.mcap"][..], metadata(&listed, "mcap"), "run_1.mcap: this part is missing"),
         (&listed[..], metadata(&listed[..2], "mcap"), "run_2.mcap: metadata.yaml beside it does not list"),
-        (&listed[..], metadata(&listed, "sqlite3"), "storage \"sqlite3\"; convert it to MCAP with `ros2 bag convert`"),
+        (&listed[..], metadata(&listed, "sqlite3"), "storage \"sqlite3\"; convert it with `rosbags-convert --src "),
         (&listed[..], compressed("FILE"), "recorder compressed each file; convert it with `ros2 bag convert`"),
         (&listed[..], compressed("message"), "recorder compressed each message; convert it with `ros2 bag convert`"),
         (&listed[..1], compressed("NONE"), "run_1.mcap: this part is missing"),

@@ -26,7 +26,8 @@ use shown::{document, summary};
 pub(crate) struct PushArgs {
     /// Recordings, or folders that are searched for *.mcap; files that are not regular are skipped and listed. A folder
     /// whose metadata.yaml lists several parts (rosbag2) is one recording. Or datasets of other programs: LeRobot's folder
-    /// with meta/info.json, robomimic's *.hdf5. Default with --labels: every file that it lists.
+    /// with meta/info.json, robomimic's *.hdf5, or a folder of them without recordings. Default with --labels: every file
+    /// that it lists.
     paths: Vec<PathBuf>,
     /// Join parts that a recorder has cut (NAME_0.mcap, NAME_1.mcap, …) to one recording: those in each folder given, or
     /// the files given. A missing part is an error.
@@ -41,8 +42,8 @@ pub(crate) struct PushArgs {
     #[arg(long, value_name = "CSV", requires = "paths", conflicts_with_all = ["join", "labels", "check", "episodes_from"])]
     ranges: Option<PathBuf>,
     /// Name or id of the task. Default: that of the labels file, or the only task of the server. A dataset of another
-    /// program becomes episodes of the task of its name, or else of the one that it fits; if it fits none, a task is
-    /// created from its features.
+    /// program becomes episodes of the task of its name, which must have its rate, or else of the one that it fits; if it
+    /// fits none, a task is created from its features.
     #[arg(long)]
     task: Option<String>,
     /// Outcome of the attempts, such as success for a dataset of experts. Default: that of the labels file or the dataset,

@@ -1,5 +1,6 @@
 //! `push` of datasets of other programs: each episode is made a recording, sent, and removed again.
 
+use std::collections::HashMap;
 use std::time::Instant;
 
 use futures::StreamExt as _;
@@ -28,9 +29,15 @@ pub(super) async fn push(
     client: &Client,
     intakes: &[Intake],
 ) -> Result<(Pushed, String)> {
-    let mut tasks = Vec::with_capacity(intakes.len());
+    distinct(intakes)?;
+    // Every dataset is tried before the first task is created.
+    let mut choices = Vec::with_capacity(intakes.len());
     for intake in intakes {
-        tasks.push(task(args, context, client, intake).await?);
+        choices.push(choose(args, context, client, intake).await?);
+    }
+    let mut tasks = Vec::with_capacity(intakes.len());
+    for (intake, choice) in intakes.iter().zip(choices) {
+        tasks.push(created(context, client, intake, choice).await?);
     }
     let started = Instant::now();
     let all = intakes.iter().zip(&tasks);
@@ -78,23 +85,46 @@ async fn episode(
     Ok(PushResult { path, result })
 }
 
-/// The task that was named, that of the dataset's name, or the one that the dataset fits; if it fits none, one is created
-/// from its features. A dataset of which no episode can be used creates none.
-async fn task(args: &PushArgs, context: &Context, client: &Client, dataset: &Intake) -> Result<String> {
+/// Refuses datasets of one name: they would become one task and one cohort.
+fn distinct(intakes: &[Intake]) -> Result<()> {
+    let mut by_name: HashMap<String, &Intake> = HashMap::new();
+    for intake in intakes {
+        if let Some(other) = by_name.insert(intake.name(), intake) {
+            let (one, two, name) = (other.path.display(), intake.path.display(), intake.name());
+            return Err(Failure::message(format!(
+                "{one} and {two} are both named {name}; rename one, or push them one after the other with --task"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// The task of a dataset.
+enum Choice {
+    /// One that the server has.
+    Known(String),
+    /// One to be created from the features of the dataset; `true`: although there are others.
+    New(TaskSpec, bool),
+}
+
+/// The task that was named, that of the dataset's name, or the one that the dataset fits; if it fits none, a new one.
+///
+/// # Errors
+/// If no episode of the dataset can be used for a new one.
+async fn choose(args: &PushArgs, context: &Context, client: &Client, dataset: &Intake) -> Result<Choice> {
     let path = dataset.path.display();
     if let Some(named) = &args.task {
         let known = known_task(client, named.clone(), None).await;
-        return known
-            .map_err(|error| Failure::message(format!("{error}; `gleaner task draft {path} > task.toml` drafts it")));
+        let draft = |error| Failure::message(format!("{error}; `gleaner task draft {path} > task.toml` drafts it"));
+        return known.map(Choice::Known).map_err(draft);
     }
     let specs = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
     let specs: Vec<TaskSpec> = specs.into_iter().filter_map(|task| spec_from_proto(task.spec?).ok()).collect();
     let spec = of_description(&dataset.description, dataset.name()).spec;
     if let Some(known) = specs.iter().find(|known| known.name == spec.name) {
         same_rate(dataset, known)?;
-        return Ok(spec.name);
+        return Ok(Choice::Known(spec.name));
     }
-    gleaner_recording::validate(&spec)?;
     let mut fitting = trial(dataset, &specs, &spec).await?;
     match fitting.len() {
         0 => {}
@@ -103,18 +133,28 @@ async fn task(args: &PushArgs, context: &Context, client: &Client, dataset: &Int
             context
                 .output
                 .note(format_args!("{path} fits the task {name} and is added to it; with --task another one takes it"));
-            return Ok(name);
+            return Ok(Choice::Known(name));
         }
         _ => {
             let names = fitting.join(", ");
             return Err(Failure::message(format!("{path} fits several tasks; add --task with one of: {names}")));
         }
     }
+    Ok(Choice::New(spec, !specs.is_empty()))
+}
+
+/// The name of the task, which exists once this returns.
+async fn created(context: &Context, client: &Client, dataset: &Intake, choice: Choice) -> Result<String> {
+    let (spec, others) = match choice {
+        Choice::Known(name) => return Ok(name),
+        Choice::New(spec, others) => (spec, others),
+    };
     let name = spec.name.clone();
     client.tasks().create_task(CreateTaskRequest { spec: Some(spec_to_proto(spec)) }).await?;
-    let why = if specs.is_empty() { "" } else { ", which fit no other task" };
+    let why = if others { ", which fit no other task" } else { "" };
     context.output.note(format_args!(
-        "created task {name} from the features of {path}{why}; `gleaner task show {name}` shows it"
+        "created task {name} from the features of {}{why}; `gleaner task show {name}` shows it",
+        dataset.path.display()
     ));
     Ok(name)
 }
@@ -147,7 +187,9 @@ fn same_rate(dataset: &Intake, known: &TaskSpec) -> Result<()> {
 async fn trial(dataset: &Intake, specs: &[TaskSpec], drafted: &TaskSpec) -> Result<Vec<String>> {
     let mut open: Vec<&TaskSpec> = specs.iter().filter(|spec| near(drafted.rate_hz, spec.rate_hz)).collect();
     let inspector = Inspector::find()?;
-    let (mut names, mut usable, mut problem) = (Vec::new(), false, None);
+    let (mut names, mut usable) = (Vec::new(), false);
+    let mut problem = gleaner_recording::validate(drafted).err().map(|error| error.to_string());
+    let valid = problem.is_none();
     let tried = dataset.description.episodes.min(TRIED);
     for number in 0..tried {
         let episode = match dataset.episode(number).await? {
@@ -157,7 +199,7 @@ async fn trial(dataset: &Intake, specs: &[TaskSpec], drafted: &TaskSpec) -> Resu
                 continue;
             }
         };
-        if !usable {
+        if valid && !usable {
             match accepts(&inspector, &episode, drafted).await? {
                 Ok(()) => usable = true,
                 Err(why) => {
@@ -173,13 +215,14 @@ async fn trial(dataset: &Intake, specs: &[TaskSpec], drafted: &TaskSpec) -> Resu
             }
         }
         open = left;
-        if open.is_empty() && usable {
+        if open.is_empty() && (usable || !valid) {
             break;
         }
     }
     match problem {
         Some(why) if !usable && names.is_empty() => Err(Failure::message(format!(
-            "{}: none of its first {tried} episodes can be used, so that no task was created for it: {why}",
+            "{}: none of its first {tried} episodes can be used, so that no task was created for it: {why}. Correct the \
+             dataset, or name the task of its other episodes with --task",
             dataset.path.display()
         ))),
         _ => {
