@@ -183,6 +183,10 @@ impl Blobs {
     /// again.
     fn is_wanted(&self, remote: &Remote, id: &BlobId, path: &Path, object: Option<u64>) -> bool {
         let store = remote.bucket.shown();
+        if !path.exists() {
+            // Removed meanwhile, with its object or before it.
+            return false;
+        }
         if digest(path).ok().as_ref() != Some(id) {
             tracing::error!(blob.id = %id, store, object, "a copy is damaged, and its object is missing or has another size");
             return object.is_none();

@@ -241,16 +241,16 @@ impl Blobs {
     /// Internal when the disk fails.
     pub fn remove(&self, id: &BlobId, _removing: &Removing) -> Result<Option<u64>> {
         let (path, size) = (self.path(id), self.size(id)?);
+        // The copy first: one without an object is sent again.
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(fault("removing", &path)(error)),
+            Ok(()) | Err(_) => {}
+        }
         if let Some(remote) = &self.remote {
             remote.bucket.remove(&self.name(id))?;
         }
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(fault("removing", &path)(error)),
-            Ok(()) | Err(_) => {
-                crate::fail_point::pass("blob.removed");
-                Ok(size)
-            }
-        }
+        crate::fail_point::pass("blob.removed");
+        Ok(size)
     }
 }
 

@@ -101,9 +101,9 @@ impl Blobs {
         }
         crate::fail_point::pass("trash.sidecars_moved");
         if let Some(remote) = &self.remote {
-            // A copy in the trash would be of no use.
-            remote.bucket.rename(&self.name(id), &to.name(id))?;
+            // A copy in the trash would be of no use, and one without an object is sent again.
             remove(&from)?;
+            remote.bucket.rename(&self.name(id), &to.name(id))?;
         } else {
             // The retention time in the trash starts now.
             let dated = File::open(&from).and_then(|file| file.set_modified(SystemTime::now()));
