@@ -191,22 +191,24 @@ impl Inspector {
             .kill_on_drop(true)
             .spawn()
             .map_err(ClientError::io(&self.program))?;
-        let (begun, mut line, mut stderr_text) = (Instant::now(), String::new(), Vec::new());
-        let mut stdout = child.stdout.take();
+        let (begun, mut line) = (Instant::now(), String::new());
+        let (mut stdout, stderr) = (child.stdout.take(), child.stderr.take());
+        let errors = tokio::spawn(async move {
+            let mut text = Vec::new();
+            if let Some(stderr) = stderr {
+                stderr.take(STDERR_BYTES).read_to_end(&mut text).await?;
+            }
+            std::io::Result::Ok(String::from_utf8_lossy(&text).into_owned())
+        });
         if let Some(stdout) = &mut stdout {
             let mut stdout = BufReader::new(stdout.take(LINE_BYTES));
             // Without a line in this time, its time is over.
             let _ = tokio::time::timeout(Duration::from_secs(order.seconds), stdout.read_line(&mut line)).await;
         }
         let seconds = order.seconds_stated(&line);
-        let ended = async {
-            if let Some(stderr) = child.stderr.take() {
-                stderr.take(STDERR_BYTES).read_to_end(&mut stderr_text).await?;
-            }
-            child.wait().await
-        };
-        let status = match tokio::time::timeout_at(begun + Duration::from_secs(seconds), ended).await {
-            Ok(ended) => ended?,
+        let ended = async { Ok((child.wait().await?, errors.await.map_err(std::io::Error::other)??)) };
+        let (status, errors) = match tokio::time::timeout_at(begun + Duration::from_secs(seconds), ended).await {
+            Ok(ended) => ended.map_err(ClientError::io(&self.program))?,
             Err(_) => {
                 child.kill().await?;
                 return Ok(Err(took_too_long(seconds)));
@@ -218,7 +220,7 @@ impl Inspector {
         }
         Ok(match serde_json::from_slice(&json) {
             Ok(verdict) if status.success() => Ok(verdict),
-            _ => Err(broken(order, status, &String::from_utf8_lossy(&stderr_text), seconds)),
+            _ => Err(broken(order, status, &errors, seconds)),
         })
     }
 }

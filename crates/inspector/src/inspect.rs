@@ -106,7 +106,7 @@ fn grant_time_for_pictures(order: &Order, spec: &TaskSpec) -> Result<(), Inspect
     // A recording that states nothing about itself, or cannot be read, has the time of its size.
     let stated = summarize(&order.recording).ok().flatten();
     let seconds = order.seconds_for(stated.map_or(0, |summary| decoded_pixels(&summary, spec)));
-    limits::extend(seconds)?;
+    let seconds = limits::extend(order.seconds, seconds)?;
     // Without a parent that reads it, the line is of no use.
     let mut out = std::io::stdout();
     let _ = writeln!(out, "{seconds}").and_then(|()| out.flush());

@@ -40,15 +40,20 @@ pub fn apply(order: &Order) -> Result<(), InspectError> {
     limit_to(Resource::Cpu, order.seconds, order.seconds_for(u64::MAX).saturating_add(1)).map_err(fault)
 }
 
-/// Raises the limit on processor time to this one, for good.
+/// Raises the limit on processor time from `before` to `seconds`, for good, and returns the one that holds: a lower one of
+/// the parent stays.
 ///
 /// # Errors
 /// If it cannot be set.
-pub(crate) fn extend(seconds: u64) -> Result<(), InspectError> {
-    let maximum = getrlimit(Resource::Cpu).maximum;
-    let hard = maximum.map_or(seconds.saturating_add(1), |maximum| maximum.min(seconds.saturating_add(1)));
-    let limit = Rlimit { current: Some(seconds.min(hard)), maximum: Some(hard) };
-    setrlimit(Resource::Cpu, limit).map_err(InspectError::when("limiting this process"))
+pub(crate) fn extend(before: u64, seconds: u64) -> Result<u64, InspectError> {
+    let present = getrlimit(Resource::Cpu);
+    let holds = match present.current {
+        Some(current) if current < before => current,
+        _ => present.maximum.map_or(seconds, |maximum| seconds.min(maximum)),
+    };
+    let limit = Rlimit { current: Some(holds), maximum: present.maximum.map(|most| most.min(holds.saturating_add(1))) };
+    setrlimit(Resource::Cpu, limit).map_err(InspectError::when("limiting this process"))?;
+    Ok(holds)
 }
 
 /// Limits a resource. A lower existing limit stays, because most users cannot raise it.
@@ -85,10 +90,14 @@ mod tests {
     #[test]
     fn processor_time_is_extended_once_and_for_good() {
         // Of this process: far more than its tests take.
-        extend(70_000).unwrap();
-        assert_eq!(getrlimit(Resource::Cpu), Rlimit { current: Some(70_000), maximum: Some(70_001) });
-        extend(80_000).unwrap();
-        assert_eq!(getrlimit(Resource::Cpu), Rlimit { current: Some(70_001), maximum: Some(70_001) });
+        let limits = || (getrlimit(Resource::Cpu).current, getrlimit(Resource::Cpu).maximum);
+        setrlimit(Resource::Cpu, Rlimit { current: Some(60_000), maximum: Some(90_000) }).unwrap();
+        assert_eq!(extend(60_000, 70_000).unwrap(), 70_000);
+        assert_eq!(limits(), (Some(70_000), Some(70_001)));
+        assert_eq!(extend(60_000, 80_000).unwrap(), 70_001);
+        // A lower limit than that of the order is the parent's.
+        assert_eq!(extend(80_000, 90_000).unwrap(), 70_001);
+        assert_eq!(limits().0, Some(70_001));
     }
 
     #[test]

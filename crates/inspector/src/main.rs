@@ -1,5 +1,5 @@
 //! The `gleaner-inspector` binary: one recording under limits. The server and the command line start it and read its exit
-//! code and its standard error.
+//! code, its standard error and, on its standard output, the seconds that it has.
 
 use std::process::ExitCode;
 

@@ -46,7 +46,8 @@ pub fn estimate(summary: &RecordingSummary, spec: &TaskSpec) -> InspectionEstima
     InspectionEstimate { steps, least_memory_bytes, least_decoded_bytes, most_decoded_bytes }
 }
 
-/// Pixels of all pictures that reading such a recording decodes, as it has them: by the mapping with the most of them.
+/// Pixels of all pictures that reading such a recording decodes, as it has them: by the mapping with the most of them. The
+/// statement may be false; the caller limits what follows from it.
 pub fn decoded_pixels(summary: &RecordingSummary, spec: &TaskSpec) -> u64 {
     let spec = &*choice::readable(spec);
     let messages = |topic: &str| summary.topics.get(topic).copied().unwrap_or_default();

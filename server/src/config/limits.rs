@@ -20,7 +20,8 @@ pub struct LimitConfig {
     #[arg(long, env = "GLEANER_INSPECT_MEMORY_BYTES", default_value_t = 2 << 30, value_name = "BYTES")]
     pub inspect_memory_bytes: u64,
     /// Maximum time of one inspection in seconds, for processor time and wall clock each; each 512 KiB of the recording
-    /// add a second, and so do each 4 million pixels of its pictures, up to 6 hours. Recordings that need more are rejected.
+    /// add a second, and each 4 million pixels of its pictures add one, these at most 6 hours. Recordings that need more are
+    /// rejected.
     #[arg(long, env = "GLEANER_INSPECT_SECONDS", default_value_t = 120, value_name = "SECONDS")]
     pub inspect_seconds: u64,
     /// Maximum number of inspections at once, shared fairly between callers: above 1, one caller gets at most all but

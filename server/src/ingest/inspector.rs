@@ -221,16 +221,17 @@ impl Inspector {
             .spawn()
             .map_err(fault)?;
         let (begun, mut stdout, stderr) = (Instant::now(), child.stdout.take(), child.stderr.take());
+        let errors = tokio::spawn(async move {
+            let mut text = Vec::new();
+            if let Some(stderr) = stderr {
+                stderr.take(STDERR_BYTES).read_to_end(&mut text).await?;
+            }
+            std::io::Result::Ok(String::from_utf8_lossy(&text).into_owned())
+        });
         let line = first_line(stdout.as_mut());
         let line = tokio::time::timeout(Duration::from_secs(order.seconds), line).await;
         let seconds = order.seconds_stated(&line.unwrap_or_default());
-        let ended = async {
-            let mut stderr_text = Vec::new();
-            if let Some(stderr) = stderr {
-                stderr.take(STDERR_BYTES).read_to_end(&mut stderr_text).await?;
-            }
-            Ok((child.wait().await?, String::from_utf8_lossy(&stderr_text).into_owned()))
-        };
+        let ended = async { Ok((child.wait().await?, errors.await.map_err(std::io::Error::other)??)) };
         match tokio::time::timeout_at(begun + Duration::from_secs(seconds), ended).await {
             Ok(ended) => ended.map(|(status, errors)| (status, errors, seconds)).map_err(fault),
             Err(_) => {

@@ -1,7 +1,7 @@
 //! Uploads read by a real inspection: accepted and rejected ones, and its limits.
 
 use super::*;
-use crate::data_folder::frames_path;
+use crate::{data_folder::frames_path, ingest::testing::playing_with};
 
 #[tokio::test]
 async fn a_real_recording_is_read_and_its_frames_are_rebuilt_when_torn() {
@@ -74,6 +74,16 @@ async fn an_endless_recording_is_rejected_in_time() {
         assert_eq!(error.kind(), Kind::Invalid, "{misbehaviour}: {error}");
         assert!(error.message().contains("more than 1 s"), "{misbehaviour}: {error}");
     }
+}
+
+/// One second by the flag, and the pictures that it states add 30.
+#[tokio::test]
+async fn an_inspection_has_the_time_that_it_states() {
+    let f = playing_with(&format!("echo 31; sleep 1.5; {USABLE}"), &["--inspect-seconds", "1"]).await;
+    f.push(b"recording").await.unwrap();
+    let f = playing_with("echo nothing; exec sleep 30", &["--inspect-seconds", "1"]).await;
+    let error = f.push(b"recording").await.unwrap_err();
+    assert!(error.message().contains("more than 1 s"), "{error}");
 }
 
 #[test]
