@@ -15,15 +15,23 @@ const PROGRAM: &str = "check --slurm-bin, the folder of Slurm's commands";
 /// What to check where they get no answer.
 const CONTROLLER: &str = "check that slurmctld runs and that SLURM_CONF, or this machine's own configuration, names it";
 /// Parts of the words of Slurm's commands for a controller that does not answer.
-const AWAY: [&str; 4] =
-    ["slurm controller", "Socket timed out", "Connection refused", "Communication connection failure"];
+const AWAY: [&str; 8] = [
+    "slurm controller",
+    "Socket timed out",
+    "Connection refused",
+    "Communication connection failure",
+    "configuration source",
+    "Zero Bytes were transmitted",
+    "munge",
+    "uthentication",
+];
 
 /// Why a command has no result, in words that name the setting, but for that of a refusal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Problem {
     /// Slurm refused it, in its own words.
     Refused(String),
-    /// The command or the controller gave no answer.
+    /// The command or the controller gave no answer, or not one of Slurm's.
     NoAnswer(String),
 }
 
@@ -160,8 +168,9 @@ impl Commands {
         if errors.is_empty() {
             return Err(Problem::NoAnswer(format!("{name}: {}; {PROGRAM}", output.status)));
         }
-        let words = format!("{name}: {}", shortened(&errors.join("; ")));
-        if AWAY.iter().any(|part| words.contains(part)) {
+        let errors = errors.join("; ");
+        let words = format!("{name}: {}", shortened(&errors));
+        if AWAY.iter().any(|part| errors.contains(part)) {
             return Err(Problem::NoAnswer(format!("{words}; {CONTROLLER}")));
         }
         Err(Problem::Refused(words))
