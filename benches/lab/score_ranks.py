@@ -2,7 +2,8 @@
 digest of the rows that it writes, which must not depend on their number.
 
 Each process has one thread of its own, so that two of them use two processors where one uses one. With --slurm they run on
-as many nodes of the Slurm that SLURM_CONF names; the time is that of the job, without its wait for the nodes.
+as many nodes of the Slurm that SLURM_CONF names; the time then has the seconds of Slurm's queue, and the workers, which are
+not children of the server, have neither processor time nor peak.
 """
 
 import argparse

@@ -123,13 +123,14 @@ def track(client: Client, job: str | Job, url: str, *, experiment: str = "gleane
     return sender.run_id
 
 
-def track_all(client: Client, url: str, *, task: str = "", experiment: str = "gleaner") -> dict[str, str]:
-    """Sends every job, or those of one task, to MLflow at `url`; returns the id of the run of each job, oldest first.
+def track_all(client: Client, url: str, *, task: str = "", experiment: str = "gleaner") -> Iterator[tuple[str, str]]:
+    """Sends every job, or those of one task, to MLflow at `url`, oldest first; yields the ids of each job and of its run.
 
     Raises `TrackerError` when MLflow is unreachable or rejects a request.
     """
     jobs = sorted(client.jobs.list(task), key=lambda job: job.create_time.ToNanoseconds())
-    return {job.id: track(client, job, url, experiment=experiment) for job in jobs}
+    for job in jobs:
+        yield job.id, track(client, job, url, experiment=experiment)
 
 
 def _curves(client: Client, job: Job) -> Iterator[tuple[str, int, float]]:
@@ -239,8 +240,8 @@ def main() -> int:
     def run() -> int:
         with connected(given) as client:
             if given.all:
-                for job, sent in track_all(client, given.mlflow, task=given.task, experiment=given.experiment).items():
-                    print(job, sent)
+                for job, sent in track_all(client, given.mlflow, task=given.task, experiment=given.experiment):
+                    print(job, sent, flush=True)
                 return 0
             print(track(client, given.job, given.mlflow, experiment=given.experiment, follow=given.follow))
         return 0
