@@ -101,9 +101,10 @@ impl Blobs {
         }
         crate::fail_point::pass("trash.sidecars_moved");
         if let Some(remote) = &self.remote {
-            // A copy in the trash would be of no use, and one without an object is sent again.
-            remove(&from)?;
+            // A copy in the trash would be of no use. Until the object is there, it may be the last one: if it is sent again
+            // meanwhile, the sweep finds a blob without a row.
             remote.bucket.rename(&self.name(id), &to.name(id))?;
+            remove(&from)?;
         } else {
             // The retention time in the trash starts now.
             let dated = File::open(&from).and_then(|file| file.set_modified(SystemTime::now()));
