@@ -124,7 +124,7 @@ def track(client: Client, job: str | Job, url: str, *, experiment: str = "gleane
 
 
 def track_all(client: Client, url: str, *, task: str = "", experiment: str = "gleaner") -> Iterator[tuple[str, str]]:
-    """Sends every job, or those of one task, to MLflow at `url`, oldest first; yields the ids of each job and of its run.
+    """Sends every job, or those of one task, to MLflow at `url`, oldest first; yields the ids of each job and its run.
 
     Raises `TrackerError` when MLflow is unreachable or rejects a request.
     """
