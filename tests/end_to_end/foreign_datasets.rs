@@ -228,6 +228,40 @@ async fn a_folder_stands_for_the_datasets_in_it() {
     let refused = gleaner(server.url(), &["push", text(folder.path()), "--rate", "25"]).await;
     assert!(!refused.success && refused.text().contains("the task demos 10"), "{}", refused.text());
 
+    // A bad dataset stops the push before a task is made for the good one, and two of one name are not mixed.
+    let mixed = tempfile::tempdir().unwrap();
+    copy(&fixture("lerobot_v21"), &mixed.path().join("a_good"));
+    copy(&fixture("lerobot_v30_video"), &mixed.path().join("bad"));
+    replace(&mixed.path().join("bad").join(INFO), b"\"fps\": 10,", b"\"fps\": 30,");
+    let refused = gleaner(server.url(), &["push", text(mixed.path())]).await;
+    assert!(!refused.success && refused.text().contains("no task was created"), "{}", refused.text());
+    let tasks = shown(server.url(), &["task", "list"]).await;
+    assert_eq!(tasks["tasks"].as_array().unwrap().len(), 1, "{tasks}");
+    let same = [mixed.path().join("x/good"), mixed.path().join("y/good")];
+    for place in &same {
+        copy(&fixture("lerobot_v21"), place);
+    }
+    let refused = gleaner(server.url(), &["push", text(&same[0]), text(&same[1])]).await;
+    assert!(!refused.success && refused.text().contains("are both named good"), "{}", refused.text());
+
+    // Two new datasets of one robot are one task, as they are if they are pushed one after the other.
+    let alike = tempfile::tempdir().unwrap();
+    for (from, to) in [("lerobot_v30_video", "first"), ("lerobot_v30_images", "second")] {
+        copy(&fixture(from), &alike.path().join(to));
+    }
+    let other = TestServer::start_with(&["--workers", "0"]).await;
+    let pushed = gleaner(other.url(), &["push", text(alike.path())]).await;
+    let message = pushed.text();
+    assert!(pushed.success && message.contains("created task first"), "{message}");
+    assert!(message.contains("second fits the task first"), "{message}");
+
+    // The file of an export here has the name of its folder.
+    let export = mixed.path().join("lift");
+    std::fs::create_dir(&export).unwrap();
+    copy(&fixture("robomimic.hdf5"), &export.join("dataset.hdf5"));
+    let drafted = gleaner(NOWHERE, &["task", "draft", text(&export)]).await;
+    assert!(drafted.success && drafted.out.contains("name = \"lift\""), "{}", drafted.text());
+
     copy(&fixture("lerobot_v21"), &folder.path().join("kitchen"));
     let both = gleaner(server.url(), &["push", text(folder.path()), "--rate", "10"]).await;
     assert!(both.success && both.text().contains("2 already stored"), "{}", both.text());

@@ -14,7 +14,7 @@ use crate::inspector::Inspector;
 
 /// The file that describes a dataset of LeRobot.
 const INFO: &str = "meta/info.json";
-/// The name of the file of a robomimic export.
+/// The name of the file of a robomimic export (`crates/formats`), without its ending.
 const EXPORTED: &str = "dataset";
 /// Endings of HDF5 files.
 const ENDINGS: [&str; 2] = ["hdf5", "h5"];

@@ -23,7 +23,7 @@ const NAMES_SHOWN: usize = 16;
 #[derive(Args, Debug)]
 pub(crate) struct InspectArgs {
     /// Recordings, or folders that are searched for *.mcap; or datasets of other programs, of which the first episode is
-    /// shown: LeRobot's folder with meta/info.json, robomimic's *.hdf5.
+    /// shown: LeRobot's folder with meta/info.json, robomimic's *.hdf5, or a folder of them without recordings.
     #[arg(required = true)]
     paths: Vec<PathBuf>,
     /// Write the first picture of each camera into this folder, as JPEG; with several recordings into a folder for each.

@@ -29,11 +29,19 @@ pub(super) async fn push(
     client: &Client,
     intakes: &[Intake],
 ) -> Result<(Pushed, String)> {
-    distinct(intakes)?;
-    // Every dataset is tried before the first task is created.
+    if args.task.is_none() || args.cohort.is_none() {
+        distinct(intakes)?;
+    }
+    let specs = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+    let mut specs: Vec<TaskSpec> = specs.into_iter().filter_map(|task| spec_from_proto(task.spec?).ok()).collect();
+    // Every dataset is tried before the first task is created, and may fit that of an earlier one.
     let mut choices = Vec::with_capacity(intakes.len());
     for intake in intakes {
-        choices.push(choose(args, context, client, intake).await?);
+        let choice = choose(args, context, client, intake, &specs).await?;
+        if let Choice::New(spec, _) = &choice {
+            specs.push(spec.clone());
+        }
+        choices.push(choice);
     }
     let mut tasks = Vec::with_capacity(intakes.len());
     for (intake, choice) in intakes.iter().zip(choices) {
@@ -111,21 +119,25 @@ enum Choice {
 ///
 /// # Errors
 /// If no episode of the dataset can be used for a new one.
-async fn choose(args: &PushArgs, context: &Context, client: &Client, dataset: &Intake) -> Result<Choice> {
+async fn choose(
+    args: &PushArgs,
+    context: &Context,
+    client: &Client,
+    dataset: &Intake,
+    specs: &[TaskSpec],
+) -> Result<Choice> {
     let path = dataset.path.display();
     if let Some(named) = &args.task {
         let known = known_task(client, named.clone(), None).await;
         let draft = |error| Failure::message(format!("{error}; `gleaner task draft {path} > task.toml` drafts it"));
         return known.map(Choice::Known).map_err(draft);
     }
-    let specs = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
-    let specs: Vec<TaskSpec> = specs.into_iter().filter_map(|task| spec_from_proto(task.spec?).ok()).collect();
     let spec = of_description(&dataset.description, dataset.name()).spec;
     if let Some(known) = specs.iter().find(|known| known.name == spec.name) {
         same_rate(dataset, known)?;
         return Ok(Choice::Known(spec.name));
     }
-    let mut fitting = trial(dataset, &specs, &spec).await?;
+    let mut fitting = trial(dataset, specs, &spec).await?;
     match fitting.len() {
         0 => {}
         1 => {
