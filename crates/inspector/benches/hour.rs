@@ -1,6 +1,6 @@
 //! Whether the recording of a lab passes an inspection within 512 MiB: four cameras of 480 × 640 at 15 Hz, learned from at
 //! 128 × 128, for as many seconds as its argument gives (60), on one thread and on as many as there are processors.
-//! `make bench-hour` takes an hour, and 20 GB in the temporary folder.
+//! `make bench-hour` takes most of an hour, and about 20 GB in the temporary folder.
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 

@@ -166,7 +166,7 @@ impl Blobs {
                 break;
             }
             let object = remote.bucket.size(&self.name(&id))?;
-            if object != Some(size) && self.is_wanted(remote, &id, &path, object) {
+            if object != Some(size) && self.resend_lost(remote, &id, &path, object) {
                 continue;
             }
             match fs::remove_file(&path) {
@@ -179,9 +179,9 @@ impl Blobs {
         Ok(there)
     }
 
-    /// Whether a copy is better than its object, which is missing or has another size (`object`); then the object is sent
-    /// again.
-    fn is_wanted(&self, remote: &Remote, id: &BlobId, path: &Path, object: Option<u64>) -> bool {
+    /// Sends an object that is missing or has another size (`object`) again from its copy, if that is sound. Returns whether
+    /// the copy has to stay.
+    fn resend_lost(&self, remote: &Remote, id: &BlobId, path: &Path, object: Option<u64>) -> bool {
         let store = remote.bucket.shown();
         if !path.exists() {
             // Removed meanwhile, with its object or before it.

@@ -13,17 +13,17 @@ const LONGEST: usize = 400;
 /// What to check where a command does not act as Slurm's do.
 const PROGRAM: &str = "check --slurm-bin, the folder of Slurm's commands";
 /// What to check where they get no answer.
-const CONTROLLER: &str = "check that slurmctld runs and that SLURM_CONF, or this machine's own configuration, names it";
-/// Parts of the words of Slurm's commands for a controller that does not answer.
+const CONTROLLER: &str = "check that slurmctld runs and that munged does, and that SLURM_CONF, or this machine's own configuration, names it";
+/// Parts of the words of Slurm's commands for a controller that does not answer, in small letters.
 const AWAY: [&str; 8] = [
     "slurm controller",
-    "Socket timed out",
-    "Connection refused",
-    "Communication connection failure",
+    "socket timed out",
+    "connection refused",
+    "communication connection failure",
     "configuration source",
-    "Zero Bytes were transmitted",
+    "zero bytes were transmitted",
     "munge",
-    "uthentication",
+    "authentication",
 ];
 
 /// Why a command has no result, in words that name the setting, but for that of a refusal.
@@ -170,7 +170,8 @@ impl Commands {
         }
         let errors = errors.join("; ");
         let words = format!("{name}: {}", shortened(&errors));
-        if AWAY.iter().any(|part| errors.contains(part)) {
+        let small = errors.to_lowercase();
+        if AWAY.iter().any(|part| small.contains(part)) {
             return Err(Problem::NoAnswer(format!("{words}; {CONTROLLER}")));
         }
         Err(Problem::Refused(words))

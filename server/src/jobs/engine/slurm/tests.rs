@@ -13,6 +13,14 @@ async fn place(places: &mut watch::Receiver<Placement>, fits: impl FnMut(&Placem
     places.wait_for(fits).await.unwrap().clone()
 }
 
+/// The result of work during which the attempt does not end.
+async fn before_its_end<T>(execution: &mut Box<dyn Execution>, work: impl Future<Output = T>) -> T {
+    tokio::select! {
+        end = execution.ended() => panic!("{end:?}"),
+        done = work => done,
+    }
+}
+
 #[tokio::test]
 async fn the_token_is_in_the_environment_and_the_options_of_the_operator_are_in_the_script() {
     let fake = Fake::new().await;
@@ -47,13 +55,9 @@ async fn the_options_of_a_job_come_after_those_of_the_server() {
     fake.install("squeue", "true");
     let mut execution = fake.start();
     let mut places = execution.placement();
-    tokio::select! {
-        end = execution.ended() => panic!("{end:?}"),
-        waits = place(&mut places, |place| !place.waiting.is_empty()) => {
-            let sources = "check --slurm-options and --slurm-pretrain-options, and the job's own options";
-            assert!(waits.waiting.contains(sources), "{waits:?}");
-        }
-    }
+    let waits = before_its_end(&mut execution, place(&mut places, |place| !place.waiting.is_empty())).await;
+    let sources = "check --slurm-options and --slurm-pretrain-options, and the job's own options";
+    assert!(waits.waiting.contains(sources), "{waits:?}");
     let script = std::fs::read_to_string(fake.path("script")).unwrap();
     let lines: Vec<&str> = script.lines().filter(|line| line.starts_with("#SBATCH")).collect();
     assert_eq!(lines, [format!("#SBATCH {PARTITION}").as_str(), "#SBATCH --partition=gpu --gres=gpu:1"]);
@@ -99,10 +103,8 @@ async fn squeue_runs_only_while_an_attempt_is_open() {
     fake.list("17|PENDING||Resources");
     let mut execution = fake.start();
     let mut places = execution.placement();
-    tokio::select! {
-        end = execution.ended() => panic!("{end:?}"),
-        waits = place(&mut places, |place| place.waiting == "Resources") => assert_eq!(waits.node, ""),
-    }
+    let waits = before_its_end(&mut execution, place(&mut places, |place| place.waiting == "Resources")).await;
+    assert_eq!(waits.node, "");
     drop(execution);
     // A call may be under way.
     tokio::time::sleep(LIMIT).await;
@@ -164,10 +166,7 @@ async fn a_killed_attempt_is_cancelled_until_slurm_lists_it_no_more() {
     fake.install("scancel", "echo \"$@\" >> cancelled; [ $(wc -l < cancelled) -gt 1 ] || exit 1");
     let mut execution = fake.start();
     let mut places = execution.placement();
-    tokio::select! {
-        end = execution.ended() => panic!("{end:?}"),
-        _ = place(&mut places, |place| place.node == "node1") => {}
-    }
+    before_its_end(&mut execution, place(&mut places, |place| place.node == "node1")).await;
     assert_eq!(execution.kill("silent".to_owned()).await, End::Interrupted("silent".to_owned()));
     drop(execution);
     let cancelled = || std::fs::read_to_string(fake.path("cancelled")).unwrap_or_default().lines().count();

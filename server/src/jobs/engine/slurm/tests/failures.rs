@@ -7,11 +7,13 @@ use super::*;
 #[tokio::test]
 async fn each_failure_of_sbatch_is_a_reason_for_waiting() {
     let refusal = "echo 'sbatch: error: invalid partition specified: nope' >&2; exit 1";
+    let munge = "echo 'sbatch: error: Munge encode failed: Failed to access socket' >&2; exit 1";
     let away = "echo 'sbatch: error: Unable to contact slurm controller (connect failure)' >&2; exit 1";
     for (script, expected) in [
         ("", "sbatch is not installed here: install the commands of Slurm, or set --slurm-bin"),
         (refusal, "sbatch: invalid partition specified: nope; check --slurm-options and --slurm-pretrain-options"),
-        (away, "Unable to contact slurm controller (connect failure); check that slurmctld runs and that SLURM_CONF"),
+        (munge, "Munge encode failed: Failed to access socket; check that slurmctld runs and that munged does"),
+        (away, "Unable to contact slurm controller (connect failure); check that slurmctld runs"),
         ("exec sleep 60", "s and was stopped; check that slurmctld runs"),
         ("echo hello", "sbatch printed \"hello\" instead of the id of a job; check --slurm-bin"),
         ("exit 3", "exit status: 3; check --slurm-bin"),
@@ -30,10 +32,7 @@ async fn each_failure_of_sbatch_is_a_reason_for_waiting() {
             let submitted = place(&mut places, |place| !place.engine_id.is_empty()).await;
             assert_eq!(submitted.engine_id, "18");
         };
-        tokio::select! {
-            end = execution.ended() => panic!("{script}: {end:?}"),
-            () = submitted => {}
-        }
+        before_its_end(&mut execution, submitted).await;
     }
 }
 
@@ -44,10 +43,8 @@ async fn a_lost_answer_of_sbatch_is_found_and_not_submitted_again() {
     fake.list("19|RUNNING|node1|None");
     let mut execution = fake.start();
     let mut places = execution.placement();
-    tokio::select! {
-        end = execution.ended() => panic!("{end:?}"),
-        found = place(&mut places, |place| !place.node.is_empty()) => assert_eq!(found.engine_id, "19"),
-    }
+    let found = before_its_end(&mut execution, place(&mut places, |place| !place.node.is_empty())).await;
+    assert_eq!(found.engine_id, "19");
     assert_eq!(std::fs::read_to_string(fake.path("submissions")).unwrap().lines().count(), 1);
 }
 
@@ -63,7 +60,7 @@ async fn a_failing_squeue_is_a_reason_for_waiting_that_names_what_to_check() {
         place(&mut places, |place| place.waiting == "Priority").await;
         for (failure, expected) in [
             ("echo 'squeue: error: Invalid user' >&2; exit 1", "Invalid user; check that slurmctld runs"),
-            (away, "(connect failure); check that slurmctld runs and that SLURM_CONF"),
+            (away, "(connect failure); check that slurmctld runs"),
             ("exec sleep 60", "squeue did not end within"),
             ("echo nonsense", "squeue printed \"nonsense\" instead of a job; check --slurm-bin"),
             ("echo 'a|1|running|n|r'", "instead of a state of a job; check --slurm-bin"),
@@ -73,10 +70,7 @@ async fn a_failing_squeue_is_a_reason_for_waiting_that_names_what_to_check() {
             place(&mut places, |place| place.waiting.contains(expected)).await;
         }
     };
-    tokio::select! {
-        end = execution.ended() => panic!("{end:?}"),
-        () = watched => {}
-    }
+    before_its_end(&mut execution, watched).await;
 }
 
 #[tokio::test]
