@@ -218,7 +218,7 @@ deny:
 bench: .libtorch
 	$(CARGO) bench -p gleaner-search -p gleaner-learn -p gleaner-worker --bench '*' --locked --profile $(BENCH_PROFILE)
 
-# An hour of four cameras at 480 × 640, inspected within 512 MiB. Takes an hour, and 20 GB in the temporary folder.
+# An hour of four cameras at 480 × 640, inspected within 512 MiB. Takes most of an hour, and about 20 GB in the temporary folder.
 bench-hour:
 	$(CARGO) bench -p gleaner-inspector --bench hour --locked --profile $(BENCH_PROFILE) -- 3600
 
