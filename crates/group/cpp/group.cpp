@@ -1,5 +1,6 @@
-// The process groups of libtorch behind eight C functions. Each returns 0, or 1 with the reason in `message`, because no
+// The process groups of libtorch, and its switch of TF32, behind C functions. Each returns 0, or 1 with the reason in `message`, because no
 // exception may cross into Rust. src/bindings.rs has the same declarations.
+#include <ATen/Context.h>
 #include <torch/csrc/distributed/c10d/PrefixStore.hpp>
 #include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
 #include <torch/csrc/distributed/c10d/TCPStore.hpp>
@@ -125,6 +126,21 @@ int gleaner_group_broadcast(gleaner_group *group, void *tensor, char *message, s
   return guarded(message, room, [&] {
     over(group, static_cast<at::Tensor *>(tensor),
          [&](std::vector<at::Tensor> &tensors) { return group->backend->broadcast(tensors); });
+  });
+}
+
+// Sets whether a GPU may multiply f32 matrices, and convolve, in TF32.
+int gleaner_tf32_allow(int allowed, char *message, size_t room) {
+  return guarded(message, room, [&] {
+    at::globalContext().setAllowTF32CuBLAS(allowed != 0);
+    at::globalContext().setAllowTF32CuDNN(allowed != 0);
+  });
+}
+
+// Whether it may, both.
+int gleaner_tf32_allowed(int *allowed, char *message, size_t room) {
+  return guarded(message, room, [&] {
+    *allowed = at::globalContext().allowTF32CuBLAS() && at::globalContext().allowTF32CuDNN();
   });
 }
 

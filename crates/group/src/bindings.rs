@@ -1,7 +1,7 @@
 //! The declarations of `cpp/group.cpp`, and safe functions over them. The only file of the workspace with `unsafe` code:
 //! every pointer that crosses the border is made and freed here.
 
-#![allow(unsafe_code, reason = "libtorch's process groups are C++, and tch does not bind them")]
+#![allow(unsafe_code, reason = "libtorch's process groups and its switch of TF32 are C++, and tch does not bind them")]
 #![warn(clippy::undocumented_unsafe_blocks, clippy::multiple_unsafe_ops_per_block)]
 
 use std::{
@@ -62,6 +62,8 @@ unsafe extern "C" {
     ) -> c_int;
     fn gleaner_group_sum(group: *mut RawGroup, tensor: *mut c_void, message: *mut c_char, room: usize) -> c_int;
     fn gleaner_group_broadcast(group: *mut RawGroup, tensor: *mut c_void, message: *mut c_char, room: usize) -> c_int;
+    fn gleaner_tf32_allow(allowed: c_int, message: *mut c_char, room: usize) -> c_int;
+    fn gleaner_tf32_allowed(allowed: *mut c_int, message: *mut c_char, room: usize) -> c_int;
     fn gleaner_group_leave(group: *mut RawGroup);
     fn gleaner_store_close(store: *mut RawStore);
 }
@@ -70,6 +72,21 @@ unsafe extern "C" {
 pub(crate) fn has_nccl() -> bool {
     // SAFETY: the function takes nothing and returns a number.
     unsafe { gleaner_group_has_nccl() != 0 }
+}
+
+/// Sets whether a GPU may multiply in TF32.
+pub(crate) fn allow_tf32(allowed: bool) -> Result<(), String> {
+    // SAFETY: the function takes a number, and `message` has room for `ROOM` bytes.
+    called(|message| unsafe { gleaner_tf32_allow(allowed.into(), message, ROOM) })
+}
+
+/// Whether a GPU may multiply in TF32.
+pub(crate) fn tf32_allowed() -> Result<bool, String> {
+    let mut allowed = 0;
+    let found = &mut allowed;
+    // SAFETY: `found` is a place of this frame, and `message` has room for `ROOM` bytes.
+    called(|message| unsafe { gleaner_tf32_allowed(found, message, ROOM) })?;
+    Ok(allowed != 0)
 }
 
 /// The store by which ranks find each other.

@@ -1,5 +1,5 @@
-//! Sums over the processes of one job: a few declarations of the process groups that libtorch contains (gloo, and
-//! NCCL in a CUDA build). Independent of models, jobs and servers.
+//! What libtorch contains and tch does not bind: sums over the processes of one job, by its process groups (gloo, and
+//! NCCL in a CUDA build), and its switch of TF32. Independent of models, jobs and servers.
 //!
 //! Rank 0 opens a [`Meeting`] at a free port; the others connect to it. Each then becomes a [`Group`], which returns when
 //! all have joined. Every rank calls the same operations in the same order. Every rank gets the same bits, and the same
@@ -23,6 +23,7 @@
 
 mod bindings;
 mod error;
+mod tf32;
 
 use std::{
     net::{IpAddr, SocketAddr},
@@ -33,6 +34,7 @@ use tch::Tensor;
 
 use bindings::{Joined, Store};
 pub use error::GroupError;
+pub use tf32::{allow_tf32, tf32_allowed};
 
 /// Most attempts of the ranks to connect to each other.
 const ATTEMPTS: u32 = 3;

@@ -10,7 +10,8 @@ use std::thread::{Builder, Scope};
 use tch::Tensor;
 
 use crate::error::LearnError;
-use gleaner_core::Device;
+use gleaner_core::{Device, Precision};
+use gleaner_group::allow_tf32;
 
 /// The number of intra-op threads of the process, once it is known. Held while the number changes.
 static THREADS: Mutex<Option<i32>> = Mutex::new(None);
@@ -34,8 +35,33 @@ pub(crate) fn open(device: Device, threads: Option<u32>) -> Result<tch::Device, 
     keep_memory();
     match device {
         Device::Cpu => Ok(tch::Device::Cpu),
-        Device::Cuda if tch::Cuda::is_available() => Ok(tch::Device::Cuda(0)),
+        Device::Cuda if tch::Cuda::is_available() => {
+            // f32 is f32 in convolutions too.
+            allow_tf32(false)?;
+            Ok(tch::Device::Cuda(0))
+        }
         Device::Cuda => Err(LearnError::invalid("device", "is cuda, but no CUDA device is usable here; use cpu")),
+    }
+}
+
+/// TF32 on GPUs, allowed until it is dropped. A switch of the whole process, whose worker has one training.
+pub(crate) struct Tf32(());
+
+impl Tf32 {
+    /// As the precision of a step has it; `None` without.
+    pub(crate) fn of(precision: Precision) -> Result<Option<Self>, LearnError> {
+        if precision != Precision::Tf32 {
+            return Ok(None);
+        }
+        allow_tf32(true)?;
+        Ok(Some(Self(())))
+    }
+}
+
+impl Drop for Tf32 {
+    fn drop(&mut self) {
+        // A switch that was set once can be set again.
+        let _forbidden = allow_tf32(false);
     }
 }
 

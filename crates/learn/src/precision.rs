@@ -29,7 +29,7 @@ pub(crate) fn with<T>(precision: Precision, pass: impl FnOnce() -> T) -> T {
 /// The kind of the factors of products, if it is not that of the tensors.
 pub(crate) fn reduced() -> Option<Kind> {
     match PRECISION.get() {
-        Precision::F32 => None,
+        Precision::F32 | Precision::Tf32 => None,
         Precision::Bf16 => Some(Kind::BFloat16),
     }
 }

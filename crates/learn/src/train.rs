@@ -11,6 +11,7 @@ use tch::{Device, Tensor};
 
 use crate::ahead::{Assembled, Next, WAITING, ahead};
 use crate::checkpoint::{self, CheckpointInfo};
+use crate::device::Tf32;
 use crate::error::LearnError;
 use crate::finished::Finished;
 use crate::model::Network;
@@ -243,6 +244,8 @@ impl<N: Learner> Training<N> {
         let step = self.info.step;
         let rate = self.optim.learning_rate_at(step);
         self.optimizer.zero_grad();
+        // Losses on held-out episodes, between the steps, are in f32.
+        let _tf32 = Tf32::of(self.optim.precision)?;
         let batches = f64::from(self.optim.gradient_accumulation);
         let mut sums = Sums::default();
         for _ in 0..self.optim.gradient_accumulation {

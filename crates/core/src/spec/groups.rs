@@ -195,6 +195,9 @@ crate::words! {
         /// Factors in bfloat16, which has three digits, with sums in single precision. Weights, attention, heads, losses
         /// and the optimiser stay f32. Faster on processors with AVX-512 BF16 or AMX and on GPUs, slower on others.
         Bf16 = "bf16",
+        /// TF32 of NVIDIA's GPUs from Ampere on: three digits of the factors, with sums in single precision, in every
+        /// product. Faster there; on processors it is f32.
+        Tf32 = "tf32",
     }
 }
 

@@ -1,6 +1,6 @@
 //! The loop on a line y = a x + b: its batches, its end by a stop or a failure, and its metrics.
 
-use gleaner_core::{ModelSpec, Values};
+use gleaner_core::{ModelSpec, Precision, Values};
 use tch::Device;
 
 use super::*;
@@ -211,4 +211,32 @@ fn metrics_are_means_over_the_batches_of_a_step() {
     assert!(waited[0] > 0.0, "the first batch is not assembled before the first step");
     let assembled = monitor.metric("ms_per_batch");
     assert!(assembled.len() == 6 && assembled.iter().all(|took| *took > 0.0), "{assembled:?}");
+}
+
+#[test]
+fn tf32_is_allowed_in_steps_and_forbidden_between_them() {
+    let allowed = |precision| {
+        let seen = std::cell::RefCell::new(Vec::new());
+        let note = || seen.borrow_mut().push(gleaner_group::tf32_allowed().unwrap());
+        let optim = OptimSpec { precision, ..toy::optim(2) };
+        let line = Line(rows(&[0.5, 0.0], 2, Device::Cpu).set_requires_grad(true));
+        let loss = |line: &Line, x: Tensor| {
+            note();
+            loss(line, x)
+        };
+        let report = |_: &Line, _| {
+            note();
+            Ok(Metrics::new())
+        };
+        let (mut alone, mut monitor) = (Peers::alone(), Recorder::default());
+        let run = (&mut alone, &mut monitor as &mut dyn Monitor);
+        Training::start(line, info(), &optim).run(100, |number| Ok(batch(number)), &loss, &report, run).unwrap();
+        (seen.into_inner(), monitor.losses)
+    };
+    let (of_f32, exact) = allowed(Precision::F32);
+    let (of_tf32, losses) = allowed(Precision::Tf32);
+    assert_eq!(of_f32, [false; 4]);
+    assert_eq!(of_tf32, [true, false, true, false]);
+    // On a processor it changes nothing.
+    assert_eq!(losses, exact);
 }
