@@ -78,7 +78,7 @@ pub struct Assignment {
     pub policy_id: PolicyId,
     /// The run whose scorer scores its sessions, if any.
     pub score_run_id: Option<ScoreRunId>,
-    /// Whether the policy acts on the newest step alone, its history hidden.
+    /// Whether the policy's history is hidden, as it was at times in training.
     pub hide_history: bool,
 }
 

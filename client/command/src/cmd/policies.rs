@@ -60,8 +60,8 @@ pub(crate) struct DeployArgs {
     /// Score run of the same task, by which sessions are scored while they run.
     #[arg(long, default_value = "", hide_default_value = true, value_name = "RUN")]
     score_run: String,
-    /// Hide the history from the policy, which then acts on the newest step alone. The policy must have been trained with
-    /// `--history-dropout` above 0.
+    /// Hide the history from the policy, which then acts on the newest step alone, or without its past actions if it was
+    /// trained with `--hidden-history actions`. The policy must have been trained with `--history-dropout` above 0.
     #[arg(long)]
     hide_history: bool,
 }

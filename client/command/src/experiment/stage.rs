@@ -229,11 +229,15 @@ impl Graph {
     }
 }
 
-// What the key of a work is made of: pretrainings that are older than `validation_share` keep their keys.
+// What the key of a work is made of: those that are older than a setting keep their keys, which it is no part of at the
+// value that they used.
 fn keyed(work: &Work) -> Work {
     let mut keyed = work.clone();
     if let Work::Pretrain { settings } = &mut keyed {
         settings.retain(|name, value| name != "validation_share" || value.as_f64() != Some(0.0));
+    }
+    if let Work::Train { settings } = &mut keyed {
+        settings.retain(|name, value| name != "hidden_history" || *value != "steps");
     }
     keyed
 }

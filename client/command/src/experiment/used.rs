@@ -67,7 +67,7 @@ impl CellSettings {
                 || (has("train", name)
                     && training.uses(name)
                     && (self.method.gleans || !of_weighting(name))
-                    && (sees_history || name != "history_dropout"))
+                    && (sees_history || !["history_dropout", "hidden_history"].contains(&name.as_str())))
         });
         used.hide_history &= sees_history;
         if !self.method.gleans {

@@ -56,7 +56,8 @@ class Client:
         """Points a deployment's name at a policy; running sessions keep theirs.
 
         With a score run each answer carries the score of the session's newest segment. With `hide_history` the policy
-        acts on the newest step alone; it must have been trained with history_dropout above 0.
+        acts on the newest step alone, or without its past actions if it was trained with hidden_history "actions"; it
+        must have been trained with history_dropout above 0.
         """
         return self.policies.deploy(name, policy_id, score_run=score_run, hide_history=hide_history)
 

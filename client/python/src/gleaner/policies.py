@@ -67,7 +67,8 @@ class Policies:
         """Points a deployment's name at a policy, once it is loaded and warmed up.
 
         Sessions are scored by the score run, a finished one of the same task and of ssdf; empty: no live scores. With
-        `hide_history` the policy acts on the newest step alone; it must have been trained with history_dropout above 0.
+        `hide_history` the policy acts on the newest step alone, or without its past actions if it was trained with
+        hidden_history "actions"; it must have been trained with history_dropout above 0.
         """
         request = pb.DeployRequest(name=name, policy_id=policy_id, score_run_id=score_run, hide_history=hide_history)
         return self._rpc.unary("PolicyService/Deploy", request, pb.DeployResponse).deployment

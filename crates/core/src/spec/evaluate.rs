@@ -24,8 +24,8 @@ crate::settings! {
         /// Steps after which an attempt ends as a failure. More steps give slow policies time to finish; failed
         /// attempts then take longer.
         pub max_steps: u32 = 60, integer_in(1, 10_000);
-        /// Hide the history from the policy, which then acts on the newest step alone. Needs a policy that was trained with
-        /// `history_dropout` above 0.
+        /// Hide the history from the policy, which then acts on the newest step alone, or without its past actions if it was
+        /// trained with `hidden_history` actions. Needs a policy that was trained with `history_dropout` above 0.
         pub hide_history: bool = false, Shape::Flag;
         /// Device that runs the policy.
         pub device: Device = Device::Cpu, Device::shape();

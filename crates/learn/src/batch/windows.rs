@@ -83,16 +83,17 @@ impl Windows {
         self.index.view([-1, length]).narrow(1, length - keep, keep).flatten(0, 1)
     }
 
-    /// The elements `[W, L, 3]` of all steps but the last of each marked window; `None` when no window is
-    /// marked, or windows have a single step.
-    pub(crate) fn past_of(&self, marked: &[bool]) -> Option<Tensor> {
+    /// These elements of a step (o, m, a) in all steps but the last of each marked window, `[W, L, 3]`; `None` when no
+    /// window is marked, or windows have a single step.
+    pub(crate) fn past_of(&self, marked: &[bool], elements: [bool; 3]) -> Option<Tensor> {
         if self.length < 2 || !marked.contains(&true) {
             return None;
         }
-        let past = 3 * (self.length - 1);
+        let past = self.length - 1;
         let window = |marked: &bool| {
             let marked = *marked;
-            (0..3 * self.length).map(move |element| marked && element < past)
+            let of_step = move |step: usize| elements.map(|element| marked && element && step < past);
+            (0..self.length).flat_map(of_step)
         };
         let hidden: Vec<bool> = marked.iter().flat_map(window).collect();
         Some(Self::grid(&hidden, &[int(marked.len()), int(self.length), 3], self.valid.device()))

@@ -27,6 +27,7 @@ use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor};
 
 use super::chunk::{ChunkNetwork, ChunkSpec};
+use super::hiding::HistorySpec;
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
 use super::observer::{self, Encoded, ImageTokens, ImagesSpec, Observer};
 use crate::batch::Chunks;
@@ -162,8 +163,8 @@ impl PolicyModel for Act {
         }
     }
 
-    fn history_dropout(&self) -> f64 {
-        self.observer.history_dropout()
+    fn history(&self) -> HistorySpec {
+        self.observer.history()
     }
 
     fn parameters(&self) -> Vec<(String, Tensor)> {

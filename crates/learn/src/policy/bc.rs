@@ -9,6 +9,7 @@ use gleaner_core::kinds::Needs;
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
+use super::hiding::HistorySpec;
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
 use super::observer::{self, Encoded, Observer};
 use crate::batch::Chunks;
@@ -63,8 +64,8 @@ impl PolicyModel for Bc {
         self.observer.info(1)
     }
 
-    fn history_dropout(&self) -> f64 {
-        self.observer.history_dropout()
+    fn history(&self) -> HistorySpec {
+        self.observer.history()
     }
 
     fn parameters(&self) -> Vec<(String, Tensor)> {

@@ -15,6 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
 use super::chunk::ChunkSpec;
+use super::hiding::HistorySpec;
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyModel};
 use super::observer::{self, Encoded, Observer};
 use crate::batch::Chunks;
@@ -140,8 +141,8 @@ impl<P: Process> PolicyModel for Denoiser<P> {
         self.chunk.horizon()
     }
 
-    fn history_dropout(&self) -> f64 {
-        self.observer.history_dropout()
+    fn history(&self) -> HistorySpec {
+        self.observer.history()
     }
 
     fn parameters(&self) -> Vec<(String, Tensor)> {

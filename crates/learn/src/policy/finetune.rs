@@ -9,11 +9,11 @@
 use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
-use gleaner_core::schema::number_in;
 use gleaner_core::{Augmentation, Group as _, ModelSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
+use super::hiding::HistorySpec;
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
 use crate::batch::Chunks;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
@@ -31,16 +31,6 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     init,
     load,
 };
-
-gleaner_core::settings! {
-    /// Settings of a policy that sees its history.
-    #[derive(Copy)]
-    pub(super) struct HistorySpec {
-        /// Probability of hiding the history of a training window (0: never). A policy that always sees its history
-        /// tends to continue it, which predicts an expert's next action well and fails in closed loop.
-        pub(super) history_dropout: f64 = 0.5, number_in(0.0, 1.0);
-    }
-}
 
 fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
     Ok(checkpoint::inspect(encoder(from)?)?.model)
@@ -105,8 +95,8 @@ impl PolicyModel for CausalTransformer {
         }
     }
 
-    fn history_dropout(&self) -> f64 {
-        self.history.history_dropout
+    fn history(&self) -> HistorySpec {
+        self.history
     }
 
     fn parameters(&self) -> Vec<(String, Tensor)> {

@@ -8,6 +8,7 @@ use gleaner_core::{Chosen, ModelSpec, Setting, TrainSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
+use super::hiding::HistorySpec;
 use crate::batch::{Chunks, Windows};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
@@ -114,9 +115,9 @@ pub(super) trait PolicyModel: Send {
         Vec::new()
     }
 
-    /// The chance that training hides a window's past, 0 … 1.
-    fn history_dropout(&self) -> f64 {
-        0.0
+    /// How training hides a window's past; never, of a policy without one.
+    fn history(&self) -> HistorySpec {
+        HistorySpec::SHOWN
     }
 
     /// Every parameter in name order.

@@ -8,6 +8,7 @@ mod denoise;
 mod diffusion;
 mod finetune;
 mod flow;
+mod hiding;
 mod kind;
 mod observer;
 mod perceptron;

@@ -13,7 +13,8 @@ use gleaner_core::{Augmentation, Group as _, ImageWeightsSpec, InitialWeights, M
 use tch::nn::{self, VarStore};
 use tch::{Device, Tensor};
 
-use super::finetune::{self, HistorySpec};
+use super::finetune;
+use super::hiding::HistorySpec;
 use super::kind::{PolicyInfo, PolicyInit, PolicyInput};
 use crate::batch::int;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
@@ -229,11 +230,11 @@ impl Observer {
         int(self.shape.action)
     }
 
-    /// The chance that training hides a window's past.
-    pub(super) fn history_dropout(&self) -> f64 {
+    /// How training hides a window's past.
+    pub(super) fn history(&self) -> HistorySpec {
         match &self.backbone {
-            Backbone::Newest { .. } => 0.0,
-            Backbone::Window(_) => self.history.history_dropout,
+            Backbone::Newest { .. } => HistorySpec::SHOWN,
+            Backbone::Window(_) => self.history,
         }
     }
 

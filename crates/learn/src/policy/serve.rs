@@ -77,13 +77,13 @@ impl Policy {
         self.model.horizon()
     }
 
-    /// The same policy, acting on the newest step alone: the past is hidden as in the training windows whose past was
-    /// hidden. A policy that never saw a past, because its `history_dropout` is 1, always acts so.
+    /// The same policy, with the past hidden as in the training windows whose past was hidden: all of it, so that it acts
+    /// on the newest step alone, or its actions. A policy with a `history_dropout` of 1 always acts so.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if the policy has a history and training never hid it.
     pub fn hiding_history(self) -> Result<Self, LearnError> {
-        if self.segment_length() > 0 && self.model.history_dropout() == 0.0 {
+        if self.segment_length() > 0 && self.model.history().history_dropout == 0.0 {
             return Err(LearnError::invalid(
                 "hide_history",
                 "needs a policy that was trained with its history hidden at times; train with history_dropout above 0",
@@ -93,7 +93,7 @@ impl Policy {
     }
 
     fn hides_history(&self) -> bool {
-        self.hides_history || self.model.history_dropout() >= 1.0
+        self.hides_history || self.model.history().history_dropout >= 1.0
     }
 
     /// What the policy looks at in `episodes`: the share of its action that each input explains, as a training reports
@@ -139,7 +139,7 @@ impl Policy {
             let _no_grad = no_grad_guard();
             // The newest action is not known yet, and no policy reads it.
             let Stacked { embedded, proprioception, action, windows, draws } = layout(&about).stack(histories);
-            let hidden = windows.past_of(&vec![self.hides_history(); histories.len()]);
+            let hidden = self.model.history().hidden(&windows, &vec![self.hides_history(); histories.len()]);
             let input = PolicyInput { embedded, proprioception, action, windows, hidden, draws, before: 0 };
             let chunks = self.model.act(&input);
             let chunks = values(&about.statistics.actions(&chunks));

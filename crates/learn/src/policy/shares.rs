@@ -72,7 +72,7 @@ pub(super) fn shares(
             embedded: policy.embed_images(images),
             proprioception: proprioception.shallow_clone(),
             action: action.shallow_clone(),
-            hidden: windows.past_of(&vec![hides_history; count]),
+            hidden: policy.history().hidden(&windows, &vec![hides_history; count]),
             windows,
             before: 0,
             draws: (0..).take(count).map(|segment| (seed, segment)).collect(),

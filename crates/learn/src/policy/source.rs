@@ -1,16 +1,14 @@
 //! A source of training batches, which a thread of its own assembles, and the mean loss of a batch drawn from it.
 //! Independent of the policy.
 
-use std::ops::Range;
-
 use gleaner_core::{Augmentation, TrainSpec};
-use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
+use super::hiding::HistorySpec;
 use super::kind::{Form, Losses, PolicyInput, PolicyModel};
 use crate::augment::augment;
-use crate::batch::{Batch, Chunks, Part, Segment, Segments, Windows};
+use crate::batch::{Batch, Chunks, Part, Segment, Segments};
 use crate::error::LearnError;
 use crate::normalize::Standard;
 use crate::random::{Purpose, generator};
@@ -36,7 +34,7 @@ pub(super) struct Assembly<'a> {
     form: Form<'a>,
     /// That of the proprioception.
     standard: Standard,
-    history_dropout: f64,
+    history: HistorySpec,
     augmentation: Augmentation,
     spec: &'a TrainSpec,
     part: Part,
@@ -58,7 +56,7 @@ impl<'a> Assembly<'a> {
         Ok(Self {
             form: Form { shape, device, window, chunk },
             standard: info.statistics.proprioception.shared(),
-            history_dropout: policy.history_dropout(),
+            history: policy.history(),
             augmentation: spec.augmentation()?,
             spec,
             part,
@@ -97,7 +95,7 @@ impl Source<'_> {
         let drawn = self.segments.draw(&mut segments, of.spec.optim.batch, of.spec.optim.stretch);
         let (mut batch, wanted) = self.collect_part(&of.form, &drawn, of.part)?;
         augment(&mut batch, &of.augmentation, &of.standard, &mut images);
-        let hidden = hide_past(&batch.windows, &batch.whole.windows, batch.whole.count, of.history_dropout, &mut noise);
+        let hidden = of.history.hide(&batch.windows, &batch.whole.windows, batch.whole.count, &mut noise);
         Ok(Assembled { batch, wanted, hidden, noise })
     }
 
@@ -115,24 +113,6 @@ impl Source<'_> {
         let wanted = Chunks::collect(form.shape, &self.data, &runs, form.chunk, form.device)?;
         Ok((batch, wanted))
     }
-}
-
-/// All steps of a window but the last, for each window with chance `dropout`: `[W, L, 3]`. `None` if there is no past
-/// to hide, or the chance is 0.
-///
-/// `windows` are those in `range` of the `count` windows of the whole batch.
-fn hide_past(
-    windows: &Windows,
-    range: &Range<usize>,
-    count: usize,
-    dropout: f64,
-    rng: &mut ChaCha8Rng,
-) -> Option<Tensor> {
-    if windows.length < 2 || dropout == 0.0 {
-        return None;
-    }
-    let hides: Vec<bool> = (0..count).map(|_| rng.random_bool(dropout)).collect();
-    windows.past_of(&hides[range.clone()])
 }
 
 /// Mean of weight · −log P over `batch`; each of its frames is encoded once.
@@ -155,27 +135,4 @@ pub(super) fn mean_loss(
     };
     let losses = policy.losses(&input, wanted, noise);
     ((&losses.each * weight).mean(None), losses)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::batch::values;
-
-    #[test]
-    fn the_past_is_hidden_as_often_as_asked_and_the_newest_step_never() {
-        let windows = Windows::in_order(vec![true; 400 * 3], 3, tch::Device::Cpu);
-        let mut rng = generator(1, Purpose::Style, 0);
-        let hidden = hide_past(&windows, &(0..400), 400, 0.25, &mut rng).unwrap();
-        assert_eq!(hidden.size(), [400, 3, 3]);
-        let each = values(&hidden.to_kind(tch::Kind::Float));
-        let of_window: Vec<f32> = each.chunks(9).map(|window| window[..6].iter().sum()).collect();
-        assert!(each.chunks(9).all(|window| window[6..].iter().all(|h| *h == 0.0)));
-        assert!(of_window.iter().all(|sum| *sum == 0.0 || *sum == 6.0), "a past is hidden as one");
-        let count = of_window.iter().filter(|sum| **sum > 0.0).count();
-        assert!((70..130).contains(&count), "{count} of 400");
-        assert!(hide_past(&windows, &(0..400), 400, 0.0, &mut rng).is_none());
-        let single = Windows::in_order(vec![true; 4], 1, tch::Device::Cpu);
-        assert!(hide_past(&single, &(0..4), 4, 1.0, &mut rng).is_none());
-    }
 }

@@ -4,7 +4,8 @@
 use gleaner_core::kinds::Needs;
 use gleaner_core::{Augmentation, Group as _, ImageWeightsSpec, ModelSpec};
 
-use super::finetune::{self, CausalTransformer, HistorySpec};
+use super::finetune::{self, CausalTransformer};
+use super::hiding::HistorySpec;
 use super::kind::{NewPolicy, PolicyInit, PolicyKind};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;

@@ -1,0 +1,96 @@
+//! The past that a policy does not see: how often training hides it, and what is hidden of it. Serving hides the same.
+//! Independent of the kind of policy.
+
+use std::ops::Range;
+
+use gleaner_core::Words as _;
+use gleaner_core::schema::number_in;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use tch::Tensor;
+
+use crate::batch::Windows;
+
+gleaner_core::words! {
+    /// What is hidden of a history.
+    pub(super) enum HiddenHistory {
+        /// All of the steps before the newest: the policy acts on the newest step alone.
+        Steps = "steps",
+        /// The actions before the newest step alone: the policy sees what it observed, but not what it did, which is the
+        /// easiest to continue.
+        Actions = "actions",
+    }
+}
+
+gleaner_core::settings! {
+    /// Settings of a policy that sees its history.
+    #[derive(Copy)]
+    pub(super) struct HistorySpec {
+        /// Probability of hiding the history of a training window (0: never). A policy that always sees its history
+        /// tends to continue it, which predicts an expert's next action well and fails in closed loop.
+        pub(super) history_dropout: f64 = 0.5, number_in(0.0, 1.0);
+        /// What is hidden of a history, in training and in a deployment with `hide_history`.
+        pub(super) hidden_history: HiddenHistory = HiddenHistory::Steps, HiddenHistory::shape();
+    }
+}
+
+impl HistorySpec {
+    /// Of a policy whose history is never hidden, or that has none.
+    pub(super) const SHOWN: Self = Self { history_dropout: 0.0, hidden_history: HiddenHistory::Steps };
+
+    /// What training hides of each window, by the chance of these settings. `windows` are those in `range` of the `count`
+    /// windows of the whole batch. As [`HistorySpec::hidden`].
+    pub(super) fn hide(
+        self,
+        windows: &Windows,
+        range: &Range<usize>,
+        count: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> Option<Tensor> {
+        if windows.length < 2 || self.history_dropout == 0.0 {
+            return None;
+        }
+        let hides: Vec<bool> = (0..count).map(|_| rng.random_bool(self.history_dropout)).collect();
+        self.hidden(windows, &hides[range.clone()])
+    }
+
+    /// What is hidden of each marked window, `[W, L, 3]`. `None` if no window is marked, or windows have no past.
+    pub(super) fn hidden(self, windows: &Windows, marked: &[bool]) -> Option<Tensor> {
+        // o, m and a of a step.
+        let elements = match self.hidden_history {
+            HiddenHistory::Steps => [true, true, true],
+            HiddenHistory::Actions => [false, false, true],
+        };
+        windows.past_of(marked, elements)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::values;
+    use crate::random::{Purpose, generator};
+
+    fn settings(history_dropout: f64, hidden_history: HiddenHistory) -> HistorySpec {
+        HistorySpec { history_dropout, hidden_history }
+    }
+
+    #[test]
+    fn the_past_is_hidden_as_often_as_asked_and_the_newest_step_never() {
+        let windows = Windows::in_order(vec![true; 400 * 3], 3, tch::Device::Cpu);
+        let mut rng = generator(1, Purpose::Style, 0);
+        for (what, of_step) in [(HiddenHistory::Steps, [1.0, 1.0, 1.0]), (HiddenHistory::Actions, [0.0, 0.0, 1.0])] {
+            let hidden = settings(0.25, what).hide(&windows, &(0..400), 400, &mut rng).unwrap();
+            assert_eq!(hidden.size(), [400, 3, 3]);
+            let each = values(&hidden.to_kind(tch::Kind::Float));
+            let whole = [of_step, of_step, [0.0; 3]].concat();
+            assert!(each.chunks(9).all(|window| window == whole || window == [0.0; 9]), "a past is hidden as one");
+            let count = each.chunks(9).filter(|window| *window == whole).count();
+            assert!((70..130).contains(&count), "{count} of 400");
+        }
+        let steps = HiddenHistory::Steps;
+        assert!(settings(0.0, steps).hide(&windows, &(0..400), 400, &mut rng).is_none());
+        let single = Windows::in_order(vec![true; 4], 1, tch::Device::Cpu);
+        assert!(settings(1.0, steps).hide(&single, &(0..4), 4, &mut rng).is_none());
+    }
+}
