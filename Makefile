@@ -60,12 +60,14 @@ test-postgres: .libtorch
 crash-test-postgres: .libtorch
 	GLEANER_TEST_DATABASE=postgres $(MAKE) crash-test
 
-# Kills nodes, workers, the controller and the server of a private Slurm 200 times under a queue of jobs. Needs root, and
-# Slurm (Debian: slurm-wlm and munge). SLURM_KILLS=20 is the short form.
+# Kills nodes, workers, the controller and the server of a private Slurm 200 times under a queue of jobs; a time limit, and
+# a controller that is absent for a minute. Needs root, and Slurm (Debian: slurm-wlm and munge). SLURM_KILLS=20 is the short
+# form.
 SLURM_KILLS ?= 200
 crash-test-slurm: .libtorch
 	GLEANER_CRASH_SLURM_KILLS=$(SLURM_KILLS) GLEANER_CRASH_SEED=$(SEED) \
-		$(CARGO) test --locked -p gleaner-tests --test end_to_end slurm::crash -- --nocapture --test-threads=1
+		$(CARGO) test --locked -p gleaner-tests --test end_to_end -- slurm::crash slurm::minutes --include-ignored \
+		--nocapture --test-threads=1
 
 # A server of S3 for the tests of buckets, which print SKIPPED without it.
 moto: target/moto/bin/moto_server

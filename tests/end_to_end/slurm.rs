@@ -2,6 +2,7 @@
 //! controller, of the server and of submissions.
 
 mod crash;
+mod minutes;
 mod place;
 mod ranks;
 

@@ -1,0 +1,70 @@
+//! What takes minutes by Slurm's own clock: a time limit, and a controller that is absent for a minute. `make
+//! crash-test-slurm` runs them.
+
+use std::time::{Duration, Instant};
+
+use gleaner_proto::v1::*;
+
+use super::with_episodes;
+use crate::support::{api::Api, lab, slurm::Cluster};
+
+/// More steps than a test lasts.
+const ENDLESS: u32 = 1_000_000;
+
+/// Ends a job and waits until Slurm lists it no more.
+async fn cancel(cluster: &Cluster, api: &mut Api, job: &str) {
+    api.jobs.cancel_job(CancelJobRequest { job_id: job.to_owned() }).await.unwrap();
+    assert_eq!(api.watch(job).await.state(), JobState::Cancelled);
+    cluster.until_empty().await;
+}
+
+/// The shortest limit that Slurm has is a minute.
+#[tokio::test]
+#[ignore = "takes minutes; make crash-test-slurm runs it"]
+async fn job_beyond_its_time_limit_resumes_without_losing_a_step_or_an_attempt() {
+    let Some(cluster) = Cluster::start(1).await else { return };
+    let flags = [cluster.flags(), vec!["--slurm-pretrain-options".to_owned(), "--time=1".to_owned()]].concat();
+    let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
+    let (_server, mut api, _) = lab::with_episodes(&flags).await;
+    let id = api.submit(lab::TASK, lab::pretrain(ENDLESS)).await.unwrap().id;
+    let first = api.watch_until(&id, |job| job.done >= 1 && !job.engine_id.is_empty()).await;
+    let mut furthest = 0;
+    let resumed = api
+        .watch_until(&id, |job| {
+            let again = job.engine_id != first.engine_id && !job.engine_id.is_empty() && job.done > furthest;
+            furthest = furthest.max(job.done);
+            again
+        })
+        .await;
+    assert_eq!((resumed.state(), resumed.attempt), (JobState::Running, 1), "{}", resumed.error);
+    let ended = cluster.jobs().await.into_iter().find(|job| job.id == first.engine_id);
+    assert_eq!(ended.map(|job| job.state).as_deref(), Some("TIMEOUT"));
+    let steps: Vec<u64> = api.metric(&id, "loss").await.into_iter().map(|(step, _)| step).collect();
+    assert!(steps.len() as u64 >= resumed.done);
+    assert_eq!(steps, (1..=steps.len() as u64).collect::<Vec<_>>(), "no step is lost or repeated");
+    cancel(&cluster, &mut api, &id).await;
+}
+
+#[tokio::test]
+#[ignore = "takes minutes; make crash-test-slurm runs it"]
+async fn jobs_survive_a_minute_without_the_controller() {
+    let Some(mut cluster) = Cluster::start(1).await else { return };
+    let (_server, mut api, _) = with_episodes(&cluster).await;
+    let running = api.submit(lab::TASK, lab::pretrain(ENDLESS)).await.unwrap().id;
+    let before = api.watch_until(&running, |job| job.done >= 12).await;
+    cluster.kill_controller().await;
+    let away = Instant::now();
+    let waiting = api.submit(lab::TASK, lab::pretrain(2)).await.unwrap().id;
+    let during = api.watch_until(&running, |_| away.elapsed() >= Duration::from_mins(1)).await;
+    assert!(during.done > before.done, "{} steps after {}", during.done, before.done);
+    let waits = api.watch_until(&waiting, |job| job.waiting.contains("controller")).await;
+    assert_eq!((waits.state(), waits.attempt), (JobState::Running, 1), "{}", waits.waiting);
+    cluster.start_controller().await;
+    let after = api.watch_until(&running, |job| job.done > during.done + 10).await;
+    assert_eq!((after.state(), after.attempt, after.engine_id), (JobState::Running, 1, before.engine_id));
+    api.jobs.cancel_job(CancelJobRequest { job_id: running.clone() }).await.unwrap();
+    assert_eq!(api.watch(&running).await.state(), JobState::Cancelled);
+    let ended = api.watch(&waiting).await;
+    assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "{}", ended.error);
+    cluster.until_empty().await;
+}
