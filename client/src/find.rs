@@ -31,8 +31,8 @@ pub struct Skipped {
 }
 
 /// Finds recordings: a file stands for itself, a folder for every regular file `*.mcap` below it. In a folder, what
-/// cannot be sent (FIFOs, sockets, devices, links that lead nowhere, folders that cannot be read) is skipped. A folder
-/// whose `metadata.yaml` lists several parts (rosbag2) stands for one recording.
+/// cannot be sent (FIFOs, sockets, devices, links that lead nowhere, folders that cannot be read) is skipped, and so are
+/// datasets of other programs beside recordings. A folder whose `metadata.yaml` lists several parts (rosbag2) stands for one recording.
 ///
 /// # Errors
 /// [`ClientError::Io`] for a path that is not there; [`ClientError::Invalid`] for a path that is neither a regular file
@@ -119,7 +119,9 @@ impl Search {
             Ok(kind) => kind,
             Err(error) => return self.skip(&path, format!("cannot be inspected: {error}")),
         };
-        if kind.is_dir() {
+        if !kind.is_symlink() && foreign::is_dataset(&path) {
+            self.skip(&path, "is a dataset of another program; give it by its own path".to_owned());
+        } else if kind.is_dir() {
             let before = (self.recordings.len(), self.skipped.len());
             self.folder(&path);
             if named && before == (self.recordings.len(), self.skipped.len()) {

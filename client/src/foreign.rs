@@ -1,4 +1,5 @@
-//! Recordings in formats of others that a program of theirs converts: which files they are, and the command.
+//! What others recorded: which paths are datasets that are pushed as they are, and which files a program of theirs converts,
+//! with the command.
 //!
 //! Must not read more of a file than its beginning.
 
@@ -12,6 +13,18 @@ const FORMATS: [(&str, &[u8], &str, bool); 2] =
     [("bag", b"#ROSBAG V", "a ROS 1 bag", false), ("db3", b"SQLite format 3\0", "a rosbag2 recording in SQLite", true)];
 /// Files of TensorFlow's records have no common beginning.
 const RECORDS: &str = ".tfrecord";
+
+/// The file that describes a dataset of LeRobot, in its folder.
+const INFO: &str = "meta/info.json";
+/// Endings of HDF5 files.
+const ENDINGS: [&str; 2] = ["hdf5", "h5"];
+
+/// Whether a path is a dataset of another program: a folder with `meta/info.json`, or an HDF5 file.
+#[must_use]
+pub fn is_dataset(path: &Path) -> bool {
+    let ending = path.extension().is_some_and(|ending| ENDINGS.iter().any(|known| ending == *known));
+    path.join(INFO).is_file() || (ending && path.is_file())
+}
 
 /// Why a file cannot be sent and how to convert it, if it is in one of these formats.
 pub(crate) fn remedy(path: &Path) -> Option<String> {

@@ -62,6 +62,7 @@ pub use drive::{DrivePlan, Driven, DrivenEpisode, RealTime, Recorded};
 pub use error::{ClientError, Result};
 pub use export::expect_new_folder;
 pub use find::{Found, Skipped, find_recordings};
+pub use foreign::is_dataset;
 pub use labels::{LabelledFile, outcome_from_word, read_labels};
 pub use lowest::LowestScore;
 pub use push::{PushEvent, PushItem, PushResult, Pushed};

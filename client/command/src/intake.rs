@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use gleaner_client::find_recordings;
+use gleaner_client::{find_recordings, is_dataset};
 use gleaner_inspector::{Assumed, Converted, Description};
 use gleaner_recording::printable;
 use tempfile::TempDir;
@@ -12,12 +12,8 @@ use tempfile::TempDir;
 use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
 
-/// The file that describes a dataset of LeRobot.
-const INFO: &str = "meta/info.json";
 /// The name of the file of a robomimic export (`crates/formats`), without its ending.
 const EXPORTED: &str = "dataset";
-/// Endings of HDF5 files.
-const ENDINGS: [&str; 2] = ["hdf5", "h5"];
 
 /// A dataset of another program, described.
 #[derive(Debug)]
@@ -34,12 +30,6 @@ pub(crate) struct Episode {
     pub(crate) recording: PathBuf,
     pub(crate) converted: Converted,
     _folder: TempDir,
-}
-
-/// Whether a path is a dataset of another program: a folder with `meta/info.json`, or an HDF5 file.
-pub(crate) fn is_dataset(path: &Path) -> bool {
-    let ending = path.extension().is_some_and(|ending| ENDINGS.iter().any(|known| ending == *known));
-    path.join(INFO).is_file() || (ending && path.is_file())
 }
 
 /// Splits paths into datasets of other programs and the rest. A folder without recordings stands for the datasets in it.

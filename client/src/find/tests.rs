@@ -53,6 +53,22 @@ fn files_of_other_formats_are_refused_with_the_command_that_converts_them() {
 }
 
 #[test]
+fn datasets_of_other_programs_beside_recordings_are_skipped_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir_all(at("lab/pick/meta")).unwrap();
+    for name in ["lab/a.mcap", "lab/pick/meta/info.json", "lab/pick/b.mcap", "lab/lift.hdf5", "lab/notes.json"] {
+        std::fs::write(at(name), b"x").unwrap();
+    }
+    let found = find_recordings(&[at("lab")]).unwrap();
+    assert_eq!(found.recordings, [at("lab/a.mcap")]);
+    let mut skipped: Vec<_> = found.skipped.into_iter().map(|Skipped { path, reason }| (path, reason)).collect();
+    skipped.sort();
+    let reason = || "is a dataset of another program; give it by its own path".to_owned();
+    assert_eq!(skipped, [(at("lab/lift.hdf5"), reason()), (at("lab/pick"), reason())]);
+}
+
+#[test]
 fn irregular_files_are_skipped_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

@@ -40,7 +40,7 @@ pub(super) fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
     }
     lines.extend(rejected.lines("rejected").iter().map(|line| printable::field(line).into_owned()));
     if !skipped.is_empty() {
-        lines.push(format!("{} skipped: not regular files, or not readable", skipped.len()));
+        lines.push(format!("{} skipped", skipped.len()));
     }
     for Skipped { path, reason } in skipped {
         lines.push(printable::field(&format!("skipped: {}: {reason}", path.display())).into_owned());
