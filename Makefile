@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-ros2 check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker check-worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-ros2 check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -29,6 +29,12 @@ worker: .libtorch
 	mkdir -p target/worker/gleaner-worker/bin
 	strip -o target/worker/gleaner-worker/bin/gleaner-worker $(WORKER_BUILT)
 	tar -C target/worker -czf target/worker/gleaner-worker-$$(uname -m).tar.gz gleaner-worker
+
+# Jobs by the worker of that tarball on a node of a private Slurm whose root has glibc, the runtime of GCC and libtorch alone.
+# Needs root, and Slurm (Debian: slurm-wlm and munge).
+check-worker: worker
+	GLEANER_WORKER_TARBALL=$(CURDIR)/target/worker/gleaner-worker-$$(uname -m).tar.gz $(CARGO) test --locked \
+		-p gleaner-server -p gleaner-learn -p gleaner-tests --test end_to_end -- slurm::bare --include-ignored
 
 # Every test, from a bare clone. One failure stops no other program of tests.
 test: .libtorch

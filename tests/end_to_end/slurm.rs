@@ -1,6 +1,7 @@
 //! Jobs on a real Slurm of several nodes: the same results as on the server's machine, and failures of nodes, of the
 //! controller, of the server and of submissions.
 
+mod bare;
 mod crash;
 mod minutes;
 mod place;
