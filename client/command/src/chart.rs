@@ -52,6 +52,22 @@ fn columns(values: &[f32], width: usize) -> Vec<Option<f64>> {
     (0..width).map(bucket).collect()
 }
 
+/// Counts as a line of columns, `width` at most, the highest of which is full. More counts than columns are averaged; any
+/// above 0 shows.
+pub(crate) fn columns_of(counts: &[u64], width: usize) -> String {
+    let width = width.clamp(1, counts.len().max(1));
+    let mean = |column: usize| {
+        let part = &counts[column * counts.len() / width..(column + 1) * counts.len() / width];
+        #[expect(clippy::cast_precision_loss, reason = "for a picture")]
+        let sum = part.iter().sum::<u64>() as f64;
+        sum / to_f64(part.len().max(1))
+    };
+    let means: Vec<f64> = (0..width).map(mean).collect();
+    let most = means.iter().copied().fold(0.0, f64::max);
+    let eighths = |mean: f64| if mean > 0.0 { floor(to_f64(FULL) * mean / most).clamp(1, FULL) } else { 0 };
+    means.into_iter().map(|mean| EIGHTHS[eighths(mean)]).collect::<String>().trim_end().to_owned()
+}
+
 /// A horizontal bar of `part` out of `whole`, at most `width` wide. Any part above 0 shows.
 pub(crate) fn bar(part: u64, whole: u64, width: usize) -> String {
     const PARTS: [char; 8] = ['▏', '▎', '▍', '▌', '▋', '▊', '▉', '█'];
@@ -85,6 +101,15 @@ fn floor(value: f64) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn merged_columns_are_averages_so_that_even_counts_are_even() {
+        for (counts, columns) in [(21, 20), (50, 20), (100, 20), (20, 20), (3, 3), (1, 1)] {
+            assert_eq!(columns_of(&vec![7; counts], 20), "█".repeat(columns), "{counts}");
+        }
+        assert_eq!(columns_of(&[0, 1, 1000, 500], 20), " ▁█▄");
+        assert_eq!((columns_of(&[], 20), columns_of(&[0, 0], 20)), (String::new(), String::new()));
+    }
 
     #[test]
     fn a_curve_is_drawn() {

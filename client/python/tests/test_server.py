@@ -187,6 +187,11 @@ def test_the_histogram_counts_the_same_segments(client: gleaner.Client, lab: Lab
     q = np.concatenate([scores.q for scores in client.scores.all(lab.run, "imperfect")])
     histogram = client.scores.histogram(lab.run, bins=10, betas=[0.25, 0.75])
     assert histogram.counts.sum() == histogram.segments == len(q)
+    assert sum(histogram.cohorts.values()).tolist() == histogram.counts.tolist()
+    experts = np.concatenate([scores.q for scores in client.scores.all(lab.run, "expert")])
+    assert histogram.experts.sum() == len(experts)
+    pairs = (experts[:, None] > q).mean() + (experts[:, None] == q).mean() / 2
+    assert histogram.expert_auroc == pytest.approx(pairs)
     assert histogram.edges[[0, -1]].tolist() == [0.0, 1.0]
     assert histogram.kept == {0.25: int((q > 0.25).sum()), 0.75: int((q > 0.75).sum())}
     (count,) = client.scores.what_if(lab.run, [{"beta": 0.25}])

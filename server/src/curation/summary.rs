@@ -94,7 +94,7 @@ impl Summary {
     pub(crate) async fn fill(self: &Arc<Self>, mut histogram: Histogram) -> Result<Histogram> {
         let summary = Arc::clone(self);
         let counting = move || {
-            summary.candidates.iter().for_each(|one| histogram.add(one.q.iter().copied()));
+            summary.candidates.iter().for_each(|one| histogram.add(&one.cohort, one.q.iter().copied()));
             summary.experts.iter().for_each(|q| histogram.add_expert(q.iter().copied()));
             Ok(histogram)
         };

@@ -1,10 +1,12 @@
 //! `histogram`: the distribution of q, and what thresholds keep of it.
 
+use std::collections::BTreeMap;
+
 use clap::Args;
 use gleaner_client::Client;
 use gleaner_core::proto::score::expert_ranking;
 use gleaner_core::score::ExpertRanking;
-use gleaner_proto::v1::{GetHistogramRequest, GetHistogramResponse, KeptCount};
+use gleaner_proto::v1::{CohortCounts, GetHistogramRequest, GetHistogramResponse, KeptCount};
 
 use crate::context::Context;
 use crate::failure::Result;
@@ -12,6 +14,12 @@ use crate::output::terminal_width;
 use crate::table::Column::{Left, Right};
 use crate::table::table;
 use crate::{chart, json, words};
+
+/// Columns of the distribution of a cohort at most.
+const PLACES: usize = 20;
+/// The rows of experts, and of episodes without a cohort; neither can be mistaken for the name of a cohort.
+const EXPERTS: &str = "(experts)";
+const NAMELESS: &str = "(none)";
 
 #[derive(Args, Debug)]
 pub(crate) struct HistogramArgs {
@@ -60,15 +68,33 @@ pub(crate) fn histogram(histogram: &GetHistogramResponse, width: usize) -> Strin
     if let Some(all) = ranking.all {
         lines.push(String::new());
         lines.push(format!("an expert's segment has the higher q in {} of pairs (ties count half)", share(all)));
-        if ranking.cohorts.len() > 1 {
-            let row = |(cohort, auroc): &(String, f64)| [cohort.clone(), share(*auroc)];
-            lines.push(table([Left("COHORT"), Right("EXPERT HIGHER")], ranking.cohorts.iter().map(row)));
-        }
         lines.extend(warnings(&ranking));
     }
     lines.push(String::new());
+    lines.push(by_cohort(histogram, &ranking));
+    lines.push(String::new());
     lines.push(table(columns, histogram.kept.iter().map(row)));
     lines.join("\n")
+}
+
+/// The distribution of q of the experts and of each cohort, as a line of columns up to its own maximum.
+fn by_cohort(histogram: &GetHistogramResponse, ranking: &ExpertRanking) -> String {
+    let columns = |counts: &[u64]| chart::columns_of(counts, PLACES);
+    let mut cohorts: BTreeMap<&str, [String; 2]> = BTreeMap::new();
+    for CohortCounts { cohort, counts } in &histogram.cohort_counts {
+        cohorts.entry(cohort).or_default()[1] = columns(counts);
+    }
+    // The server has no counts of small cohorts among many.
+    for (cohort, auroc) in &ranking.cohorts {
+        cohorts.entry(cohort).or_default()[0] = share(*auroc);
+    }
+    let experts = [EXPERTS.to_owned(), String::new(), columns(&histogram.expert_counts)];
+    let experts = Some(experts).filter(|_| histogram.expert_counts.iter().any(|&count| count > 0));
+    let named = |cohort: &str| if cohort.is_empty() { NAMELESS } else { cohort }.to_owned();
+    let rows = cohorts.into_iter().map(|(cohort, [higher, columns])| [named(cohort), higher, columns]);
+    let rows = experts.into_iter().chain(rows);
+    let table = table([Left("COHORT"), Right("EXPERT HIGHER"), Left("q 0 TO 1")], rows);
+    format!("{table}\n(q: each row to its own maximum)")
 }
 
 fn share(auroc: f64) -> String {
@@ -113,6 +139,9 @@ mod tests {
             ],
             expert_counts: vec![1, 0, 0, 1],
             expert_auroc: Some(0.6),
+            cohort_counts: [("late", vec![0, 1, 4, 0]), ("wrong", vec![0, 4, 6, 1])]
+                .map(|(cohort, counts)| CohortCounts { cohort: cohort.into(), counts })
+                .into(),
             cohorts: [("late", 0.7), ("wrong", 0.5)]
                 .map(|(cohort, expert_auroc)| CohortAuroc { cohort: cohort.into(), expert_auroc })
                 .into(),
@@ -126,11 +155,14 @@ mod tests {
              0.75–1.00        1 █\n\
              \n\
              an expert's segment has the higher q in 60 % of pairs (ties count half)\n\
-             COHORT  EXPERT HIGHER\n\
-             late             70 %\n\
-             wrong            50 %\n\
              warning: the scores hardly tell cohort wrong from experts (50 % of pairs): either its steps are as good, or \
              the scorer does not see what is wrong with them\n\
+             \n\
+             COHORT     EXPERT HIGHER  q 0 TO 1\n\
+             (experts)                 █  █\n\
+             late                70 %   ▂█\n\
+             wrong               50 %   ▅█▁\n\
+             (q: each row to its own maximum)\n\
              \n   \
              β  KEPT   SHARE  FROM EPISODES  OF EXPERTS\n\
              0.50    11  68.8 %              3      50.0 %\n\

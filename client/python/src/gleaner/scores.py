@@ -41,12 +41,15 @@ class EpisodeScores:
 
 @dataclass(frozen=True)
 class Histogram:
-    """The distribution of q over a run's imperfect segments."""
+    """The distribution of q over a run's imperfect segments, and over those of its experts and of each cohort."""
 
     counts: NDArray[np.uint64]
+    experts: NDArray[np.uint64]  # as counts; of an imported run without experts all 0
+    cohorts: dict[str, NDArray[np.uint64]]  # as counts, of each cohort of imperfect episodes
     edges: NDArray[np.float64]  # one more than counts, from 0 to 1
     segments: int
     kept: dict[float, int]  # segments with q > β, for each requested β
+    expert_auroc: float | None  # how often an expert's segment has the higher q, ties counted half; without experts None
 
 
 _EPISODE_ID = re.compile("ep_[0-9A-HJKMNP-TV-Z]{26}")
@@ -70,9 +73,12 @@ class Scores:
         reply = self._rpc.safe("ScoreService/GetHistogram", request, pb.GetHistogramResponse)
         return Histogram(
             counts=np.array(reply.counts, np.uint64),
+            experts=np.array(reply.expert_counts, np.uint64),
+            cohorts={of.cohort: np.array(of.counts, np.uint64) for of in reply.cohort_counts},
             edges=np.linspace(0.0, 1.0, len(reply.counts) + 1),
             segments=reply.segments,
             kept={count.beta: count.segments for count in reply.kept},
+            expert_auroc=reply.expert_auroc if reply.HasField("expert_auroc") else None,
         )
 
     def what_if(

@@ -11,6 +11,8 @@ use crate::{
 };
 
 const MAX_BINS: u32 = 1000;
+/// The most cohorts of which a histogram has counts.
+const MAX_COHORTS: usize = 50;
 const MAX_BETAS: usize = 1000;
 
 /// Reads the id of a score run.
@@ -56,7 +58,10 @@ pub fn histogram_response(histogram: &Histogram, ranking: ExpertRanking) -> v1::
     let kept = histogram.kept().into_iter().map(|KeptCount { beta, segments, episodes, expert_segments }| {
         v1::KeptCount { beta, segments, episodes, expert_segments }
     });
+    let counts = histogram.cohorts(MAX_COHORTS).into_iter();
+    let counts = counts.map(|(cohort, counts)| v1::CohortCounts { cohort: cohort.to_owned(), counts: counts.to_vec() });
     v1::GetHistogramResponse {
+        cohort_counts: counts.collect(),
         counts: histogram.counts().to_vec(),
         segments: histogram.segments(),
         kept: kept.collect(),

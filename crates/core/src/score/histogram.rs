@@ -1,5 +1,7 @@
 //! The distribution of q in a run, and what thresholds keep of it: filled episode by episode.
 
+use std::collections::BTreeMap;
+
 use crate::selection::Filter;
 
 /// The counts of segments and episodes that one threshold keeps.
@@ -21,6 +23,8 @@ pub struct KeptCount {
 pub struct Histogram {
     counts: Vec<u64>,
     expert_counts: Vec<u64>,
+    /// As `counts`, of each cohort of imperfect episodes.
+    cohorts: BTreeMap<String, Vec<u64>>,
     segments: u64,
     /// Thresholds from low to high, each with its index in the caller's order.
     ordered: Vec<(f64, usize)>,
@@ -40,6 +44,7 @@ impl Histogram {
         Self {
             counts: vec![0; bins.max(1)],
             expert_counts: vec![0; bins.max(1)],
+            cohorts: BTreeMap::new(),
             segments: 0,
             ordered,
             kept_segments: vec![0; betas.len() + 1],
@@ -48,12 +53,17 @@ impl Histogram {
         }
     }
 
-    /// Adds one imperfect episode's q.
-    pub fn add(&mut self, q: impl Iterator<Item = f32>) {
+    /// Adds the q of one imperfect episode of a cohort.
+    pub fn add(&mut self, cohort: &str, q: impl Iterator<Item = f32>) {
+        let bins = self.counts.len();
+        // Looked up once an episode, because a run has millions of segments.
+        let known = self.cohorts.get_mut(cohort).map(std::mem::take);
+        let mut of_cohort = known.unwrap_or_else(|| vec![0; bins]);
         let (mut best, mut any) = (f32::NEG_INFINITY, false);
         for q in q {
-            let place = bin(q, self.counts.len());
+            let place = bin(q, bins);
             self.counts[place] += 1;
+            of_cohort[place] += 1;
             self.segments += 1;
             let keeping = self.keeping(q);
             self.kept_segments[keeping] += 1;
@@ -62,6 +72,12 @@ impl Histogram {
         if any {
             let keeping = self.keeping(best);
             self.kept_episodes[keeping] += 1;
+        }
+        match self.cohorts.get_mut(cohort) {
+            Some(counts) => *counts = of_cohort,
+            None => {
+                self.cohorts.insert(cohort.to_owned(), of_cohort);
+            }
         }
     }
 
@@ -83,6 +99,18 @@ impl Histogram {
     /// Expert segments in each bin, as [`Histogram::counts`].
     pub fn expert_counts(&self) -> &[u64] {
         &self.expert_counts
+    }
+
+    /// Imperfect segments in each bin of the largest cohorts, at most this many, by name.
+    pub fn cohorts(&self, most: usize) -> Vec<(&str, &[u64])> {
+        let mut cohorts: Vec<_> =
+            self.cohorts.iter().map(|(cohort, counts)| (cohort.as_str(), counts.as_slice())).collect();
+        if cohorts.len() > most {
+            cohorts.sort_by_key(|(_, counts)| std::cmp::Reverse(counts.iter().sum::<u64>()));
+            cohorts.truncate(most);
+            cohorts.sort_by_key(|(cohort, _)| *cohort);
+        }
+        cohorts
     }
 
     /// Number of imperfect segments.
@@ -125,7 +153,7 @@ mod tests {
     #[test]
     fn experts_have_counts_of_their_own() {
         let mut histogram = Histogram::new(4, &[0.5]);
-        histogram.add([0.1].into_iter());
+        histogram.add("late", [0.1].into_iter());
         histogram.add_expert([0.1, 0.9, 1.0].into_iter());
         assert_eq!((histogram.counts(), histogram.expert_counts()), (&[1, 0, 0, 0][..], &[1, 0, 0, 2][..]));
         let kept = histogram.kept()[0];
@@ -136,13 +164,18 @@ mod tests {
     fn counts_what_each_threshold_keeps_strictly() {
         // A threshold without an exact binary form, met exactly: 0.6 as f32 lies above 0.6 as f64.
         let mut histogram = Histogram::new(4, &[0.9, 0.0, 0.6, 1.0, 0.6]);
-        histogram.add([0.0, 0.6, 0.25, 1.0].into_iter());
-        histogram.add([0.6, 0.1].into_iter());
-        histogram.add([0.95].into_iter());
-        histogram.add(std::iter::empty());
+        histogram.add("wrong", [0.0, 0.6, 0.25, 1.0].into_iter());
+        histogram.add("late", [0.6, 0.1].into_iter());
+        histogram.add("wrong", [0.95].into_iter());
+        histogram.add("none", std::iter::empty());
 
         assert_eq!(histogram.segments(), 7);
         assert_eq!(histogram.counts(), [2, 1, 2, 2]);
+        let [late, none, wrong] =
+            [("late", &[1, 0, 1, 0][..]), ("none", &[0, 0, 0, 0][..]), ("wrong", &[1, 1, 1, 2][..])];
+        assert_eq!(histogram.cohorts(3), [late, none, wrong]);
+        assert_eq!(histogram.cohorts(2), [late, wrong]);
+        assert_eq!(histogram.cohorts(1), [wrong]);
         let kept: Vec<_> = histogram.kept().iter().map(|k| (k.beta, k.segments, k.episodes)).collect();
         assert_eq!(kept, [(0.9, 2, 2), (0.0, 6, 3), (0.6, 2, 2), (1.0, 0, 0), (0.6, 2, 2)]);
     }
@@ -153,7 +186,7 @@ mod tests {
         let betas = [0.5, 0.7, 0.8, 0.9, 0.95];
         let mut histogram = Histogram::new(20, &betas);
         for episode in q.chunks(10) {
-            histogram.add(episode.iter().copied());
+            histogram.add("", episode.iter().copied());
         }
         for (kept, beta) in histogram.kept().iter().zip(betas) {
             let segments = q.iter().filter(|&&q| Filter::Above(beta).keeps(0.0, q)).count();
