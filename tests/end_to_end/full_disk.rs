@@ -8,6 +8,7 @@ use crate::support::{
     command::expect_sound,
     disk::{SmallDisk, label, label_until_rejected},
     errors::expect_error,
+    files::files,
     lab::{self, RECORDINGS},
     server::TestServer,
 };
@@ -103,5 +104,33 @@ async fn min_free_bytes_keeps_room_for_the_database() {
     }
     std::fs::remove_file(ballast).unwrap();
     lab::push(&mut api, lab::TASK, &RECORDINGS[7]).await.unwrap();
+    expect_sound(server.data_dir()).await;
+}
+
+/// Without a limit of the cache, its least recently used files make room for the next recording.
+#[tokio::test]
+async fn decoded_steps_of_earlier_recordings_make_room_for_the_next() {
+    const FREE: u64 = 8 << 20;
+    let Some(disk) = SmallDisk::mount(32) else { return };
+    let flags = ["--workers", "0", "--min-free-bytes", &FREE.to_string()];
+    let server = TestServer::start_over(&disk.data(), &flags).await;
+    let mut api = Api::connect(&server).await;
+    lab::create_task(&mut api).await;
+    let (first, further) = RECORDINGS[..8].split_at(6);
+    for recording in first {
+        lab::push(&mut api, lab::TASK, recording).await.unwrap();
+    }
+    let decoded = || files(&disk.data().join("cache")).len();
+    let of_six = decoded();
+    assert!(of_six >= 6, "{of_six}");
+    for recording in further {
+        // Half of the recording has room, and nothing of its steps.
+        disk.leave(FREE + recording.bytes.len() as u64 / 2);
+        let before = decoded();
+        lab::push(&mut api, lab::TASK, recording).await.unwrap();
+        let after = decoded();
+        assert!(after <= before, "{after} files, {before} before");
+    }
+    assert_eq!(api.episodes().await.len(), 8);
     expect_sound(server.data_dir()).await;
 }

@@ -45,6 +45,16 @@ impl SmallDisk {
         Command::new("mount").args(["-o", options]).arg(self.path()).status().is_ok_and(|status| status.success())
     }
 
+    /// Leaves this many bytes free by a file that is as large as needed.
+    pub fn leave(&self, bytes: u64) {
+        let path = self.path().join("ballast");
+        // Without the file of an earlier call.
+        std::fs::write(&path, []).unwrap();
+        let disk = rustix::fs::statvfs(self.path()).unwrap();
+        let size = (disk.f_bavail * disk.f_frsize).checked_sub(bytes).unwrap();
+        std::fs::write(&path, vec![7; usize::try_from(size).unwrap()]).unwrap();
+    }
+
     /// Fills it with a file, which the test removes to free the space; again, if something else has freed some.
     pub fn fill(&self) -> PathBuf {
         let path = self.path().join("ballast");
