@@ -56,6 +56,9 @@ pub fn find_recordings(paths: &[PathBuf]) -> Result<Found> {
     Ok(Found { recordings: search.recordings.into_iter().collect(), skipped: search.skipped })
 }
 
+/// Why a dataset of another program beside recordings is skipped.
+const DATASET: &str = "is a dataset of another program; give it by its own path";
+
 #[derive(Default)]
 struct Search {
     recordings: BTreeSet<PathBuf>,
@@ -119,12 +122,14 @@ impl Search {
             Ok(kind) => kind,
             Err(error) => return self.skip(&path, format!("cannot be inspected: {error}")),
         };
-        if !kind.is_symlink() && foreign::is_dataset(&path) {
-            self.skip(&path, "is a dataset of another program; give it by its own path".to_owned());
-        } else if kind.is_dir() {
+        if kind.is_dir() {
             let before = (self.recordings.len(), self.skipped.len());
             self.folder(&path);
-            if named && before == (self.recordings.len(), self.skipped.len()) {
+            if self.recordings.len() == before.0 && foreign::is_dataset(&path) {
+                // Whatever lies in it is a part of it.
+                self.skipped.truncate(before.1);
+                self.skip(&path, DATASET.to_owned());
+            } else if named && before == (self.recordings.len(), self.skipped.len()) {
                 self.skip(&path, "is a folder without recordings".to_owned());
             }
         } else if kind.is_symlink() {
@@ -133,6 +138,8 @@ impl Search {
             self.recordings.insert(path);
         } else if named {
             self.skip(&path, file::describe(kind).to_owned());
+        } else if kind.is_file() && foreign::is_dataset(&path) {
+            self.skip(&path, DATASET.to_owned());
         } else if self.remedy.is_none() && kind.is_file() {
             self.remedy = foreign::remedy(&path);
         }
@@ -143,6 +150,7 @@ impl Search {
             Ok(kind) if kind.is_dir() => {
                 self.skip(&path, "is a link to a folder, which is not followed; push that folder by name".to_owned());
             }
+            Ok(kind) if kind.is_file() && foreign::is_dataset(&path) => self.skip(&path, DATASET.to_owned()),
             _ if !named => {}
             Ok(kind) if kind.is_file() => {
                 self.recordings.insert(path);

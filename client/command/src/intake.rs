@@ -4,11 +4,12 @@
 
 use std::path::{Path, PathBuf};
 
-use gleaner_client::{find_recordings, is_dataset};
+use gleaner_client::{Skipped, find_recordings, is_dataset};
 use gleaner_inspector::{Assumed, Converted, Description};
 use gleaner_recording::printable;
 use tempfile::TempDir;
 
+use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
 
@@ -49,6 +50,24 @@ pub(crate) fn split(paths: &[PathBuf]) -> (Vec<PathBuf>, Vec<PathBuf>) {
         datasets.append(&mut inside);
     }
     (datasets, others)
+}
+
+/// The recordings of these paths; what is skipped is noted.
+///
+/// # Errors
+/// As [`find_recordings`].
+pub(crate) fn recordings(context: &Context, paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let found = find_recordings(paths)?;
+    note(context, &found.skipped);
+    Ok(found.recordings)
+}
+
+/// Notes what is skipped and why.
+pub(crate) fn note(context: &Context, skipped: &[Skipped]) {
+    for Skipped { path, reason } in skipped {
+        let line = format!("skipped: {}: {reason}", path.display());
+        context.output.note(printable::field(&line));
+    }
 }
 
 /// Adds the datasets below a folder. Other links to folders are not followed, because one to a folder above would never end.

@@ -57,15 +57,19 @@ fn datasets_of_other_programs_beside_recordings_are_skipped_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     std::fs::create_dir_all(at("lab/pick/meta")).unwrap();
-    for name in ["lab/a.mcap", "lab/pick/meta/info.json", "lab/pick/b.mcap", "lab/lift.hdf5", "lab/notes.json"] {
+    // A folder with recordings is none, whatever else it has.
+    std::fs::create_dir_all(at("lab/session/meta")).unwrap();
+    let dataset = ["lab/pick/meta/info.json", "lab/lift.hdf5"];
+    for name in ["lab/session/meta/info.json", "lab/session/a.mcap", "lab/notes.json"].into_iter().chain(dataset) {
         std::fs::write(at(name), b"x").unwrap();
     }
+    symlink(at("lab/lift.hdf5"), at("lab/link.h5")).unwrap();
     let found = find_recordings(&[at("lab")]).unwrap();
-    assert_eq!(found.recordings, [at("lab/a.mcap")]);
+    assert_eq!(found.recordings, [at("lab/session/a.mcap")]);
     let mut skipped: Vec<_> = found.skipped.into_iter().map(|Skipped { path, reason }| (path, reason)).collect();
     skipped.sort();
     let reason = || "is a dataset of another program; give it by its own path".to_owned();
-    assert_eq!(skipped, [(at("lab/lift.hdf5"), reason()), (at("lab/pick"), reason())]);
+    assert_eq!(skipped, ["lab/lift.hdf5", "lab/link.h5", "lab/pick"].map(|name| (at(name), reason())));
 }
 
 #[test]

@@ -39,6 +39,8 @@ impl InspectArgs {
         let (datasets, others) = intake::split(&self.paths);
         let intakes = Intake::open_all(&datasets, &Assumed { rate_hz: self.rate, ..Assumed::default() }).await?;
         let mut found = if others.is_empty() { Found::default() } else { find_recordings(&others)? };
+        // A dataset in a folder may be given by its own path too.
+        found.skipped.retain(|skipped| !datasets.contains(&skipped.path));
         let mut made = Vec::new();
         for intake in &intakes {
             let episode = intake.episode(0).await?.map_err(Failure::message)?;

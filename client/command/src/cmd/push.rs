@@ -24,7 +24,8 @@ use shown::{document, summary};
 #[derive(Args, Debug)]
 #[group(id = "what", required = true, multiple = true, args = ["paths", "labels"])]
 pub(crate) struct PushArgs {
-    /// Recordings, or folders that are searched for *.mcap; files that are not regular are skipped and listed. A folder
+    /// Recordings, or folders that are searched for *.mcap; files that are not regular, and datasets of other
+    /// programs, are skipped and listed. A folder
     /// whose metadata.yaml lists several parts (rosbag2) is one recording. Or datasets of other programs: LeRobot's folder
     /// with meta/info.json, robomimic's *.hdf5, or a folder of them without recordings. Default with --labels: every file
     /// that it lists.
@@ -96,6 +97,7 @@ impl PushArgs {
         }
         let (items, skipped) = items::items(&self, context, &client).await?;
         if self.check {
+            intake::note(context, &skipped);
             return check::check(context, &client, items, self.jobs).await;
         }
         let task = items.first().map(|item| item.task.clone()).unwrap_or_default();

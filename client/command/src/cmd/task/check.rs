@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use gleaner_client::find_recordings;
 use gleaner_inspector::Assumed;
 use gleaner_recording::{Report, Severity, printable};
 use serde_json::{Value, json};
@@ -38,7 +37,7 @@ impl CheckArgs {
         let (datasets, others) = intake::split(&self.recordings);
         let recordings = match others.as_slice() {
             [] => Vec::new(),
-            paths => find_recordings(paths)?.recordings,
+            paths => intake::recordings(context, paths)?,
         };
         let inspector = Inspector::find()?;
         let mut reports = inspector.check(&recordings, &spec).await?;

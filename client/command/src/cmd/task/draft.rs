@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gleaner_client::{find_recordings, read_labels};
+use gleaner_client::read_labels;
 use gleaner_inspector::Assumed;
 use serde_json::json;
 
@@ -50,7 +50,7 @@ impl DraftArgs {
                 return Err(Failure::message(problem));
             }
         }
-        let recordings = find_recordings(&self.paths)?.recordings;
+        let recordings = intake::recordings(context, &self.paths)?;
         let surveys = Inspector::find()?.survey(&recordings, None).await?;
         let mut unread = 0;
         for (path, error) in surveys.iter().filter_map(|(path, survey)| Some((path, survey.as_ref().err()?))) {
