@@ -20,8 +20,8 @@ demo: .libtorch
 build: .libtorch
 	$(CARGO) build --release --locked -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-cli $(PROGRAMS)
 
-# The worker alone, and a tarball of it for the nodes of a cluster: it needs glibc, and libtorch's libraries in the folder
-# `lib` beside `bin` or in LD_LIBRARY_PATH. WORKER_PROFILE=dev builds it faster.
+# The worker alone, and a tarball of it for the nodes of a cluster: it needs glibc, the runtime of GCC, and libtorch's
+# libraries in the folder `lib` beside `bin` or in LD_LIBRARY_PATH. WORKER_PROFILE=dev builds it faster.
 WORKER_PROFILE ?= release
 WORKER_BUILT = target/$(if $(filter dev,$(WORKER_PROFILE)),debug,$(WORKER_PROFILE))/gleaner-worker
 worker: .libtorch
@@ -34,7 +34,7 @@ worker: .libtorch
 # Needs root, and Slurm (Debian: slurm-wlm and munge).
 check-worker: worker
 	GLEANER_WORKER_TARBALL=$(CURDIR)/target/worker/gleaner-worker-$$(uname -m).tar.gz $(CARGO) test --locked \
-		-p gleaner-server -p gleaner-learn -p gleaner-tests --test end_to_end -- slurm::bare --include-ignored
+		-p gleaner-server -p gleaner-learn -p gleaner-tests --test end_to_end -- slurm::bare
 
 # Every test, from a bare clone. One failure stops no other program of tests.
 test: .libtorch
@@ -72,8 +72,8 @@ crash-test-postgres: .libtorch
 SLURM_KILLS ?= 200
 crash-test-slurm: .libtorch
 	GLEANER_CRASH_SLURM_KILLS=$(SLURM_KILLS) GLEANER_CRASH_SEED=$(SEED) \
-		$(CARGO) test --locked -p gleaner-tests --test end_to_end -- slurm::crash slurm::minutes --include-ignored \
-		--nocapture --test-threads=1
+		$(CARGO) test --locked -p gleaner-tests --test end_to_end -- slurm::crash slurm::minutes --nocapture \
+		--test-threads=1
 
 # A server of S3 for the tests of buckets, which print SKIPPED without it.
 moto: target/moto/bin/moto_server

@@ -6,10 +6,21 @@ use std::time::{Duration, Instant};
 use gleaner_proto::v1::*;
 
 use super::with_episodes;
-use crate::support::{api::Api, lab, slurm::Cluster};
+use crate::support::{api::Api, crash::Settings, lab, skipped::skipped, slurm::Cluster};
 
+/// Kills of the shortest long form.
+const LONG: usize = 20;
 /// More steps than a test lasts.
 const ENDLESS: u32 = 1_000_000;
+
+/// A cluster of one node, in the long form of the crash tests.
+async fn start() -> Option<Cluster> {
+    if Settings::read().slurm_kills < LONG {
+        skipped("takes minutes; make crash-test-slurm runs it");
+        return None;
+    }
+    Cluster::start(1).await
+}
 
 /// Ends a job and waits until Slurm lists it no more.
 async fn cancel(cluster: &Cluster, api: &mut Api, job: &str) {
@@ -20,9 +31,8 @@ async fn cancel(cluster: &Cluster, api: &mut Api, job: &str) {
 
 /// The shortest limit that Slurm has is a minute.
 #[tokio::test]
-#[ignore = "takes minutes; make crash-test-slurm runs it"]
 async fn job_beyond_its_time_limit_resumes_without_losing_a_step_or_an_attempt() {
-    let Some(cluster) = Cluster::start(1).await else { return };
+    let Some(cluster) = start().await else { return };
     let flags = [cluster.flags(), vec!["--slurm-pretrain-options".to_owned(), "--time=1".to_owned()]].concat();
     let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
     let (_server, mut api, _) = lab::with_episodes(&flags).await;
@@ -46,9 +56,8 @@ async fn job_beyond_its_time_limit_resumes_without_losing_a_step_or_an_attempt()
 }
 
 #[tokio::test]
-#[ignore = "takes minutes; make crash-test-slurm runs it"]
 async fn jobs_survive_a_minute_without_the_controller() {
-    let Some(mut cluster) = Cluster::start(1).await else { return };
+    let Some(mut cluster) = start().await else { return };
     let (_server, mut api, _) = with_episodes(&cluster).await;
     let running = api.submit(lab::TASK, lab::pretrain(ENDLESS)).await.unwrap().id;
     let before = api.watch_until(&running, |job| job.done >= 12).await;
