@@ -137,7 +137,7 @@ int gleaner_tf32_allow(int allowed, char *message, size_t room) {
   });
 }
 
-// Whether it may, both.
+// Whether a GPU may do both in TF32.
 int gleaner_tf32_allowed(int *allowed, char *message, size_t room) {
   return guarded(message, room, [&] {
     *allowed = at::globalContext().allowTF32CuBLAS() && at::globalContext().allowTF32CuDNN();

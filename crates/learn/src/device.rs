@@ -48,7 +48,7 @@ pub(crate) fn open(device: Device, threads: Option<u32>) -> Result<tch::Device, 
 pub(crate) struct Tf32(());
 
 impl Tf32 {
-    /// As the precision of a step has it; `None` without.
+    /// Allows it for a precision of TF32; `None` for others.
     pub(crate) fn of(precision: Precision) -> Result<Option<Self>, LearnError> {
         if precision != Precision::Tf32 {
             return Ok(None);

@@ -229,8 +229,8 @@ impl Graph {
     }
 }
 
-// What the key of a work is made of: those that are older than a setting keep their keys, which it is no part of at the
-// value that they used.
+// What the key of a work is made of. A setting at the value that earlier versions used is left out, so that their stages
+// keep their keys.
 fn keyed(work: &Work) -> Work {
     let mut keyed = work.clone();
     if let Work::Pretrain { settings } = &mut keyed {

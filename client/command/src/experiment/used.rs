@@ -61,13 +61,15 @@ impl CellSettings {
         let training = self.training();
         let pretrains = self.pretrains();
         let sees_history = self.sees_history(&training);
+        let hides = self.settings.get("history_dropout").and_then(Value::as_f64) != Some(0.0);
         used.settings.retain(|name, _| {
             (pretrains && has("pretrain", name))
                 || scorer.as_ref().is_some_and(|scorer| has("score", name) && scorer.uses(name))
                 || (has("train", name)
                     && training.uses(name)
                     && (self.method.gleans || !of_weighting(name))
-                    && (sees_history || !["history_dropout", "hidden_history"].contains(&name.as_str())))
+                    && (sees_history || name != "history_dropout")
+                    && (sees_history && hides || name != "hidden_history"))
         });
         used.hide_history &= sees_history;
         if !self.method.gleans {

@@ -188,11 +188,12 @@ impl Validation {
 }
 
 crate::words! {
-    /// Precision of the products of a training's convolutions and transformer blocks.
+    /// Precision of the products of a training.
     pub enum Precision {
         /// Single precision throughout, as in serving and scoring.
         F32 = "f32",
-        /// Factors in bfloat16, which has three digits, with sums in single precision. Weights, attention, heads, losses
+        /// Factors of convolutions and transformer blocks in bfloat16, which has three digits, with sums in single precision.
+        /// Weights, attention, heads, losses
         /// and the optimiser stay f32. Faster on processors with AVX-512 BF16 or AMX and on GPUs, slower on others.
         Bf16 = "bf16",
         /// TF32 of NVIDIA's GPUs from Ampere on: three digits of the factors, with sums in single precision, in every
@@ -236,7 +237,7 @@ crate::settings! {
         /// Largest decay of the moving average for `ema` (0: the last step). After n steps it is at most 1 − (1 +
         /// n)^−0.75, so that initial weights fade; higher values average over more steps.
         pub ema_decay: f64 = 0.999, number_in(0.0, 0.999_999);
-        /// Precision of the products of convolutions and transformer blocks in training. Scores and actions are computed
+        /// Precision of products in training. Scores and actions are computed
         /// in f32 either way. Lower precision is faster where the hardware has it, but gradients are less exact.
         pub precision: Precision = Precision::F32, Precision::shape();
     }

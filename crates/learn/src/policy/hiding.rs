@@ -16,8 +16,7 @@ gleaner_core::words! {
     pub(super) enum HiddenHistory {
         /// All of the steps before the newest: the policy acts on the newest step alone.
         Steps = "steps",
-        /// The actions before the newest step alone: the policy sees what it observed, but not what it did, which is the
-        /// easiest to continue.
+        /// Only the past actions. The policy sees its past observations; past actions are the input that is easiest to copy.
         Actions = "actions",
     }
 }

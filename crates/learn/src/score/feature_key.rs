@@ -27,7 +27,7 @@ pub fn features_kind(spec: &ScoreSpec) -> Result<Option<String>, LearnError> {
     let steps = if similarity.whole_segment() { "segment" } else { "last" };
     let device = match device {
         Device::Cpu => processor(),
-        Device::Cuda => "cuda",
+        Device::Cuda => "cuda f32",
     };
     let threads = threads.unwrap_or_default();
     Ok(Some(format!("{VERSION} {} {steps} {device} {threads}", scale.as_str())))

@@ -82,6 +82,19 @@ fn unused_settings_do_not_separate_the_stages_of_a_method() {
     assert_ne!(of(&plain, 2), of(&cosine, 2));
 }
 
+#[test]
+fn what_is_hidden_of_a_history_is_a_part_of_the_keys_of_policies_that_hide_one() {
+    let trained = |base: &str| {
+        let study = "[[study]]\ntable = \"cells\"\naxes = { method = [\"tf_bc\"] }\n";
+        let graph = graph(&format!("[base]\nseeds = [0]\n{base}\n{study}"));
+        graph.stages.last().unwrap().key.clone()
+    };
+    assert_ne!(trained(""), trained("hidden_history = \"actions\""));
+    assert_eq!(trained(""), trained("hidden_history = \"steps\""));
+    let shown = |hidden: &str| trained(&format!("history_dropout = 0.0\nhidden_history = \"{hidden}\""));
+    assert_eq!(shown("steps"), shown("actions"), "it is never hidden");
+}
+
 /// Experiments under way find their stages by these keys. A new setting changes every key, and they start again.
 #[test]
 fn keys_are_stable_between_versions() {
