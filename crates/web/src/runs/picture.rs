@@ -6,13 +6,17 @@ use gleaner_core::{
 };
 use maud::{Markup, html};
 
-use crate::plot::Frame;
+use crate::{plot::Frame, text};
 
 /// Bins of the histogram: the slider stops between them.
 pub(super) const BINS: usize = 100;
 
 /// Bins that one step of a line covers: experts and cohorts have fewer segments.
 const MERGED: usize = 5;
+
+/// The highest bar is cut off above this many times the height that nine of ten bars do not reach, and shows this many of it.
+const FAR: f64 = 8.0;
+const ROOM: f64 = 4.0;
 
 /// Cohorts with a line of their own at most; the largest come first.
 const COHORTS: usize = 6;
@@ -31,7 +35,10 @@ pub(super) fn histogram(histogram: &Histogram, rule: Rule) -> Markup {
         cohorts.into_iter().map(|(cohort, counts)| (cohort, scaled(counts, all))).collect();
     let bins = f64::from(u32::try_from(heights.len()).unwrap_or(u32::MAX));
     let drawn = heights.iter().chain(experts.iter().flatten()).chain(cohorts.iter().flat_map(|(_, line)| line));
-    let highest = 1.05 * drawn.copied().fold(1.0, f64::max);
+    let most = drawn.copied().fold(1.0, f64::max);
+    let cut = cut(&heights).filter(|cut| *cut < most);
+    let highest = 1.05 * cut.unwrap_or(most);
+    let within = |line: &[f64]| stairs(&line.iter().map(|height| height.min(highest)).collect::<Vec<_>>());
     let frame = Frame::new((920.0, 260.0), (0.0, 1.0), (0.0, highest));
     let beta = match rule {
         Rule::Beta(beta) => Some(beta),
@@ -40,10 +47,10 @@ pub(super) fn histogram(histogram: &Histogram, rule: Rule) -> Markup {
     let class = |from: f64| if beta.is_some_and(|beta| from >= beta - 1e-9) { "q kept" } else { "q" };
     let inside = html! {
         @for (from, &height) in (0_u32..).map(|bin| f64::from(bin) / bins).zip(&heights) {
-            (frame.bar((from, from + 1.0 / bins), height, class(from)))
+            (frame.bar((from, from + 1.0 / bins), height.min(highest), class(from)))
         }
-        @for (place, (_, line)) in (1..).zip(&cohorts) { (frame.line(&stairs(line), &colour(place))) }
-        @if let Some(experts) = &experts { (frame.line(&stairs(experts), "experts")) }
+        @for (place, (_, line)) in (1..).zip(&cohorts) { (frame.line(&within(line), &colour(place))) }
+        @if let Some(experts) = &experts { (frame.line(&within(experts), "experts")) }
         @if let Some(beta) = beta {
             line.beta x1=(frame.x(beta)) x2=(frame.x(beta)) y1=(frame.y(0.0)) y2=(frame.y(highest)) {}
         }
@@ -62,8 +69,23 @@ pub(super) fn histogram(histogram: &Histogram, rule: Rule) -> Markup {
             @if let Some(lines) = lines(experts.is_some(), cohorts.len()) {
                 " Lines: segments of " (lines) ", each scaled to the same number."
             }
+            @if let Some(cut) = cut { " What is higher than " (text::count(rounded(cut))) " segments is cut off." }
         }
     }
+}
+
+/// The height above which bars are cut off, because the others could not be seen beside them: a calibrated q has most segments
+/// at 0. `None` where the highest are not far above most.
+fn cut(heights: &[f64]) -> Option<f64> {
+    let mut sorted = heights.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let usual = *sorted.get(sorted.len() * 9 / 10)?;
+    (usual > 0.0 && *sorted.last()? > FAR * usual).then_some(ROOM * usual)
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of segments")]
+fn rounded(height: f64) -> u64 {
+    height.round() as u64
 }
 
 /// What the lines are of; `None` without any.
@@ -166,6 +188,20 @@ mod tests {
         let drawn = histogram(&Histogram::new(10, &[]), Rule::TopFraction(0.5)).into_string();
         assert!(!drawn.contains("legend") && !drawn.contains("Lines"), "{drawn}");
         assert!(!drawn.contains("kept") && !drawn.contains("class=\"beta\"") && !drawn.contains("NaN"));
+    }
+
+    #[test]
+    fn bars_that_would_hide_the_others_are_cut_off() {
+        let mut run = Histogram::new(BINS, &[]);
+        run.add("", (0..300_u16).map(|segment| f32::from(segment % 100) / 100.0 + 0.005));
+        let even = histogram(&run, Rule::Beta(0.5)).into_string();
+        assert!(!even.contains("cut off"), "{even}");
+        run.add("", std::iter::repeat_n(0.0, 5000));
+        let drawn = histogram(&run, Rule::Beta(0.5)).into_string();
+        assert!(drawn.contains("What is higher than 12 segments is cut off."), "{drawn}");
+        // The top of the plot, and nothing above it.
+        assert!(!drawn.contains("y=\"-") && drawn.contains("y=\"20"), "{drawn}");
+        assert_eq!((cut(&[]), cut(&[0.0, 0.0, 9.0])), (None, None));
     }
 
     #[test]
