@@ -57,7 +57,7 @@ fn datasets_of_other_programs_beside_recordings_are_skipped_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     std::fs::create_dir_all(at("lab/pick/meta")).unwrap();
-    // A folder with recordings is none, whatever else it has.
+    // A folder with recordings is not a dataset, even with this file.
     std::fs::create_dir_all(at("lab/session/meta")).unwrap();
     let dataset = ["lab/pick/meta/info.json", "lab/lift.hdf5"];
     for name in ["lab/session/meta/info.json", "lab/session/a.mcap", "lab/notes.json"].into_iter().chain(dataset) {
