@@ -71,6 +71,16 @@ fn encoder(steps: u64) -> Vec<u8> {
     pretrain(&toy::shape(), &data, &spec, None, None, &mut Silent).unwrap()
 }
 
+/// The action after two steps, the first of which saw and executed these values.
+fn acted(policy: &Policy, seen: f32, executed: f32) -> Vec<Vec<Vec<f32>>> {
+    let mut history = History::new(policy.segment_length());
+    for (x, action) in [(seen, executed), (0.3, 0.0)] {
+        history.push(policy.embed(&[&toy::frame(x, 0.5)]).unwrap().remove(0), vec![x, 0.0, 5.0]).unwrap();
+        history.set_executed(vec![action, -action]).unwrap();
+    }
+    policy.act(&[&history]).unwrap()
+}
+
 /// Segments 2 … 8 of a failure of ten steps.
 fn kept(weight: f32) -> Vec<WeightedSegments> {
     vec![WeightedSegments {

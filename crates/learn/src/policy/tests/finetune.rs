@@ -109,14 +109,6 @@ fn hidden_actions_have_no_influence_and_past_observations_keep_theirs() {
     let actions = chosen("finetune").with(Family::Policy, "hidden_history", "actions").unwrap();
     let (bytes, _) = finetune(&encoder(1), &[], &TrainSpec { policy: actions, ..toy::train_spec(2) });
     let load = || Policy::load(&bytes).unwrap();
-    let acted = |policy: &Policy, seen: f32, executed: f32| {
-        let mut history = History::new(policy.segment_length());
-        for (x, action) in [(seen, executed), (0.3, 0.0)] {
-            history.push(policy.embed(&[&toy::frame(x, 0.5)]).unwrap().remove(0), vec![x, 0.0, 5.0]).unwrap();
-            history.set_executed(vec![action, -action]).unwrap();
-        }
-        policy.act(&[&history]).unwrap()
-    };
     assert_ne!(acted(&load(), 0.1, 0.1), acted(&load(), 0.1, 0.9));
     let without = load().hiding_history().unwrap();
     assert_eq!(acted(&without, 0.1, 0.1), acted(&without, 0.1, 0.9));

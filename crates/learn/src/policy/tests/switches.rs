@@ -158,14 +158,7 @@ fn hidden_actions_of_a_window_have_no_influence_on_any_policy() {
         let mut spec = switched(kind, ("random", 3), 2);
         spec.policy = spec.policy.with(Family::Policy, "hidden_history", "actions").unwrap();
         let policy = Policy::load(&train(&spec, None).0).unwrap().hiding_history().unwrap();
-        let acted = |seen: f32, executed: f32| {
-            let mut history = History::new(policy.segment_length());
-            for (x, action) in [(seen, executed), (0.3, 0.0)] {
-                history.push(policy.embed(&[&toy::frame(x, 0.5)]).unwrap().remove(0), vec![x, 0.0, 5.0]).unwrap();
-                history.set_executed(vec![action, -action]).unwrap();
-            }
-            policy.act(&[&history]).unwrap()
-        };
+        let acted = |seen: f32, executed: f32| acted(&policy, seen, executed);
         assert_eq!(acted(0.1, 0.1), acted(0.1, 0.9), "{kind}");
         assert_ne!(acted(0.1, 0.1), acted(0.9, 0.1), "{kind}");
     }
