@@ -187,7 +187,7 @@ def test_the_histogram_counts_the_same_segments(client: gleaner.Client, lab: Lab
     q = np.concatenate([scores.q for scores in client.scores.all(lab.run, "imperfect")])
     histogram = client.scores.histogram(lab.run, bins=10, betas=[0.25, 0.75])
     assert histogram.counts.sum() == histogram.segments == len(q)
-    assert sum(histogram.cohorts.values()).tolist() == histogram.counts.tolist()
+    assert np.sum([*histogram.cohorts.values()], axis=0).tolist() == histogram.counts.tolist()
     experts = np.concatenate([scores.q for scores in client.scores.all(lab.run, "expert")])
     assert histogram.experts.sum() == len(experts)
     pairs = (experts[:, None] > q).mean() + (experts[:, None] == q).mean() / 2

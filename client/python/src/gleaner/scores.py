@@ -49,7 +49,7 @@ class Histogram:
     edges: NDArray[np.float64]  # one more than counts, from 0 to 1
     segments: int
     kept: dict[float, int]  # segments with q > β, for each requested β
-    expert_auroc: float | None  # how often an expert's segment has the higher q, ties counted half; without experts None
+    expert_auroc: float | None  # how often an expert's segment has the higher q, ties counted half; None: no experts
 
 
 _EPISODE_ID = re.compile("ep_[0-9A-HJKMNP-TV-Z]{26}")
