@@ -84,7 +84,6 @@ def test_files_without_anything_to_show_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["exported", "ros"])
 def test_rerun_blueprint_is_read_by_rerun_for_that_file(kind: str, request: pytest.FixtureRequest) -> None:
-    pytest.importorskip("rerun")
     path: Path = request.getfixturevalue(kind)
 
     def run(*words: str | Path) -> str:
