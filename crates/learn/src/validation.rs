@@ -17,8 +17,9 @@ const SEGMENTS: usize = 256;
 /// Segments in a pass.
 const CHUNK: usize = 64;
 
-/// The episodes to learn from, and those that are held out: this share, but at least one of each if there are two. The
-/// seed alone decides which, so that two trainings of one seed are measured on the same ones.
+/// The episodes to learn from, and those that are held out: this share, rounded down, but at least one of each if there are
+/// two and the weights with the lowest loss are wanted. The seed alone decides which, so that two trainings of one seed are
+/// measured on the same ones.
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for the field `of` if the weights with the lowest loss are wanted and no episode can be held
@@ -38,8 +39,10 @@ pub(crate) fn split<'a>(
     }
     #[expect(clippy::cast_precision_loss, reason = "a count of episodes")]
     let share = share * all.len() as f64;
+    let least = usize::from(finished == FinishedWeights::Best);
+    // A share of 0.7 of ten episodes is seven of them, though 0.7 × 10 may be less than 7.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "below the count of episodes")]
-    let count = (share.round() as usize).clamp(1, all.len() - 1);
+    let count = ((share + 1e-9) as usize).clamp(least, all.len() - 1);
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.shuffle(&mut generator(seed, Purpose::Validation, 0));
     let mut held_out = vec![false; all.len()];
@@ -89,10 +92,12 @@ mod tests {
         assert!(held_out.iter().all(|held| learned.iter().all(|one| one.id != held.id)));
         assert_eq!(ids(&held_out), ids(&split(&episodes, 0.3, 1).1));
         assert_ne!(ids(&held_out), ids(&split(&episodes, 0.3, 2).1));
-        for (share, count) in [(0.0, 0), (0.01, 1), (0.9, 9)] {
+        for (share, count) in [(0.0, 0), (0.09, 0), (0.1, 1), (0.7, 7), (0.9, 9)] {
             assert_eq!(split(&episodes, share, 1).1.len(), count);
         }
         assert!(split(&episodes[..1], 0.5, 1).1.is_empty(), "the only episode is learned from");
+        let best = super::split(&episodes, (0.01, 1), (FinishedWeights::Best, "data")).unwrap();
+        assert_eq!(best.1.len(), 1, "without a loss none is the lowest");
     }
 
     #[test]

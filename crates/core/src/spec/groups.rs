@@ -171,13 +171,16 @@ crate::settings! {
     /// Episodes that are held out.
     pub(super) struct Validation {
         /// Share of the episodes, drawn by the seed, that are held out of training to report `loss_validation` on (0: none):
-        /// of the experts for a policy, of all episodes in pretraining. A larger share measures overfitting better and leaves
-        /// fewer episodes to learn from.
-        pub(super) validation_share: f64 = 0.0, number_in(0.0, 0.9);
+        /// of the experts for a policy, of all episodes in pretraining. It is rounded down to whole episodes, so that 0.05 of
+        /// fewer than 20 holds none out. A larger share measures overfitting better and leaves fewer episodes to learn from.
+        pub(super) validation_share: f64 = 0.05, number_in(0.0, 0.9);
     }
 }
 
 impl Validation {
+    /// The default of pretraining, whose encoder scores every episode: those that it has not learned from would look worse.
+    pub(super) const NONE: Self = Self { validation_share: 0.0 };
+
     /// The share, if `finished` can be had with it.
     pub(super) fn checked(self, finished: FinishedWeights) -> Result<f64, Problem> {
         if finished == FinishedWeights::Best && self.validation_share == 0.0 {

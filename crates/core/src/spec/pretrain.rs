@@ -37,7 +37,7 @@ impl Default for PretrainSpec {
             objectives: Family::Objective.kinds().iter().map(|kind| kind.name.clone()).collect(),
             augmentation: Augmentation::default(),
             optim: OptimSpec::default(),
-            validation_share: Validation::default().validation_share,
+            validation_share: Validation::NONE.validation_share,
             run: RunSpec::default(),
             threads: None,
         }
@@ -49,7 +49,7 @@ impl PretrainSpec {
     #[must_use]
     pub fn schema() -> Vec<Setting> {
         let model = [ModelSpec::schema(), ImageWeightsSpec::schema(), vec![objectives()]];
-        let training = [Augmentation::schema(), Validation::schema(), OptimSpec::schema(), RunSpec::schema()];
+        let training = [Augmentation::schema(), Validation::NONE.as_defaults(), OptimSpec::schema(), RunSpec::schema()];
         [model.concat(), training.concat()].concat()
     }
 

@@ -42,7 +42,8 @@ fn complete(mut values: Values) -> Values {
     values.entry("action_token").or_insert_with(|| ActionToken::Proprioception.as_str().into());
     values.entry("image_encoder").or_insert_with(|| ImageEncoder::Keypoints.as_str().into());
     values.entry("keypoint_gain").or_insert_with(|| 1.0.into());
-    // Off, before some policies had them by default.
+    // Off, before some policies or trainings had them by default.
+    values.entry("validation_share").or_insert_with(|| 0.0.into());
     values.entry("shift_pixels").or_insert_with(|| 0.into());
     values.entry("proprioception_dropout").or_insert_with(|| 0.0.into());
     values
