@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker check-worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-ros2 check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker check-worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-ros2 check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -257,6 +257,13 @@ bench-pages: .libtorch
 bench-lab: .libtorch $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install -q client/python
 	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" PYTHON=$(PYTHON_ENV)/bin/python benches/lab/run.sh $(LAB_ARGS)
+
+# Uploads and reads of one file through gleaner beside object_store alone, on moto; on the private Ceph of test-ceph with
+# BUCKET_STORE=scripts/ceph.sh (as root).
+BUCKET_STORE ?=
+BUCKET_ARGS ?= 64 5
+bench-bucket: moto
+	$(BUCKET_STORE) $(CARGO) run --locked --profile $(BENCH_PROFILE) -p gleaner-bucket --features testing --example throughput -- $(BUCKET_ARGS)
 
 # Samples a second that reach a training, beside PyTorch's DataLoader and LeRobot. Fetches both (about 8 GB) the first time.
 bench-loading: .libtorch
