@@ -3,6 +3,7 @@
 
 mod bare;
 mod crash;
+mod grid;
 mod minutes;
 mod place;
 mod ranks;

@@ -1,0 +1,67 @@
+//! A grid of settings on a cluster: its jobs run side by side on the nodes, with the results of the server's own machine.
+
+use std::path::Path;
+
+use gleaner_proto::v1::*;
+use serde_json::Value;
+
+use crate::support::{api::Api, command::gleaner, server::TestServer, slurm::Cluster};
+
+const FILE: &str = r#"
+name = "grid"
+task = "pick_cube"
+
+[data]
+image = 16
+max_steps = 30
+experts = 3
+cohorts = [{ agent = "freeze:1", count = 2 }]
+
+[base]
+seeds = [0, 1]
+episodes = 2
+segment_length = 2
+pretrain = { steps = 3, batch = 8 }
+train = { steps = 40, batch = 8 }
+
+[[study]]
+table = "methods"
+axes = { method = ["bc", "tf_bc"] }
+"#;
+
+/// The results of the file's cells, by jobs of a server.
+async fn cells(server: &TestServer, folder: &Path) -> Value {
+    std::fs::create_dir(folder).unwrap();
+    let (file, out) = (folder.join("grid.toml"), folder.join("out"));
+    std::fs::write(&file, FILE).unwrap();
+    let words = ["experiment", file.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let done = gleaner(server.url(), &words).await;
+    assert!(done.success, "{}", done.text());
+    let report: Value = serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    report["studies"][0]["cells"].clone()
+}
+
+#[tokio::test]
+async fn jobs_of_an_experiment_run_side_by_side_on_the_nodes_with_the_results_of_local_ones() {
+    let Some(cluster) = Cluster::start(2).await else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let local = cells(&TestServer::start().await, &folder.path().join("local")).await;
+    let flags = cluster.flags();
+    let server = TestServer::start_with(&flags.iter().map(String::as_str).collect::<Vec<_>>()).await;
+    let remote = cells(&server, &folder.path().join("slurm")).await;
+    assert_eq!(remote, local);
+    assert_eq!(remote.as_array().unwrap().len(), 2);
+
+    let mut api = Api::connect(&server).await;
+    let jobs = api.jobs.list_jobs(ListJobsRequest::default()).await.unwrap().into_inner().jobs;
+    assert_eq!(jobs.len(), 8, "two methods with two seeds each, trained and evaluated");
+    assert!(jobs.iter().all(|job| job.engine == "slurm" && job.attempt == 1), "{jobs:?}");
+    let span =
+        |job: &Job| [job.start_time, job.end_time].map(|time| time.map(|time| (time.seconds, time.nanos)).unwrap());
+    let beside = |one: &Job, other: &Job| {
+        let ([begun, ended], [other_begun, other_ended]) = (span(one), span(other));
+        one.node != other.node && begun < other_ended && other_begun < ended
+    };
+    assert!(jobs.iter().any(|one| jobs.iter().any(|other| beside(one, other))), "on two nodes at once: {jobs:?}");
+    cluster.until_empty().await;
+}
