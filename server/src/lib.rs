@@ -33,6 +33,7 @@ pub use gleaner_data_folder::{self as data_folder, blobs, fail_point, file_limit
 pub use wire::fuzzing;
 
 use std::{
+    io,
     net::{Ipv4Addr, SocketAddr},
     sync::Arc,
 };
@@ -71,15 +72,15 @@ impl Listeners {
     pub async fn bind(config: &ServeConfig) -> Result<Self> {
         let tls = tls::open(&config.access)?;
         let (workers, worker_tls) = match config.jobs.engine.worker_listen {
-            Some(address) => (bind(address)?, tls::open_for_workers(&config.access)?),
-            None => (bind((Ipv4Addr::LOCALHOST, 0).into())?, None),
+            Some(address) => (bind("--worker-listen", address)?, tls::open_for_workers(&config.access)?),
+            None => {
+                (listen((Ipv4Addr::LOCALHOST, 0).into()).map_err(|error| Error::internal("listening", error))?, None)
+            }
         };
-        let pages = match config.telemetry.web_listen {
-            Some(address) => Some(bind(address)?),
-            None => None,
-        };
-        let openpi = config.openpi.openpi_listen.map(bind).transpose()?;
-        Ok(Self { calls: bind(config.listen)?, tls, workers, worker_tls, pages, openpi })
+        let bound = |flag, address: Option<SocketAddr>| address.map(|address| bind(flag, address)).transpose();
+        let pages = bound("--web-listen", config.telemetry.web_listen)?;
+        let openpi = bound("--openpi-listen", config.openpi.openpi_listen)?;
+        Ok(Self { calls: bind("--listen", config.listen)?, tls, workers, worker_tls, pages, openpi })
     }
 
     /// The address for calls.
@@ -134,15 +135,23 @@ impl Listeners {
 /// looks open to its client and is never served.
 const BACKLOG: u32 = 4096;
 
-fn bind(address: SocketAddr) -> Result<TcpListener> {
-    let listen = || {
-        let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
-        // A restarted server need not wait for the old connections of the previous one.
-        socket.set_reuseaddr(true)?;
-        socket.bind(address)?;
-        socket.listen(BACKLOG)
-    };
-    listen().map_err(|error: std::io::Error| Error::precondition(format!("cannot listen on {address}: {error}")))
+/// A listener on the address of a flag.
+fn bind(flag: &str, address: SocketAddr) -> Result<TcpListener> {
+    listen(address).map_err(|error| {
+        let remedy = match error.kind() {
+            io::ErrorKind::AddrInUse => "; another program, or another gleaner-server, has this address: name another",
+            _ => "",
+        };
+        Error::precondition(format!("{flag}: cannot listen on {address}: {error}{remedy}"))
+    })
+}
+
+fn listen(address: SocketAddr) -> io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    // A restarted server need not wait for the old connections of the previous one.
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    socket.listen(BACKLOG)
 }
 
 /// Serves on `listeners` until `stop` completes, then drains: open calls get time to end, and jobs are stopped to

@@ -5,6 +5,7 @@ use serde_json::json;
 use tonic::Code;
 
 use crate::support::{
+    command::server_text,
     errors::expect_error,
     lab::{self, RECORDINGS},
 };
@@ -99,4 +100,17 @@ async fn invalid_settings_are_rejected_with_their_path() {
     expect_error(&unknown, Code::NotFound, &["pol_01ARZ3NDEKTSV4RRFFQ69G5FAV"]);
     let extension = extends(&base);
     expect_error(&api.submit(lab::TASK, extension).await.unwrap_err(), Code::FailedPrecondition, &[&base, "queued"]);
+}
+
+#[tokio::test]
+async fn an_address_that_is_taken_is_refused_with_its_flag() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    for (flag, others) in [("--listen", vec![]), ("--web-listen", vec!["--listen", "127.0.0.1:0"])] {
+        let words = [vec!["serve", flag, &address], others].concat();
+        let folder = tempfile::tempdir().unwrap();
+        let (started, text) = server_text(&words, &folder.path().join("data")).await;
+        assert!(!started && text.contains(&format!("{flag}: cannot listen on {address}: ")), "{text}");
+        assert!(text.contains("has this address: name another"), "{text}");
+    }
 }

@@ -65,7 +65,7 @@ async fn a_lerobot_dataset_is_pushed_and_drafts_its_task() {
     // Another robot's features do not fit this task, and each episode is refused by name.
     let other = fixture("robomimic.hdf5");
     let refused = gleaner(server.url(), &["push", text(&other), "--task", "lerobot_v30_video"]).await;
-    assert!(!refused.success && refused.text().contains("episode_000000"), "{}", refused.text());
+    assert!(!refused.success && refused.text().contains("robomimic_000000"), "{}", refused.text());
     // Without a name they become another task, and every dataset finds its own.
     let created = gleaner(server.url(), &["push", text(&other)]).await;
     assert!(created.success && created.text().contains("created task robomimic"), "{}", created.text());
@@ -96,14 +96,15 @@ async fn datasets_are_inspected_drafted_and_checked_without_a_server() {
         let inspected = gleaner(NOWHERE, &["inspect", text(&dataset)]).await;
         let seen = inspected.text();
         assert!(inspected.success && seen.contains(format) && seen.contains("2 episodes, 21 steps at 10 Hz"), "{seen}");
-        assert!(seen.contains("episode_000000") && seen.contains("/robot/action"), "{seen}");
+        let named = |episode| format!("{}_00000{episode}", name.trim_end_matches(".hdf5"));
+        assert!(seen.contains(&named(0)) && seen.contains("/robot/action"), "{seen}");
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("task.toml");
         let drafted = gleaner(NOWHERE, &["task", "draft", text(&dataset), "--name", "drafted"]).await;
         assert!(drafted.success, "{}", drafted.text());
         std::fs::write(&file, &drafted.out).unwrap();
         let checked = gleaner(NOWHERE, &["task", "check", text(&file), text(&dataset)]).await;
-        assert!(checked.success && checked.text().contains("episode_000001"), "{}", checked.text());
+        assert!(checked.success && checked.text().contains(&named(1)), "{}", checked.text());
     }
 }
 

@@ -131,15 +131,19 @@ impl Intake {
         text
     }
 
-    /// What an episode is called in messages.
+    /// What an episode is called in messages: after the dataset's path, as the server lists it.
     pub(crate) fn place(&self, episode: u64) -> PathBuf {
-        self.path.join(format!("episode_{episode:06}"))
+        self.path.join(self.stem(episode))
+    }
+
+    fn stem(&self, episode: u64) -> String {
+        format!("{}_{episode:06}", self.name())
     }
 
     /// Makes the recording of an episode, or returns why it cannot be used.
     pub(crate) async fn episode(&self, episode: u64) -> Result<std::result::Result<Episode, String>> {
         let folder = tempfile::tempdir()?;
-        let recording = folder.path().join(format!("{}_{episode:06}.mcap", self.name()));
+        let recording = folder.path().join(format!("{}.mcap", self.stem(episode)));
         let converted = self.inspector.convert(&self.path, &self.assumed, episode, &recording).await?;
         Ok(converted.map(|converted| Episode { recording, converted, _folder: folder }))
     }

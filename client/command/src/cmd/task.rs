@@ -100,7 +100,7 @@ impl CreateArgs {
             .output
             .result(|| json::value(&created), || format!("task {} created ({})", specification.name, task.id))?;
         context.output.next(format_args!(
-            "gleaner push RECORDINGS --task {} (with the labels.csv in the folder)",
+            "gleaner push RECORDINGS --task {} (with the labels.csv in the folder, if it has one)",
             specification.name
         ));
         Ok(())

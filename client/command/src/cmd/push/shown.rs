@@ -12,12 +12,14 @@ use crate::failure::Result;
 use crate::{json, words};
 
 pub(super) fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
-    let existed = pushed.uploaded().filter(|uploaded| uploaded.existed).count();
-    let stored = if existed > 0 { format!(" ({})", outcomes(pushed)) } else { String::new() };
+    let [new, stored] = [false, true].map(|existed| counted(pushed, existed));
     let warnings: u32 = pushed.uploaded().map(|uploaded| uploaded.episode.warnings).sum();
     let mut lines = vec![format!(
-        "{} recordings pushed, {existed} already stored{stored}, {} rejected; {:.1} MB in {} ({:.1} MB/s)",
-        pushed.uploaded().count() - existed,
+        "{} recordings pushed{}, {} already stored{}, {} rejected; {:.1} MB in {} ({:.1} MB/s)",
+        new.0,
+        new.1,
+        stored.0,
+        stored.1,
         pushed.failures().count(),
         words::megabytes(pushed.sent_bytes()),
         words::duration(pushed.wall),
@@ -48,16 +50,18 @@ pub(super) fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
     lines.join("\n")
 }
 
-/// How many of the recordings that were stored before have each outcome.
-fn outcomes(pushed: &Pushed) -> String {
+/// How many recordings were stored before, or are new, and in parentheses how many of them have each outcome.
+fn counted(pushed: &Pushed, existed: bool) -> (usize, String) {
     let mut counts: BTreeMap<i32, usize> = BTreeMap::new();
-    for uploaded in pushed.uploaded().filter(|uploaded| uploaded.existed) {
+    for uploaded in pushed.uploaded().filter(|uploaded| uploaded.existed == existed) {
         *counts.entry(uploaded.episode.outcome).or_default() += 1;
     }
-    let counts = counts.into_iter().filter_map(|(outcome, count)| {
-        Some(format!("{count} as {}", words::outcome(Outcome::try_from(outcome).ok()?)))
+    let shown = counts.iter().filter_map(|(outcome, count)| {
+        Some(format!("{count} as {}", words::outcome(Outcome::try_from(*outcome).ok()?)))
     });
-    counts.collect::<Vec<_>>().join(", ")
+    let shown: Vec<_> = shown.collect();
+    let shown = if shown.is_empty() { String::new() } else { format!(" ({})", shown.join(", ")) };
+    (counts.values().sum(), shown)
 }
 
 pub(super) fn document(pushed: &Pushed, skipped: &[Skipped]) -> Result<Value> {
@@ -116,7 +120,7 @@ mod tests {
     fn the_summary_counts_and_names_rejected_recordings() {
         assert_eq!(
             summary(&pushed(), &[]),
-            "1 recordings pushed, 1 already stored (1 as unknown), 1 rejected; 3.0 MB in 0.5 s (6.0 MB/s)\n2 warnings; gleaner \
+            "1 recordings pushed (1 as success), 1 already stored (1 as unknown), 1 rejected; 3.0 MB in 0.5 s (6.0 MB/s)\n2 warnings; gleaner \
              episode ID shows them\n1 episodes have an unknown outcome, and no pretraining uses them: `gleaner label --from \
              labels.csv` labels stored episodes from a file (columns file, outcome)\nrejected: c.mcap: not an MCAP file"
         );
