@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import socket
+import subprocess
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -93,3 +95,30 @@ def test_every_error_can_be_caught_as_one() -> None:
         kind = getattr(gleaner, name)
         if isinstance(kind, type) and issubclass(kind, BaseException):
             assert issubclass(kind, gleaner.GleanerError), name
+
+
+CLIENT = """
+import sys
+import gleaner
+
+client = gleaner.connect(sys.argv[1])
+print(len(client.tasks.list()) > 0)
+"""
+
+POLICY = f"""{CLIENT}
+import numpy as np
+
+spec = client.tasks.get(sys.argv[2]).spec
+policy = gleaner.Policy(client, sys.argv[3])
+images = {{camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in spec.cameras}}
+depth = {{camera.name: np.zeros((camera.height, camera.width), np.uint16) for camera in spec.cameras if camera.depth}}
+values = np.zeros(sum(field.size for field in spec.proprioception))
+policy({{"images": images, "depth": depth, "proprioception": values}})
+"""
+
+
+@pytest.mark.parametrize("program", [CLIENT, POLICY], ids=["client", "policy"])
+def test_a_program_ends_although_it_closes_nothing(server: str, task: str, deployment: str, program: str) -> None:
+    words = [sys.executable, "-c", program, server, task, deployment]
+    ended = subprocess.run(words, check=False, capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stdout) == (0, "True\n"), ended.stderr

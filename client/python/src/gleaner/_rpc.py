@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import time
+import weakref
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -45,10 +46,12 @@ class Rpc:
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint, self._metadata, self._timeout = endpoint, endpoint.metadata, endpoint.timeout
         self._channel = endpoint.channel(_OPTIONS)
+        # Also at the program's end: an open channel that is still referenced then waits for its threads forever.
+        self._closed = weakref.finalize(self, self._channel.close)
         try:
             self._connect()
         except BaseException:
-            self._channel.close()
+            self.close()
             raise
 
     @property
@@ -106,7 +109,7 @@ class Rpc:
 
     def close(self) -> None:
         """Cancels every call and closes the connection."""
-        self._channel.close()
+        self._closed()
 
     def unary(self, method: str, request: Message, reply: type[Reply], *, hurry: bool = True) -> Reply:
         """One request, one reply, once. Without `hurry` no time limit: the server responds or the connection breaks."""
