@@ -138,10 +138,8 @@ const BACKLOG: u32 = 4096;
 /// A listener on the address of a flag.
 fn bind(flag: &str, address: SocketAddr) -> Result<TcpListener> {
     listen(address).map_err(|error| {
-        let remedy = match error.kind() {
-            io::ErrorKind::AddrInUse => "; another program, or another gleaner-server, has this address: name another",
-            _ => "",
-        };
+        let taken = "; another program, or another gleaner-server, has this address: name another";
+        let remedy = if error.kind() == io::ErrorKind::AddrInUse { taken } else { "" };
         Error::precondition(format!("{flag}: cannot listen on {address}: {error}{remedy}"))
     })
 }
