@@ -111,8 +111,9 @@ mod tests {
 
         // The settings as they were sent when the demo wrote its own requests, completed as the server does.
         let given = |settings: Value| settings.as_object().unwrap().clone();
-        let training = given(json!({"policy": "finetune", "steps": 1_500, "batch": 32, "lambda": 0.1, "seed": 0}));
-        let mut training = TrainSpec::from_values(&training).unwrap().values();
+        // They held no expert out.
+        let training = json!({"policy": "finetune", "steps": 1_500, "batch": 32, "lambda": 0.1, "seed": 0, "validation_share": 0.0});
+        let mut training = TrainSpec::from_values(&given(training)).unwrap().values();
         let pretraining = given(json!({"steps": 2_000, "batch": 64, "seed": 0}));
         let pretraining = PretrainSpec::from_values(&pretraining).unwrap().values();
         let scoring = ScoreSpec::from_values(&given(json!({"normaliser": "calibrated"}))).unwrap().values();
