@@ -4,25 +4,14 @@ use std::path::{Path, PathBuf};
 
 use gleaner_proto::v1::*;
 
-use crate::support::{api::Api, command::gleaner, server::TestServer};
+use crate::support::{
+    api::Api,
+    command::gleaner,
+    experiments::{SETTINGS, experiment},
+    server::TestServer,
+};
 
-const FILE: &str = r#"
-name = "smallest"
-task = "pick_cube"
-
-[data]
-image = 16
-max_steps = 30
-experts = 3
-cohorts = [{ agent = "freeze:1", count = 2 }, { agent = "wrong_goal:1", count = 2 }]
-
-[base]
-seeds = [0]
-episodes = 2
-segment_length = 2
-pretrain = { steps = 3, batch = 8 }
-train = { steps = 2, batch = 8 }
-
+const STUDIES: &str = r#"
 [[study]]
 table = "methods"
 axes = { method = ["ssdf_base", "ssdf"] }
@@ -32,15 +21,13 @@ table = "scoring"
 axes = { scorer = ["ssdf", "raw"] }
 "#;
 
-async fn run(server: &TestServer, file: &Path, out: &Path) {
-    let (success, text) = experiment(server, file, out, &[]).await;
-    assert!(success, "{text}");
+fn smallest() -> String {
+    [SETTINGS, STUDIES].concat()
 }
 
-async fn experiment(server: &TestServer, file: &Path, out: &Path, flags: &[&str]) -> (bool, String) {
-    let (file, out) = (file.to_str().unwrap(), out.to_str().unwrap());
-    let output = gleaner(server.url(), &[&["experiment", file, "--out", out], flags].concat()).await;
-    (output.success, output.text())
+async fn run(server: &TestServer, file: &Path, out: &Path) {
+    let (success, text) = experiment(server.url(), file, out, &[]).await;
+    assert!(success, "{text}");
 }
 
 async fn jobs(server: &TestServer) -> Vec<Job> {
@@ -63,8 +50,7 @@ async fn an_oracle_keeps_what_the_marks_call_good() {
     let server = TestServer::start().await;
     let dir = tempfile::tempdir().unwrap();
     let (file, out) = (dir.path().join("oracle.toml"), dir.path().join("out"));
-    let settings = FILE.split("[[study]]").next().unwrap();
-    std::fs::write(&file, format!("{settings}{ORACLE}")).unwrap();
+    std::fs::write(&file, format!("{SETTINGS}{ORACLE}")).unwrap();
     run(&server, &file, &out).await;
 
     // One encoder, which the second policy begins from; the marks are imported twice, with it and without.
@@ -82,7 +68,7 @@ async fn an_oracle_keeps_what_the_marks_call_good() {
 
     run(&server, &file, &out).await;
     assert_eq!(jobs(&server).await.len(), made.len(), "nothing is repeated");
-    let (success, text) = experiment(&server, &file, &out, &["--report"]).await;
+    let (success, text) = experiment(server.url(), &file, &out, &["--report"]).await;
     assert!(success && !text.contains("Unfinished"), "the imports are found again: {text}");
 }
 
@@ -91,7 +77,7 @@ async fn experiment_shares_stages_and_resumes() {
     let server = TestServer::start().await;
     let dir = tempfile::tempdir().unwrap();
     let (file, out) = (dir.path().join("smallest.toml"), dir.path().join("out"));
-    std::fs::write(&file, FILE).unwrap();
+    std::fs::write(&file, smallest()).unwrap();
     run(&server, &file, &out).await;
 
     let made = jobs(&server).await;
@@ -109,15 +95,15 @@ async fn experiment_shares_stages_and_resumes() {
     assert_eq!(jobs(&server).await.len(), made.len(), "finished cells are not repeated");
 
     // A larger grid: the report covers the finished cells, lists the others, and needs no server.
-    std::fs::write(&file, FILE.replace("\"ssdf\", \"raw\"]", "\"ssdf\", \"raw\", \"classifier\"]")).unwrap();
-    let (success, text) = experiment(&server, &file, &out, &["--report"]).await;
+    std::fs::write(&file, smallest().replace("\"ssdf\", \"raw\"]", "\"ssdf\", \"raw\", \"classifier\"]")).unwrap();
+    let (success, text) = experiment(server.url(), &file, &out, &["--report"]).await;
     assert!(
         success && text.contains("Unfinished: 4 of 5 cells") && text.contains("classifier (0 of 1 seeds)"),
         "{text}"
     );
     assert!(std::fs::read_to_string(out.join("report.md")).unwrap().contains("Unfinished: 4 of 5 cells"));
     assert_eq!(jobs(&server).await.len(), made.len(), "a report submits no job");
-    let (success, text) = experiment(&server, &file, &dir.path().join("new"), &["--report"]).await;
+    let (success, text) = experiment(server.url(), &file, &dir.path().join("new"), &["--report"]).await;
     assert!(!success && text.contains("without --report"), "{text}");
 }
 
@@ -127,7 +113,7 @@ async fn seeds_may_have_recordings_of_their_own() {
     let server = TestServer::start().await;
     let dir = tempfile::tempdir().unwrap();
     let (file, out) = (dir.path().join("draws.toml"), dir.path().join("out"));
-    let settings = FILE.split("[[study]]").next().unwrap().replace("seeds = [0]", "seeds = [1, 2]\nevaluate = false");
+    let settings = SETTINGS.replace("seeds = [0]", "seeds = [1, 2]\nevaluate = false");
     let settings = settings.replace("experts = 3\n", "experts = 3\nseed_stride = 7\n");
     let scoring = "[[study]]\ntable = \"scoring\"\naxes = { scorer = [\"raw\"] }\n";
     std::fs::write(&file, format!("{settings}{scoring}")).unwrap();
@@ -145,7 +131,7 @@ async fn seeds_may_have_recordings_of_their_own() {
 
     run(&server, &file, &out).await;
     assert_eq!(jobs(&server).await.len(), made.len(), "nothing is repeated");
-    let (success, text) = experiment(&server, &file, &out, &["--report"]).await;
+    let (success, text) = experiment(server.url(), &file, &out, &["--report"]).await;
     assert!(success && !text.contains("Unfinished"), "{text}");
 }
 
@@ -158,9 +144,8 @@ async fn report_is_written_before_the_experiment_ends() {
     // The jobs of the second cell never end: 10^9 steps.
     let cells = r#"cells = [{ label = "short" }, { label = "long", set = { train = { steps = 1000000000 } } }]"#;
     let study = "\n[[study]]\ntable = \"cells\"\n";
-    let head = FILE.split("\n[[study]]").next().unwrap();
-    std::fs::write(&file, format!("{head}{study}{cells}\n")).unwrap();
-    let running = experiment(&server, &file, &out, &[]);
+    std::fs::write(&file, format!("{SETTINGS}{study}{cells}\n")).unwrap();
+    let running = experiment(server.url(), &file, &out, &[]);
     let report = async {
         let mut ticks = tokio::time::interval(std::time::Duration::from_millis(50));
         loop {
@@ -206,7 +191,8 @@ for attempt in $(seq $3); do echo '{"success": true, "steps": 5}'; done
 async fn elsewhere(server: &TestServer, dir: &Path, tables: &str) -> PathBuf {
     recordings(server, &dir.join("recordings")).await;
     let file = dir.join("elsewhere.toml");
-    let rest = FILE.split_once("[base]").unwrap().1;
+    let smallest = smallest();
+    let rest = smallest.split_once("[base]").unwrap().1;
     std::fs::write(&file, format!("{tables}[base]{rest}")).unwrap();
     file
 }
@@ -244,7 +230,7 @@ async fn recordings_made_elsewhere_are_scored_and_a_command_evaluates() {
 
     // A second run finds every evaluation; a report needs no run.
     run(&server, &file, &out).await;
-    let (success, text) = experiment(&server, &file, &out, &["--report"]).await;
+    let (success, text) = experiment(server.url(), &file, &out, &["--report"]).await;
     assert!(success && text.contains("100.0"), "{text}");
     assert_eq!(jobs(&server).await.len(), made.len());
     for study in 0..2 {
@@ -259,7 +245,7 @@ async fn a_command_that_fails_leaves_its_cells_without_success() {
     let dir = tempfile::tempdir().unwrap();
     let failing = ELSEWHERE.replace("echo \"$0", "exit 3; echo \"$0");
     let (file, out) = (elsewhere(&server, dir.path(), &failing).await, dir.path().join("out"));
-    let (success, text) = experiment(&server, &file, &out, &[]).await;
+    let (success, text) = experiment(server.url(), &file, &out, &[]).await;
     assert!(!success && text.contains("2 of 4 cells are not complete"), "{text}");
     let report = std::fs::read_to_string(out.join("report.md")).unwrap();
     assert!(report.contains("sh ended with exit status: 3"), "{report}");

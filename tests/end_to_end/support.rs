@@ -10,6 +10,7 @@ pub mod data_folder;
 pub mod database;
 pub mod disk;
 pub mod errors;
+pub mod experiments;
 pub mod files;
 pub mod http;
 pub mod lab;
