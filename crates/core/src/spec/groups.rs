@@ -162,7 +162,7 @@ crate::words! {
         /// The mean of the weights at five late steps, a twentieth of the run apart, the last step among them. The paper
         /// averages the results of five late checkpoints; a mean of weights is one policy with one result.
         Mean = "mean",
-        /// Those with the lowest `loss_validation`, which is measured up to twenty times; needs a `validation_share`.
+        /// Those with the lowest `loss_validation`, which is measured up to twenty times; needs a `validation_share` above 0.
         Best = "best",
     }
 }
@@ -172,7 +172,8 @@ crate::settings! {
     pub(super) struct Validation {
         /// Share of the episodes, drawn by the seed, that are held out of training to report `loss_validation` on (0: none):
         /// of the experts for a policy, of all episodes in pretraining. It is rounded down to whole episodes, so that 0.05 of
-        /// fewer than 20 holds none out. A larger share measures overfitting better and leaves fewer episodes to learn from.
+        /// fewer than 20 holds none out, or one for `finished_weights best`. A larger share measures overfitting better and
+        /// leaves fewer episodes to learn from.
         pub(super) validation_share: f64 = 0.05, number_in(0.0, 0.9);
     }
 }
