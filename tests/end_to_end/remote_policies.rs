@@ -101,6 +101,8 @@ async fn sessions_of_a_remote_policy_are_scored_recorded_and_evaluated() {
     for word in [policy.id.as_str(), "gleaner drive", "gleaner.evaluate", "report-evaluation"] {
         assert!(refused.message().contains(word), "{word}: {refused}");
     }
+    let hinted = command::gleaner(shared.server.url(), &["evaluations", &policy.id]).await.errors;
+    assert!(hinted.contains("then gleaner drive NAME --report"), "{hinted}");
     let words = ["drive", "loop@test", "--episodes", "2", "--image", "16", "--report"];
     let driven = command::gleaner(shared.server.url(), &words).await;
     assert!(driven.success, "{}", driven.text());
@@ -131,6 +133,10 @@ async fn drive_of_a_task_without_a_simulator_is_refused() {
     assert!(!output.success, "{}", output.text());
     for part in ["serves the task drawer", "rate_hz", "Your own simulator", "report-evaluation", policy.id.as_str()] {
         assert!(output.errors.contains(part), "{part}: {}", output.errors);
+    }
+    let hinted = command::gleaner(server.url(), &["evaluations", &policy.id]).await.errors;
+    for part in ["gleaner deploy NAME", "Your own simulator", "report-evaluation"] {
+        assert!(hinted.contains(part), "{part}: {hinted}");
     }
 }
 

@@ -7,6 +7,7 @@ use gleaner_proto::v1::{
     Evaluation, GetEvaluationRequest, ListEvaluationsRequest, ReportEvaluationRequest, SeedResult,
 };
 
+use super::policies::evaluation_of;
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::table::Column::{Left, Right};
@@ -21,12 +22,13 @@ pub(crate) struct EvaluationsArgs {
 
 impl EvaluationsArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
         let request = ListEvaluationsRequest { policy_id: self.policy.clone() };
-        let reply = context.client().await?.policies().list_evaluations(request).await?.into_inner();
+        let reply = client.policies().list_evaluations(request).await?.into_inner();
         context.output.result(|| json::value(&reply), || listing(&reply.evaluations))?;
         match reply.evaluations.first() {
             Some(evaluation) => context.output.next(format_args!("gleaner evaluation {}", evaluation.id)),
-            None => context.output.next(format_args!("gleaner evaluate --policy {} --wait", self.policy)),
+            None => context.output.next(evaluation_of(context, &client, &self.policy).await?),
         }
         Ok(())
     }

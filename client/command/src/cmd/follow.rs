@@ -1,6 +1,7 @@
-//! Following a job with a progress bar and its latest metrics.
+//! Following a job with a progress bar and its latest metrics; where no bar is drawn, by lines.
 
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 use gleaner_client::{Client, ClientError};
 use gleaner_proto::v1::{Job, JobState, WatchJobResponse};
@@ -13,9 +14,10 @@ use crate::words;
 /// Shows a job as it goes.
 pub(crate) struct View {
     bar: Bar,
-    // Without a bar (a log file, say) each change of state is a line instead.
+    // Without a bar (a log file, say) each change of state is a line instead, and now and then the progress.
     log: Option<crate::output::Output>,
     state: Option<JobState>,
+    pace: Option<Pace>,
     metrics: BTreeMap<String, f64>,
 }
 
@@ -25,6 +27,7 @@ impl View {
             bar: context.progress.count(name, 0),
             log: (!context.output.interactive()).then_some(context.output),
             state: None,
+            pace: None,
             metrics: BTreeMap::new(),
         }
     }
@@ -57,11 +60,59 @@ impl View {
             output.note(format_args!("{} {}{waits}", job.id, words::job_state(job.state())));
         }
         self.state = Some(job.state());
+        if let Some((output, line)) = self.log.zip(self.progress(job, Instant::now())) {
+            output.note(line);
+        }
+    }
+
+    /// A line on the progress of a job, if enough has happened since the last one.
+    fn progress(&mut self, job: &Job, now: Instant) -> Option<String> {
+        let pace = self.pace.get_or_insert(Pace::at(job, now));
+        let left = words::duration(pace.left(job, now)?);
+        let loss = latest(&self.metrics).into_iter().next().map_or(String::new(), |loss| format!(", {loss}"));
+        Some(format!("{} {}: {} of {}{loss}, about {left} left", job.id, job.message, job.done, job.total))
     }
 
     pub(crate) fn end(self) {
         self.bar.finish_and_clear();
     }
+}
+
+/// Progress where no bar shows it.
+struct Pace {
+    /// The part of the work that is followed, its total, and what was done at the first look at it.
+    part: (String, u64),
+    begun: (Instant, u64),
+    /// The time of the last line, and the tenths that were done by then.
+    noted: (Instant, u64),
+}
+
+/// Shortest time between two lines.
+const QUIET: Duration = Duration::from_secs(15);
+
+impl Pace {
+    fn at(job: &Job, now: Instant) -> Self {
+        Self { part: (job.message.clone(), job.total), begun: (now, job.done), noted: (now, tenths(job)) }
+    }
+
+    /// The time that the rest of the work takes at the rate so far; `None` between two lines.
+    fn left(&mut self, job: &Job, now: Instant) -> Option<Duration> {
+        if (job.message.as_str(), job.total) != (self.part.0.as_str(), self.part.1) {
+            *self = Self::at(job, now);
+        }
+        let done = job.done.saturating_sub(self.begun.1);
+        if done == 0 || tenths(job) <= self.noted.1 || now - self.noted.0 < QUIET {
+            return None;
+        }
+        self.noted = (now, tenths(job));
+        let rest = u32::try_from(job.total.saturating_sub(job.done)).ok()?;
+        (now - self.begun.0).checked_mul(rest)?.checked_div(u32::try_from(done).ok()?)
+    }
+}
+
+/// The tenths of its work that a job has done.
+fn tenths(job: &Job) -> u64 {
+    (job.done.saturating_mul(10)).checked_div(job.total).unwrap_or(0)
 }
 
 // The few that fit on a line: the loss as a whole before its parts, then by name.
@@ -97,5 +148,24 @@ mod tests {
         let names = ["aa", "loss", "loss_mtp", "ms_per_step", "zz"];
         let metrics = names.iter().map(|name| ((*name).to_owned(), 0.5)).collect();
         assert_eq!(latest(&metrics), ["loss 0.5000", "aa 0.5000", "loss_mtp 0.5000", "ms_per_step 0.5000"]);
+    }
+
+    #[test]
+    fn without_a_bar_each_tenth_is_a_line_unless_the_last_is_recent() {
+        let bar = Bar::hidden();
+        let mut view =
+            View { bar, log: None, state: None, pace: None, metrics: BTreeMap::from([("loss".into(), 0.5)]) };
+        let begun = Instant::now();
+        let mut at = |seconds, message: &str, done| {
+            let job = Job { id: "job_1".into(), message: message.into(), done, total: 100, ..Job::default() };
+            view.progress(&job, begun + Duration::from_secs(seconds))
+        };
+        assert_eq!(at(0, "reading episodes", 40), None);
+        assert_eq!(at(90, "training", 10), None, "how fast it trains is not known yet");
+        assert_eq!(at(95, "training", 20), None, "a short job is followed without a line");
+        let line = at(110, "training", 30).unwrap();
+        assert_eq!(line, "job_1 training: 30 of 100, loss 0.5000, about 1 min 10 s left");
+        assert_eq!(at(140, "training", 39), None, "the same tenth");
+        assert!(at(150, "training", 40).unwrap().ends_with("about 2 min 00 s left"));
     }
 }

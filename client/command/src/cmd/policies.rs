@@ -85,24 +85,42 @@ impl DeployArgs {
 
 /// How to evaluate a deployment: in the embedded simulator if that knows its task, else in one's own.
 async fn evaluation(client: &Client, deployment: &Deployment) -> Result<String> {
-    let spec = spec_of(client, deployment).await?;
-    if spec.is_some_and(|spec| gleaner_sim::simulated(&spec, "").is_ok()) {
-        return Ok(format!("gleaner drive {} (evaluates it in the simulator)", deployment.name));
+    let Deployment { name, policy_id, task_id, .. } = deployment;
+    if is_simulated(client, task_id).await? {
+        return Ok(format!("gleaner drive {name} (evaluates it in the simulator)"));
     }
-    Ok(elsewhere(deployment))
+    Ok(elsewhere(name, policy_id))
 }
 
-async fn spec_of(client: &Client, deployment: &Deployment) -> Result<Option<TaskSpec>> {
-    let request = GetTaskRequest { task: deployment.task_id.clone() };
-    let reply = client.tasks().get_task(request).await?.into_inner();
+/// How to evaluate a policy, deployed or not.
+pub(super) async fn evaluation_of(context: &Context, client: &Client, policy: &str) -> Result<String> {
+    let task = context.task_of_result(client, None, policy).await?;
+    let simulated = is_simulated(client, &task).await?;
+    let known = client.policies().list_policies(ListPoliciesRequest { task }).await?.into_inner().policies;
+    let then = match (simulated, known.iter().any(|known| known.id == policy && known.remote.is_some())) {
+        (true, false) => return Ok(format!("gleaner evaluate --policy {policy} --wait")),
+        // Jobs do not connect to other servers; sessions do.
+        (true, true) => "gleaner drive NAME --report".to_owned(),
+        (false, _) => elsewhere("NAME", policy),
+    };
+    Ok(format!("gleaner deploy NAME --policy {policy}, then {then}"))
+}
+
+/// Whether the embedded simulator knows a task.
+async fn is_simulated(client: &Client, task: &str) -> Result<bool> {
+    Ok(spec_of(client, task).await?.is_some_and(|spec| gleaner_sim::simulated(&spec, "").is_ok()))
+}
+
+async fn spec_of(client: &Client, task: &str) -> Result<Option<TaskSpec>> {
+    let reply = client.tasks().get_task(GetTaskRequest { task: task.to_owned() }).await?.into_inner();
     Ok(reply.task.and_then(|task| spec_from_proto(task.spec?).ok()))
 }
 
 /// How to evaluate a deployment whose task the embedded simulator does not know.
-fn elsewhere(Deployment { name, policy_id, .. }: &Deployment) -> String {
+fn elsewhere(name: &str, policy: &str) -> String {
     format!(
         "evaluate {name} on your robot or in your own simulator (client/python/README.md, \"Your own simulator\"), then gleaner \
-         report-evaluation {policy_id} --simulation NAME --result SEED:EPISODES:SUCCESSES"
+         report-evaluation {policy} --simulation NAME --result SEED:EPISODES:SUCCESSES"
     )
 }
 
@@ -111,14 +129,14 @@ pub(super) async fn check_simulated(client: &Client, name: &str, simulated: glea
     let request = ListDeploymentsRequest::default();
     let deployments = client.policies().list_deployments(request).await?.into_inner().deployments;
     let Some(deployment) = deployments.iter().find(|deployment| deployment.name == name) else { return Ok(()) };
-    let Some(spec) = spec_of(client, deployment).await? else { return Ok(()) };
+    let Some(spec) = spec_of(client, &deployment.task_id).await? else { return Ok(()) };
     let Err(difference) = gleaner_sim::compatible_with(simulated, &spec) else { return Ok(()) };
     if let Ok((other, _)) = gleaner_sim::simulated(&spec, "") {
         let problem = format!("{name} serves the task {other} of the simulator: add --task {other}");
         return Err(Failure::message(problem));
     }
     let problem = format!("{name} serves the task {}, which the simulator does not know ({difference})", spec.name);
-    Err(Failure::message(format!("{problem}; {}", elsewhere(deployment))))
+    Err(Failure::message(format!("{problem}; {}", elsewhere(name, &deployment.policy_id))))
 }
 
 #[derive(Args, Debug)]

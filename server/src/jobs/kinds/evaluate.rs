@@ -47,12 +47,15 @@ async fn policy(jobs: &Jobs, task: &TaskId, subject: Subject) -> Result<(JobId, 
     }
 }
 
+/// What evaluates a deployment in a simulator that is not built in.
+const NOT_BUILT_IN: &str = "`python -m gleaner.simulators --report` in one that it lists, or gleaner.evaluate of the Python \
+                            client in your own, then `gleaner report-evaluation`";
+
 /// A worker has a policy's checkpoint, and connects to this server alone.
 fn elsewhere(policy: &PolicyId) -> Error {
     Error::precondition(format!(
         "{policy} runs on another server, to which jobs do not connect; evaluate its deployment by sessions: \
-         `gleaner drive NAME --report` in the built-in simulator, or gleaner.evaluate of the Python client in your own, \
-         then `gleaner report-evaluation {policy}`"
+         `gleaner drive NAME --report` in the built-in simulator, or {NOT_BUILT_IN}"
     ))
 }
 
@@ -65,7 +68,12 @@ pub(in crate::jobs) async fn simulated(
 ) -> Result<EvaluateSpec> {
     let task = jobs.0.store.task_by_id(task).await?;
     let simulation = gleaner_sim::simulated(&task.spec, &spec.simulation)
-        .map_err(|problem| Error::invalid(field, problem))?
+        .map_err(|problem| {
+            Error::invalid(
+                field,
+                format!("{problem}; in a simulator that is not built in, evaluate a deployment: {NOT_BUILT_IN}"),
+            )
+        })?
         .0
         .name()
         .to_owned();

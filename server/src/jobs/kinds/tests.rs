@@ -223,6 +223,7 @@ async fn an_evaluation_is_of_a_task_that_can_be_simulated() {
     for simulation in ["", "stack_cube", "juggle"] {
         let error = submit(&bench, evaluate(Subject::Policy(policy.id.clone()), simulation)).await.unwrap_err();
         assert!(error.message().starts_with("spec.evaluate.settings.simulation: "), "{error}");
+        assert!(error.message().contains("python -m gleaner.simulators"), "{error}");
     }
 
     let spec = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &gleaner_sim::SimConfig::default());
