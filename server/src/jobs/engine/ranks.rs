@@ -23,18 +23,10 @@ type Ended = (usize, std::io::Result<ExitStatus>);
 impl Ranks {
     /// Waits for the end of rank 0 or for the failure of another rank, and kills the rest.
     pub(super) async fn ended(&mut self) -> End {
-        let mut failed: Option<Ended> = None;
-        let first = loop {
-            let next = next(&mut self.0, failed.as_ref().map(|(rank, _)| *rank));
-            let ended = match &failed {
-                None => Some(next.await),
-                Some(_) => tokio::time::timeout(GRACE, next).await.ok(),
-            };
-            match ended {
-                Some((0, status)) => break Some(status),
-                Some(ended) => failed = failed.or(Some(ended)),
-                None => break None,
-            }
+        let (first, mut failed) = match next(&mut self.0, None).await {
+            (0, status) => (Some(status), None),
+            // Of the others only the first failure counts: an ended process is ready at each further look.
+            ended => (self.rank_0().await, Some(ended)),
         };
         let without_failure = first.as_ref().is_some_and(|status| status.as_ref().is_ok_and(ExitStatus::success));
         if failed.is_none() && !without_failure && self.0.len() > 1 {
@@ -53,6 +45,11 @@ impl Ranks {
             (Some(Err(error)), _) => End::Broken(format!("the worker was lost: {error}")),
             (None, None) => End::Broken("the worker was lost".to_owned()),
         }
+    }
+
+    /// The end of rank 0 after a failure of another; `None` if it lasts too long.
+    async fn rank_0(&mut self) -> Option<std::io::Result<ExitStatus>> {
+        tokio::time::timeout(GRACE, self.0.first_mut()?.wait()).await.ok()
     }
 
     /// Kills every process that has not ended.
@@ -142,12 +139,17 @@ mod tests {
         assert_eq!(ranks(&["exit 3", WAITS, WAITS]).ended().await, failed);
     }
 
-    #[tokio::test]
+    /// With a thread to spare: a wait that never yields would keep a timeout on its own thread from firing.
+    #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
     async fn the_failure_of_a_rank_is_the_reason_and_ends_the_others() {
         let lost = End::Stopped("rank 1: the worker was killed by signal 9 (has memory run out?)".to_owned());
         let mut three = ranks(&[WAITS, "kill -9 $$", WAITS]);
         assert_eq!(three.ended().await, lost);
         assert!(three.0.iter_mut().all(|child| child.try_wait().unwrap().is_some()), "a process is left");
+        // A rank that fails after the first does not keep the others from being ended.
+        let failed = End::Stopped("rank 1: the worker ended with code 3 and without a result".to_owned());
+        let both = tokio::spawn(async move { ranks(&[WAITS, "exit 3", "sleep 0.5; exit 4"]).ended().await });
+        assert_eq!(tokio::time::timeout(GRACE * 4, both).await.expect("the attempt does not end").unwrap(), failed);
         // Rank 0 notices at once, and its end may be seen first.
         assert_eq!(ranks(&["exit 1", "kill -9 $$"]).ended().await, lost);
     }
