@@ -12,3 +12,14 @@ pub struct Placement {
     /// The reason for which the engine has not started the worker yet.
     pub waiting: String,
 }
+
+impl Placement {
+    /// The engine whose workers are children of the server, and end with it.
+    pub const LOCAL: &'static str = "local";
+
+    /// Whether the workers of its engine end with their server.
+    #[must_use]
+    pub fn is_of_children(&self) -> bool {
+        self.engine == Self::LOCAL
+    }
+}

@@ -7,11 +7,11 @@ use crate::{
 };
 
 impl Ingest {
-    /// The episode of this content, if its recording exists; a lost one can be pushed again.
+    /// The episode of this content, if its recording exists with its size; a lost or cut one can be pushed again.
     pub(super) async fn stored(&self, upload: &Upload) -> Result<Option<Episode>> {
         let existing = self.store.episode_of(&upload.task_id, &upload.blake3).await?;
-        let (blobs, id) = (self.blobs.clone(), upload.blake3.clone());
-        let there = move || Ok(blobs.size(&id)?.map(drop));
+        let (blobs, id, size) = (self.blobs.clone(), upload.blake3.clone(), upload.size_bytes);
+        let there = move || Ok(blobs.size(&id)?.filter(|stored| *stored == size).map(drop));
         Ok(if existing.is_some() { off_runtime("looking for a recording", there).await?.and(existing) } else { None })
     }
 

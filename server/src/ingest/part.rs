@@ -54,7 +54,7 @@ impl Part {
         .await
     }
 
-    /// Syncs every byte. After an error the synced size is unknown and the file cannot be used any more.
+    /// Syncs every byte. After an error those since the last sync are in doubt: [`Part::open`] cuts them.
     pub(super) async fn sync(mut self) -> Result<Self> {
         off_runtime("syncing a part file", move || {
             self.file.sync_data().map_err(|error| refused("syncing", &self.path, error))?;

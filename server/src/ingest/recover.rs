@@ -16,11 +16,13 @@ use crate::{
     store::Store,
 };
 
-/// Creates the folders; empties `tmp`; removes drafts from `cache` and part files without a row; cuts parts that are
+/// Creates the folders; empties `tmp`, and removes drafts from `cache` and part files without a row; cuts parts that are
 /// longer than their acknowledged bytes, and removes uploads whose parts are shorter, which happens on a faulty disk
-/// only.
+/// only. Where workers of an earlier server may still run, `tmp` and the drafts are left to the sweep, which knows their
+/// age.
 pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Result<()> {
     let uploads = store.uploads().await?;
+    let working = store.running_attempts().await?.iter().any(|left| !left.placement.is_of_children());
     let (data_dir, blobs) = (data_dir.to_owned(), blobs.clone());
     let torn = off_runtime("recovering uploads", move || {
         let fault = |error| Error::internal(format!("recovering uploads in {}", data_dir.display()), error);
@@ -29,10 +31,12 @@ pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Re
         }
         // Without the entry in its parent, a folder is lost with everything acknowledged in it.
         sync_folder(&data_dir)?;
-        empty(&data_dir.join("tmp"), |_| true).map_err(fault)?;
-        // Left by killed workers.
-        let half = |path: &Path| path.extension().is_some_and(|extension| extension == "partial");
-        empty(&data_dir.join("cache"), half).map_err(fault)?;
+        if !working {
+            empty(&data_dir.join("tmp"), |_| true).map_err(fault)?;
+            // Left by killed workers.
+            let half = |path: &Path| path.extension().is_some_and(|extension| extension == "partial");
+            empty(&data_dir.join("cache"), half).map_err(fault)?;
+        }
         settle_parts(&data_dir, uploads, &blobs).map_err(fault)
     })
     .await?;

@@ -15,10 +15,13 @@ use super::{
 };
 use crate::{
     domain::{
+        attempt::AttemptEnd,
         episode::{EpisodeFilter, NewUpload, Outcome},
         id::UploadId,
+        placement::Placement,
     },
     error::{Error, Kind},
+    store::testing::claimed,
 };
 
 #[tokio::test]
@@ -43,6 +46,28 @@ async fn a_recording_whose_blob_is_missing_can_be_pushed_again() {
     assert_eq!(again.id, first.id, "it is the same episode");
     assert_eq!(f.ingest.blobs.get(&first.recording).unwrap(), b"recording");
     assert_eq!(f.ingest.blobs.descriptions(&first.recording).unwrap().len(), 1);
+    fs::write(f.ingest.blobs.path(&first.recording), b"rec").unwrap();
+    assert_eq!(f.push(b"recording").await.unwrap().episode.id, first.id);
+    assert_eq!(f.ingest.blobs.get(&first.recording).unwrap(), b"recording", "a cut one is as good as lost");
+}
+
+/// A quota, say, that the disk reports at the sync alone: the device that takes every byte has nothing to sync to.
+#[tokio::test]
+async fn a_failed_sync_leaves_the_upload_at_its_acknowledged_bytes() {
+    let f = playing(USABLE).await;
+    let upload = f.start(b"recording").await;
+    let path = part_path(f.dir.path(), &upload.id);
+    fs::remove_file(&path).unwrap();
+    std::os::unix::fs::symlink("/dev/null", &path).unwrap();
+    let error = f.write(&upload.id, 0, b"recording").await.unwrap_err();
+    assert!(error.kind() != Kind::NotFound, "{error}");
+    assert_eq!(f.ingest.status(&upload.id).await.unwrap().committed, 0);
+
+    fs::remove_file(&path).unwrap();
+    fs::write(&path, b"").unwrap();
+    assert_eq!(f.write(&upload.id, 0, b"recording").await.unwrap(), 9);
+    let inspected = f.ingest.finish(&upload.id).await.unwrap();
+    assert_eq!(f.ingest.blobs.get(&inspected.episode.recording).unwrap(), b"recording");
 }
 
 #[tokio::test]
@@ -231,6 +256,24 @@ async fn a_start_recovers_uploads_after_a_crash() {
     assert_eq!(f.write(&longer.id, 4, b"er").await.unwrap(), 6);
     assert!(f.ingest.finish(&placed.id).await.is_ok());
     assert_eq!(f.ingest.blobs.get(&placed.blake3).unwrap(), b"placed");
+}
+
+/// Workers on other machines write there while the server is down.
+#[tokio::test]
+async fn a_start_leaves_the_files_of_workers_that_outlive_a_server() {
+    let mut f = playing(USABLE).await;
+    let (export, cache) = (f.dir.path().join("tmp/export-x"), f.dir.path().join("cache/abc-0123.frames.7-0.partial"));
+    let place = || {
+        fs::create_dir_all(&export).unwrap();
+        fs::write(&cache, b"half").unwrap();
+    };
+    for (engine, stay) in [("slurm", true), (Placement::LOCAL, false)] {
+        let attempt = claimed(&f.store, &f.task.id, engine).await;
+        place();
+        f.reopen().await;
+        assert_eq!([&export, &cache].map(|path| path.exists()), [stay; 2], "{engine}");
+        f.store.end_attempt(&attempt, &AttemptEnd::Permanent("no more".into())).await.unwrap();
+    }
 }
 
 /// The sharing of inspections between clients, and the limit on open uploads.

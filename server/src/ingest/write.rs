@@ -125,17 +125,8 @@ impl Writing<'_> {
     /// Syncs, then raises the committed size: only bytes on disk are acknowledged.
     async fn settle(&mut self) -> Result<u64> {
         let Some(part) = self.part.take() else { return Ok(self.upload.committed) };
-        if part.size > part.synced {
-            match part.sync().await {
-                Ok(part) => self.part = Some(part),
-                Err(error) => {
-                    self.ingest.discard(&self.upload.id).await?;
-                    return Err(error);
-                }
-            }
-        } else {
-            self.part = Some(part);
-        }
+        // After an error the bytes since the last sync are in doubt, and the next stream cuts them.
+        self.part = Some(if part.size > part.synced { part.sync().await? } else { part });
         let synced = self.part.as_ref().map_or(self.upload.committed, |part| part.synced);
         if synced > self.upload.committed {
             self.ingest.store.commit_upload(&self.upload.id, synced).await?;

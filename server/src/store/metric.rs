@@ -93,33 +93,13 @@ pub(super) async fn cut_back(tx: &mut Transaction, job: &JobId, checkpoint_step:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        domain::{
-            id::{DatasetId, ExportId},
-            job::JobSpec,
-            order::{NewJob, Plan},
-        },
-        store::testing,
-    };
+    use crate::store::testing;
 
     #[tokio::test]
     async fn metrics_are_thinned_to_few_points_of_each_name() {
         let (_dir, store) = testing::store().await;
-        let id = JobId::new();
-        let job = NewJob {
-            id: id.clone(),
-            task_id: testing::task(&store).await.id,
-            spec: JobSpec::Export { dataset_id: DatasetId::new(), spec: Default::default() },
-            result_id: ExportId::new().into(),
-            priority: 0,
-            max_attempts: 1,
-            engine_options: String::new(),
-            needs: Vec::new(),
-            keyed: None,
-        };
-        store.insert_plan(&Plan { jobs: vec![job], ..Plan::default() }).await.unwrap();
-        store.claim_job("hash", "local").await.unwrap().unwrap();
-        let attempt = Attempt { job_id: id.clone(), token_hash: "hash".into() };
+        let attempt = testing::claimed(&store, &testing::task(&store).await.id, "local").await;
+        let id = attempt.job_id.clone();
         let losses = (1..=95).map(|step| (step, "loss".to_owned(), 0.5));
         let rates = (1..=3).map(|step| (step * 10, "rate".to_owned(), 0.25));
         let progress = Progress { metrics: losses.chain(rates).collect(), ..Progress::default() };

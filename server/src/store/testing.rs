@@ -9,9 +9,12 @@ use tempfile::TempDir;
 
 use super::{Postgres, Store, row, sql::Pool};
 use crate::domain::{
+    attempt::Attempt,
     client::Client,
     episode::{Episode, InspectedEpisode, Outcome, Upload},
-    id::{EpisodeId, UploadId},
+    id::{DatasetId, EpisodeId, ExportId, JobId, TaskId, UploadId},
+    job::JobSpec,
+    order::{NewJob, Plan},
     task::Task,
     time::Millis,
 };
@@ -123,6 +126,25 @@ pub(crate) async fn episode(store: &Store, task: &Task, outcome: Outcome, cohort
     let upload = Upload { outcome, cohort: cohort.to_owned(), ..upload(task, content.as_bytes()) };
     store.insert_upload(&upload, None).await.unwrap();
     store.finish_upload(&upload, &inspected(task, &upload)).await.unwrap()
+}
+
+/// The first attempt of a new job, an export, that runs on an engine.
+pub(crate) async fn claimed(store: &Store, task: &TaskId, engine: &str) -> Attempt {
+    let job = NewJob {
+        id: JobId::new(),
+        task_id: task.clone(),
+        spec: JobSpec::Export { dataset_id: DatasetId::new(), spec: Default::default() },
+        result_id: ExportId::new().into(),
+        priority: 0,
+        max_attempts: 3,
+        engine_options: String::new(),
+        needs: Vec::new(),
+        keyed: None,
+    };
+    store.insert_plan(&Plan { jobs: vec![job], ..Plan::default() }).await.unwrap();
+    let token_hash = JobId::new().to_string();
+    let job = store.claim_job(&token_hash, engine).await.unwrap().unwrap();
+    Attempt { job_id: job.id, token_hash }
 }
 
 /// Runs raw SQL, for states that this program never creates.

@@ -28,7 +28,7 @@ pub(in crate::jobs) struct Local {
 }
 
 impl Local {
-    pub(in crate::jobs) const NAME: &'static str = "local";
+    pub(in crate::jobs) const NAME: &'static str = Placement::LOCAL;
 
     pub(in crate::jobs) fn new(config: Arc<ServeConfig>, server: SocketAddr) -> Self {
         Self { config, server }

@@ -2,30 +2,12 @@
 
 use super::*;
 use crate::{
-    domain::{
-        attempt::AttemptEnd,
-        id::{DatasetId, ExportId, JobId},
-        job::JobSpec,
-        order::{NewJob, Plan},
-    },
+    domain::{attempt::AttemptEnd, id::JobId},
     store::testing,
 };
 
 async fn claimed(store: &Store) -> Attempt {
-    let task = testing::task(store).await;
-    let job = NewJob {
-        id: JobId::new(),
-        task_id: task.id.clone(),
-        spec: JobSpec::Export { dataset_id: DatasetId::new(), spec: Default::default() },
-        result_id: ExportId::new().into(),
-        priority: 0,
-        max_attempts: 3,
-        engine_options: String::new(),
-        needs: Vec::new(),
-        keyed: None,
-    };
-    store.insert_plan(&Plan { jobs: vec![job], ..Plan::default() }).await.unwrap();
-    again(store).await
+    testing::claimed(store, &testing::task(store).await.id, "slurm").await
 }
 
 async fn again(store: &Store) -> Attempt {
