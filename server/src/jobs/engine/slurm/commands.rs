@@ -194,8 +194,9 @@ fn shortened(text: &str) -> String {
 }
 
 fn entry(line: &str) -> Result<Entry, Problem> {
-    let fields: Vec<&str> = line.splitn(5, '|').map(str::trim).collect();
-    let [name, id, state, node, reason] = fields[..] else {
+    // From the right: other jobs of this user may have a bar in their names.
+    let fields: Vec<&str> = line.rsplitn(5, '|').map(str::trim).collect();
+    let [reason, node, state, id, name] = fields[..] else {
         let words = format!("squeue printed {:?} instead of a job; {PROGRAM}", shortened(line));
         return Err(Problem::NoAnswer(words));
     };

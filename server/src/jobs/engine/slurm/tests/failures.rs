@@ -14,7 +14,7 @@ async fn each_failure_of_sbatch_is_a_reason_for_waiting() {
         (refusal, "sbatch: invalid partition specified: nope; check --slurm-options and --slurm-pretrain-options"),
         (munge, "Munge encode failed: Failed to access socket; check that slurmctld runs and that munged does"),
         (away, "Unable to contact slurm controller (connect failure); check that slurmctld runs"),
-        ("exec sleep 60", "sbatch did not end within 0 s and was stopped; check that slurmctld runs"),
+        ("exec sleep 60", "sbatch did not end within 2 s and was stopped; check that slurmctld runs"),
         ("echo hello", "sbatch printed \"hello\" instead of the id of a job; check --slurm-bin"),
         ("exit 3", "exit status: 3; check --slurm-bin"),
     ] {

@@ -25,7 +25,9 @@ use crate::{
     },
 };
 
-/// Longest time of a command here.
+/// Longest time of a command here, in which a script ends on a busy machine too.
+const COMMAND: Duration = Duration::from_secs(2);
+/// Longer than a call of such a script takes that is under way.
 pub(super) const LIMIT: Duration = Duration::from_millis(300);
 /// The options of the operator.
 pub(super) const PARTITION: &str = "--partition=nope";
@@ -60,7 +62,7 @@ impl Fake {
         let cli = Cli::try_parse_from(arguments.iter().chain(&address).chain(&of_commands)).unwrap();
         let Subcommand::Serve(config) = cli.command else { panic!("not serve") };
         let slurm = Slurm::new(Arc::new(*config)).unwrap();
-        let commands = slurm.commands.clone().within(LIMIT);
+        let commands = slurm.commands.clone().within(COMMAND);
         let poller = Poller::start(commands.clone(), Duration::from_millis(10));
         let leases = Leases::new(tokio_util::sync::CancellationToken::new());
         let lease = leases.grant(&attempt, Tie::Remote);
@@ -83,12 +85,13 @@ impl Fake {
         assert!(writer.wait().unwrap().success());
     }
 
-    /// Installs squeue with this answer for the attempt's job: `id|STATE|node|reason`. It counts its calls in a file.
+    /// Installs squeue with this answer for the attempt's job: `id|STATE|node|reason`. It counts its calls in a file. Another
+    /// job of the user is listed too, with a bar in its name.
     pub(super) fn list(&self, answer: &str) {
         let name = script::name(&self.attempt);
         self.install(
             "squeue",
-            &format!("echo 1 >> calls; echo 'another|3|RUNNING|node9|None'; echo '{name}|{answer}'"),
+            &format!("echo 1 >> calls; echo 'lr=0.1|bs=32|3|RUNNING|node9|None'; echo '{name}|{answer}'"),
         );
     }
 
