@@ -157,7 +157,7 @@ impl Rollouts {
                 tracing::error!(error = error as &dyn std::error::Error, "storing a session's recording failed")
             }
         }
-        let later = matches!(&kept, Err(error) if error.kind() == Kind::Exhausted);
+        let later = matches!(&kept, Err(error) if passes(error));
         if let Some(done) = done {
             // The session may be gone.
             let _ = done.send(kept);
@@ -168,7 +168,7 @@ impl Rollouts {
         }
     }
 
-    /// Stores a recording once the disk has room for it.
+    /// Stores a recording once the disk has room for it, and the database and the store of blobs answer.
     async fn keep_later(&self, files: &RolloutFiles) {
         loop {
             tokio::time::sleep(AGAIN_AFTER).await;
@@ -176,8 +176,8 @@ impl Rollouts {
                 continue;
             }
             match self.keep(files).await {
-                Err(error) if error.kind() == Kind::Exhausted => {}
-                Ok(_) => return tracing::info!("session stored once the disk had room"),
+                Err(error) if passes(&error) => {}
+                Ok(_) => return tracing::info!("session stored at a later try"),
                 Err(error) => return tracing::error!(%error, "storing a session's recording failed"),
             }
         }
@@ -211,6 +211,11 @@ impl Rollouts {
         let steps = (self.0.memory_bytes / 4 * 3).checked_div(step).unwrap_or(u64::MAX);
         Limits { steps, bytes: self.0.upload_bytes / 16 * 15 }
     }
+}
+
+/// Whether a recording that could not be stored may be at a later try: no client can repeat it.
+fn passes(error: &Error) -> bool {
+    matches!(error.kind(), Kind::Exhausted | Kind::Unavailable)
 }
 
 type Ended = (Ending, tokio::sync::oneshot::Sender<Result<Option<EpisodeId>>>);

@@ -54,7 +54,7 @@ impl Rollouts {
             Ok(None) => tracing::info!("a session of fewer than two steps is not stored"),
             // Logged where it was set aside.
             Err(error) if matches!(error.kind(), Kind::Invalid | Kind::NotFound) => {}
-            Err(error) if error.kind() == Kind::Exhausted => {
+            Err(error) if super::passes(&error) => {
                 // If the server stops first, the next start stores it.
                 let _: Option<()> = self.0.stopping.run_until_cancelled(self.keep_later(&files)).await;
             }

@@ -1,7 +1,11 @@
 //! Steps that are left out of a recording.
 
 use super::*;
-use crate::{domain::observation::Image, error::Kind};
+use crate::{
+    domain::observation::Image,
+    error::Kind,
+    ingest::testing::{USABLE, playing},
+};
 
 #[tokio::test]
 async fn steps_that_do_not_fit_the_task_or_the_limits_are_left_out() {
@@ -61,6 +65,25 @@ fn frames_without_an_image_take_room() {
     let frame = |image: Option<Image>| CameraFrame { camera: "a long name".into(), color: image, depth: None };
     let many = Observation { cameras: vec![frame(None); 1000], ..seen(0) };
     assert!(event::bytes(&many) > 1000 * size_of::<CameraFrame>() + 11_000);
+}
+
+/// The bucket, say, is away for a moment: no client can repeat the end of a session.
+#[tokio::test]
+async fn a_session_that_ends_during_an_outage_is_stored_after_it() {
+    let here = r#"${frames%/tmp/*}/tried"#;
+    let fixture = playing(&format!(r#"if [ -e "{here}" ]; then {USABLE}; else : > "{here}"; kill -TERM $$; fi"#)).await;
+    let rollouts = Rollouts::open(&fixture.config, fixture.ingest.clone()).unwrap();
+    let lab = Lab { fixture, rollouts };
+    let mut recorder = lab.begin();
+    drive(&mut recorder, 5);
+    let away = recorder.finish(Outcome::Success, "closed", ObservationCounts::default()).await.unwrap_err();
+    assert_eq!(away.kind(), Kind::Unavailable, "{away}");
+    let stored = async {
+        while lab.episodes().await.is_empty() {
+            tokio::time::sleep(AGAIN_AFTER).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(60), stored).await.expect("the recording waits for another start");
 }
 
 /// A start on a full disk: recordings of earlier sessions wait for room, not for another start.
