@@ -46,11 +46,15 @@ impl Jobs {
     }
 
     /// The checkpoint to resume from. A missing or damaged checkpoint is never used: it is removed together with the
-    /// reports up to it, and the job starts again with the same result.
+    /// reports up to it, and the job starts again with the same result. One that a bucket has lost is sent again from a
+    /// sound copy.
     async fn whole_checkpoint(&self, job: &Job) -> Result<Option<BlobId>> {
         let Some(blob) = &job.checkpoint else { return Ok(None) };
         let (blobs, id) = (self.0.blobs.clone(), blob.clone());
-        let looking = move || blobs.size(&id)?.map(|_| blobs.digest(&id)).transpose();
+        let looking = move || {
+            let found = blobs.size(&id)?.map(|_| blobs.digest(&id)).transpose()?;
+            if found.as_ref() == Some(&id) { Ok(found) } else { Ok(blobs.resend(&id)?.then_some(id).or(found)) }
+        };
         let found = tokio::task::spawn_blocking(looking).await;
         let found = found.map_err(|error| Error::internal("looking at a checkpoint", error))??;
         if found.as_ref() == Some(blob) {

@@ -3,7 +3,9 @@
 use std::{
     fs::{self, File},
     io,
+    os::unix::fs::MetadataExt as _,
     path::Path,
+    time::{Duration, SystemTime},
 };
 
 use tempfile::{NamedTempFile, TempPath};
@@ -48,6 +50,21 @@ pub(super) fn link(path: &Path) -> io::Result<TempPath> {
     Ok(linked.into_temp_path())
 }
 
+/// Whether a draft was made and last written before `time`; not if it is gone. A second name has the content's old time of
+/// writing, and the system notes when it got the name.
+///
+/// # Errors
+/// The error of the disk.
+pub(super) fn is_older(draft: &Path, time: SystemTime) -> io::Result<bool> {
+    let file = match fs::symlink_metadata(draft) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
+        file => file?,
+    };
+    let changed = u64::try_from(file.ctime())
+        .map_or(SystemTime::UNIX_EPOCH, |seconds| SystemTime::UNIX_EPOCH + Duration::from_secs(seconds));
+    Ok(file.modified()?.max(changed) < time)
+}
+
 /// Whether a file is a draft, perhaps of a killed process.
 pub(super) fn is_draft(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(DRAFT.as_bytes()))
@@ -56,6 +73,18 @@ pub(super) fn is_draft(path: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_second_name_is_as_old_as_its_making() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, day) = (folder.path().join("blob"), Duration::from_secs(24 * 60 * 60));
+        fs::write(&path, b"steps").unwrap();
+        File::open(&path).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
+        let name = link(&path).unwrap();
+        assert!(!is_older(&name, SystemTime::now() - day).unwrap(), "it is in use");
+        assert!(is_older(&name, SystemTime::now() + day).unwrap());
+        assert!(!is_older(&folder.path().join("gone"), SystemTime::now() + day).unwrap());
+    }
 
     /// Memory and disk are two file systems on most machines; on one file system, this is a plain rename.
     #[test]

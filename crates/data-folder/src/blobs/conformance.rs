@@ -205,6 +205,24 @@ fn a_sent_file_is_sent_again_only_if_its_object_is_gone() {
 }
 
 #[test]
+fn a_lost_object_is_sent_again_from_a_sound_copy() {
+    let Some(store) = test_store() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let (blobs, bucket) = (blobs_in(&store, &dir, "one", 0), store.bucket("one").unwrap());
+    let id = blobs.put(b"steps").unwrap();
+    let (name, other) = (remote::name(dir.path(), &blobs.path(&id)), dir.path().join("other"));
+    bucket.remove(&name).unwrap();
+    assert!(blobs.size(&id).unwrap().is_none() && blobs.resend(&id).unwrap());
+    fs::write(&other, b"other").unwrap();
+    bucket.put(&name, &other).unwrap();
+    assert!(blobs.resend(&id).unwrap());
+    assert_eq!(blobs.digest(&id).unwrap(), id);
+    bucket.remove(&name).unwrap();
+    fs::write(blobs.path(&id), b"st").unwrap();
+    assert!(!blobs.resend(&id).unwrap() && blobs.size(&id).unwrap().is_none(), "a damaged copy is not sent");
+}
+
+#[test]
 fn a_bucket_has_one_data_folder() {
     let Some(store) = test_store() else { return };
     let bucket = store.bucket("one").unwrap();

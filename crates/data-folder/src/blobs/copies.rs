@@ -109,6 +109,21 @@ impl Blobs {
         })
     }
 
+    /// Sends the object of a blob again from its copy, whatever the bucket holds, and returns whether there was a sound copy;
+    /// never without a bucket.
+    ///
+    /// # Errors
+    /// Unavailable when the store fails.
+    pub fn resend(&self, id: &BlobId) -> Result<bool> {
+        let (Some(remote), path) = (&self.remote, self.path(id)) else { return Ok(false) };
+        if digest(&path).ok().as_ref() != Some(id) {
+            return Ok(false);
+        }
+        remote.bucket.put(&self.name(id), &path)?;
+        tracing::error!(blob.id = %id, store = remote.bucket.shown(), "the bucket had lost a blob, or a part of it: sent again");
+        Ok(true)
+    }
+
     /// As [`Blobs::fetched`], from the bucket alone.
     pub(super) fn fetch(&self, remote: &Remote, id: &BlobId, path: &Path) -> Result<()> {
         let name = self.name(id);

@@ -96,7 +96,7 @@ impl Blobs {
         Ok(true)
     }
 
-    /// Removes drafts last written before `time`, which killed processes left, and returns their number.
+    /// Removes drafts made and last written before `time`, which killed processes left, and returns their number.
     ///
     /// # Errors
     /// When the folders cannot be read.
@@ -106,7 +106,7 @@ impl Blobs {
         let tasks = self.root.join(sidecar::TASKS);
         for folder in names(&self.root)?.into_iter().filter(hex).chain([tasks]) {
             for draft in names(&folder)?.into_iter().filter(|path| across::is_draft(path)) {
-                if look(draft.clone(), None)?.is_some_and(|found| found.placed < time) {
+                if across::is_older(&draft, time).map_err(fault("reading", &draft))? {
                     fs::remove_file(&draft).map_err(fault("removing", &draft))?;
                     removed += 1;
                 }
