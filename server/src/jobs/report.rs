@@ -10,7 +10,7 @@ use crate::{
         job::Job,
         work::{Made, Progress},
     },
-    error::{Error, Result},
+    error::{Error, Kind, Result},
     store::attempt::Claimant,
 };
 
@@ -39,7 +39,12 @@ impl Jobs {
         let Caller { process, node, rank } = *caller;
         // Rank 0 is bound in the row, because it alone can change anything. The others read only, so a lease suffices.
         let claimant = match rank {
-            0 => self.0.store.claimant(&attempt, process, node).await?,
+            0 => self.0.store.claimant(&attempt, process, node).await.inspect_err(|error| {
+                // A worker that calls is alive, also while the database is away.
+                if error.kind() == Kind::Unavailable {
+                    self.0.leases.renew(&attempt);
+                }
+            })?,
             _ => match self.0.store.running_job(&attempt).await? {
                 Some(job) if self.0.leases.admit(&attempt, rank, process) => Claimant::Worker(Box::new(job)),
                 Some(_) => Claimant::Other,
