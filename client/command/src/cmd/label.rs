@@ -24,11 +24,12 @@ pub(crate) struct LabelArgs {
     /// New cohort. Default: unchanged.
     #[arg(long)]
     cohort: Option<String>,
-    /// CSV file with the columns file,outcome,cohort, such as the labels.csv of a push, that labels stored episodes. The
-    /// column file has the file name or the id of an episode; an empty cohort is unchanged.
+    /// CSV file with the columns file,task,outcome,cohort, such as the labels.csv of a push, that labels stored episodes.
+    /// The column file has the file name or the id of an episode; an empty cohort is unchanged.
     #[arg(long, value_name = "CSV", conflicts_with_all = ["ids", "outcome", "cohort"])]
     from: Option<PathBuf>,
-    /// Name or id of the task of the episodes of --from. Default: the only task of the server.
+    /// Name or id of the task of the rows of --from without one; no row may have another. Default: the only task of the
+    /// server.
     #[arg(long, requires = "from")]
     task: Option<String>,
     /// Reason, kept in the history.

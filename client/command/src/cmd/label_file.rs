@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use gleaner_client::{Client, LabelledFile, read_labels};
-use gleaner_proto::v1::{Episode, LabelEpisodesRequest, ListEpisodesRequest};
+use gleaner_proto::v1::{Episode, LabelEpisodesRequest, ListEpisodesRequest, ListTasksRequest, Task};
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
@@ -14,23 +14,26 @@ use crate::words;
 /// Labels the episodes that the file names, and leaves those that have their label already; returns the changed ones.
 ///
 /// # Errors
-/// A row without an episode, or with several; then no label is changed.
+/// A row without an episode, with several, or of an unknown or another task; then no label is changed.
 pub(super) async fn label(
     context: &Context,
     client: &Client,
     (file, task, reason): (&Path, Option<&str>, &str),
 ) -> Result<Vec<Episode>> {
     let rows = read_labels(file)?;
-    let request = ListEpisodesRequest {
-        task: context.task(client, task).await?,
-        page_size: 1000,
-        ..ListEpisodesRequest::default()
-    };
-    let episodes = every_page(client, request).await?.episodes;
-    let changes = changes(&rows, &episodes)
-        .map_err(|problem| Failure::message(format!("{}: {problem}; no label was changed", file.display())))?;
+    let refused = |problem: String| Failure::message(format!("{}: {problem}; no label was changed", file.display()));
+    let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+    // The rows of every task have their episodes before the first label is changed.
+    let mut new = Changes::new();
+    for (task, rows) in by_task(&rows, task, &tasks).map_err(refused)? {
+        let request = ListEpisodesRequest { task: task.to_owned(), page_size: 1000, ..ListEpisodesRequest::default() };
+        let episodes = every_page(client, request).await?.episodes;
+        for (label, ids) in changes(task, &rows, &episodes).map_err(refused)? {
+            new.entry(label).or_default().extend(ids);
+        }
+    }
     let mut changed = Vec::new();
-    for ((outcome, cohort), episode_ids) in changes {
+    for ((outcome, cohort), episode_ids) in new {
         let request = LabelEpisodesRequest {
             episode_ids,
             outcome,
@@ -47,8 +50,57 @@ pub(super) async fn label(
 /// The ids of the episodes for each new label: an outcome, and a cohort if that changes too.
 type Changes = BTreeMap<(i32, Option<String>), Vec<String>>;
 
+fn name_of(task: &Task) -> &str {
+    task.spec.as_ref().map_or(task.id.as_str(), |spec| spec.name.as_str())
+}
+
+/// The name of the task with this name or id.
+fn find<'a>(tasks: &'a [Task], named: &str) -> Option<&'a str> {
+    tasks.iter().find(|task| task.id == named || name_of(task) == named).map(name_of)
+}
+
+/// The rows of each task, by its name: the one that the row names, else the one that was given, else the only one.
+fn by_task<'a>(
+    rows: &'a [LabelledFile],
+    given: Option<&str>,
+    tasks: &'a [Task],
+) -> std::result::Result<BTreeMap<&'a str, Vec<&'a LabelledFile>>, String> {
+    if tasks.is_empty() {
+        return Err("the server has no tasks yet; create one with `gleaner task create SPEC.toml`".to_owned());
+    }
+    let names: Vec<String> = tasks.iter().map(|task| name_of(task).to_owned()).collect();
+    let names = words::some(&names);
+    let unknown = |named: &str| format!("the server has no task {named:?}, but {names}");
+    let given = given.map(|named| find(tasks, named).ok_or_else(|| unknown(named))).transpose()?;
+    let only = if let [only] = tasks { Some(name_of(only)) } else { None };
+    let mut found: BTreeMap<&str, Vec<&LabelledFile>> = BTreeMap::new();
+    for row in rows {
+        let line = row.line;
+        let task = match &row.task {
+            None => given.or(only).ok_or_else(|| {
+                format!(
+                    "line {line} names no task, and the server has several: name one in the column `task`, or add --task \
+                     with one of: {names}"
+                )
+            })?,
+            Some(named) => {
+                let task = find(tasks, named);
+                if let Some(given) = given.filter(|given| task != Some(*given)) {
+                    return Err(format!(
+                        "line {line} is of the task {named:?}, and --task is {given:?}: leave out --task to \
+                         label every row in its own task, or correct or empty the column `task`"
+                    ));
+                }
+                task.ok_or_else(|| format!("line {line}: {}: correct or empty the column `task`", unknown(named)))?
+            }
+        };
+        found.entry(task).or_default().push(row);
+    }
+    Ok(found)
+}
+
 /// The episodes of each label that is not theirs yet. A label without a cohort keeps the episode's.
-fn changes(rows: &[LabelledFile], episodes: &[Episode]) -> std::result::Result<Changes, String> {
+fn changes(task: &str, rows: &[&LabelledFile], episodes: &[Episode]) -> std::result::Result<Changes, String> {
     let mut by_name: BTreeMap<&str, Vec<&Episode>> = BTreeMap::new();
     for episode in episodes {
         by_name.entry(stem(&episode.file_name)).or_default().push(episode);
@@ -76,17 +128,20 @@ fn changes(rows: &[LabelledFile], episodes: &[Episode]) -> std::result::Result<C
         }
     }
     if !missing.is_empty() {
-        return Err(format!("no episode of the task has the id or file name {}", words::some(&missing)));
+        return Err(format!("no episode of the task {task} has the id or file name {}", words::some(&missing)));
     }
     if !ambiguous.is_empty() {
-        return Err(format!("several episodes have the name {}: give their ids", words::some(&ambiguous)));
+        return Err(format!(
+            "several episodes of the task {task} have the name {}: give their ids",
+            words::some(&ambiguous)
+        ));
     }
     Ok(changes)
 }
 
 #[cfg(test)]
 mod tests {
-    use gleaner_proto::v1::Outcome;
+    use gleaner_proto::v1::{Outcome, TaskSpec};
 
     use super::*;
 
@@ -102,6 +157,43 @@ mod tests {
             cohort: cohort.into(),
             ..Episode::default()
         }
+    }
+
+    fn of_task(line: u64, path: &str, task: Option<&str>) -> LabelledFile {
+        LabelledFile { task: task.map(str::to_owned), ..row(line, path, Outcome::Success, "") }
+    }
+
+    fn task(id: &str, name: &str) -> Task {
+        let spec = TaskSpec { name: name.into(), ..TaskSpec::default() };
+        Task { id: id.into(), spec: Some(spec), ..Task::default() }
+    }
+
+    #[test]
+    fn rows_are_grouped_by_their_tasks() {
+        let tasks = [task("task_1", "pick"), task("task_2", "stack")];
+        let lines = |rows: &[LabelledFile], given, tasks: &[Task]| -> Vec<(String, Vec<u64>)> {
+            let found = by_task(rows, given, tasks).unwrap();
+            found.iter().map(|(task, rows)| ((*task).to_owned(), rows.iter().map(|row| row.line).collect())).collect()
+        };
+        let (pick, stack) = ("pick".to_owned(), "stack".to_owned());
+        let mixed = [of_task(2, "a", Some("stack")), of_task(3, "b", Some("pick")), of_task(4, "c", Some("task_2"))];
+        assert_eq!(lines(&mixed, None, &tasks), [(pick.clone(), vec![3]), (stack.clone(), vec![2, 4])]);
+        let partly = [of_task(2, "a", None), of_task(3, "b", Some("stack"))];
+        assert_eq!(lines(&partly, Some("task_2"), &tasks), [(stack, vec![2, 3])]);
+        assert_eq!(lines(&partly[..1], None, &tasks[..1]), [(pick, vec![2])]);
+    }
+
+    #[test]
+    fn a_row_of_another_or_an_unknown_task_is_refused() {
+        let tasks = [task("task_1", "pick"), task("task_2", "stack")];
+        let refused = |named, given, tasks: &[Task]| by_task(&[of_task(7, "a", named)], given, tasks).unwrap_err();
+        let other = refused(Some("stack"), Some("task_1"), &tasks);
+        assert!(other.starts_with("line 7 is of the task \"stack\", and --task is \"pick\": leave out"), "{other}");
+        let unknown = refused(Some("PickCube-v0"), None, &tasks[..1]);
+        assert!(unknown.starts_with("line 7: the server has no task \"PickCube-v0\", but pick: correct"), "{unknown}");
+        assert!(refused(None, None, &tasks).ends_with("add --task with one of: pick, stack"));
+        assert_eq!(refused(None, Some("pack"), &tasks), "the server has no task \"pack\", but pick, stack");
+        assert!(refused(None, None, &[]).contains("gleaner task create"));
     }
 
     #[test]
@@ -122,20 +214,29 @@ mod tests {
             ((Outcome::Success.into(), None), vec!["ep_1".to_owned(), "ep_3".to_owned()]),
             ((Outcome::Failure.into(), Some("night".to_owned())), vec!["ep_4".to_owned()]),
         ];
-        assert_eq!(changes(&rows, &episodes).unwrap(), BTreeMap::from(expected));
+        let rows: Vec<&LabelledFile> = rows.iter().collect();
+        assert_eq!(changes("pick", &rows, &episodes).unwrap(), BTreeMap::from(expected));
     }
 
     #[test]
     fn a_row_without_its_one_episode_is_named() {
         let episodes =
             [episode("ep_1", "a.mcap", Outcome::Unknown, ""), episode("ep_2", "a.mcap", Outcome::Unknown, "")];
-        let refused = |path| changes(&[row(7, path, Outcome::Success, "")], &episodes).unwrap_err();
-        assert_eq!(refused("c.mcap"), "no episode of the task has the id or file name c.mcap (line 7)");
-        assert_eq!(refused("x/a.mcap"), "several episodes have the name a.mcap (line 7): give their ids");
+        let refused = |path| changes("pick", &[&row(7, path, Outcome::Success, "")], &episodes).unwrap_err();
+        assert_eq!(refused("c.mcap"), "no episode of the task pick has the id or file name c.mcap (line 7)");
+        assert_eq!(
+            refused("x/a.mcap"),
+            "several episodes of the task pick have the name a.mcap (line 7): give their ids"
+        );
         let twice = [row(2, "ep_1", Outcome::Success, ""), row(3, "x/ep_1", Outcome::Failure, "")];
-        assert!(changes(&twice, &episodes).unwrap_err().starts_with("line 3: ep_1 names ep_1 a second time"));
+        assert!(
+            changes("pick", &twice.each_ref(), &episodes)
+                .unwrap_err()
+                .starts_with("line 3: ep_1 names ep_1 a second time")
+        );
         let many: Vec<LabelledFile> =
             (2..10).map(|line| row(line, &format!("{line}.mcap"), Outcome::Success, "")).collect();
-        assert!(changes(&many, &episodes).unwrap_err().ends_with("6.mcap (line 6) and 3 more"));
+        let many: Vec<&LabelledFile> = many.iter().collect();
+        assert!(changes("pick", &many, &episodes).unwrap_err().ends_with("6.mcap (line 6) and 3 more"));
     }
 }
