@@ -217,6 +217,34 @@ async fn damaged_datasets_are_refused_before_a_task_is_made_and_accepted_when_co
 }
 
 #[tokio::test]
+async fn a_dataset_of_another_instruction_is_added_to_a_task_on_purpose_only() {
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str, instruction: &str| {
+        let dataset = folder.path().join(name);
+        copy(&fixture("lerobot_v21"), &dataset);
+        let line = |number: u32| json!({ "task_index": number, "task": instruction }).to_string();
+        std::fs::write(dataset.join("meta/tasks.jsonl"), format!("{}\n{}\n", line(0), line(1))).unwrap();
+        dataset
+    };
+    let created = gleaner(server.url(), &["push", text(&at("kitchen", "stack"))]).await;
+    assert!(created.success && created.text().contains("created task kitchen"), "{}", created.text());
+    let again = gleaner(server.url(), &["push", text(&at("kitchen", "stack"))]).await;
+    let note = "is added to the existing task kitchen, which has its name and 2 episodes already";
+    assert!(again.success && again.text().contains(note), "{}", again.text());
+    let dataset = at("kitchen", "wash up");
+    let refused = gleaner(server.url(), &["push", text(&dataset)]).await;
+    let message = refused.text();
+    assert!(!refused.success && message.contains("--task kitchen to add it on purpose"), "{message}");
+    assert!(message.contains("\"wash up\"") && message.contains("\"stack\""), "{message}");
+    let added = gleaner(server.url(), &["push", text(&dataset), "--task", "kitchen"]).await;
+    assert!(added.success, "{}", added.text());
+    // Equal features are no reason to add it: two tasks of one robot have them.
+    let apart = gleaner(server.url(), &["push", text(&at("sink", "wash up"))]).await;
+    assert!(apart.success && apart.text().contains("created task sink"), "{}", apart.text());
+}
+
+#[tokio::test]
 async fn a_folder_stands_for_the_datasets_in_it() {
     let server = TestServer::start_with(&["--workers", "0"]).await;
     let folder = tempfile::tempdir().unwrap();

@@ -1,14 +1,17 @@
 //! `push` of datasets of other programs: each episode is made a recording, sent, and removed again.
 
+mod known;
+
 use std::collections::HashMap;
 use std::time::Instant;
 
 use futures::StreamExt as _;
 use gleaner_client::{Client, ClientError, PushItem, PushResult, Pushed, UploadLabel};
-use gleaner_core::proto::task::{spec_from_proto, spec_to_proto};
+use gleaner_core::proto::task::spec_to_proto;
 use gleaner_proto::v1::{CreateTaskRequest, ListTasksRequest, Outcome};
 use gleaner_recording::TaskSpec;
 
+use self::known::{Known, agree, near, same_instruction, same_rate};
 use super::PushArgs;
 use super::items::known_task;
 use crate::context::Context;
@@ -19,8 +22,6 @@ use crate::intake::{Episode, Intake};
 
 /// Recordings of a dataset by which a task is found: one of them may be unusable for a reason of its own.
 const TRIED: u64 = 3;
-/// The part by which rates differ at most.
-const RATE: f64 = 0.05;
 
 /// Sends every episode of these datasets; returns the results, and the task of the first.
 pub(super) async fn push(
@@ -32,14 +33,14 @@ pub(super) async fn push(
     if args.task.is_none() || args.cohort.is_none() {
         distinct(intakes)?;
     }
-    let specs = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
-    let mut specs: Vec<TaskSpec> = specs.into_iter().filter_map(|task| spec_from_proto(task.spec?).ok()).collect();
+    let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+    let mut known: Vec<Known> = tasks.into_iter().filter_map(Known::of).collect();
     // Every dataset is tried before the first task is created, and may fit that of an earlier one.
     let mut choices = Vec::with_capacity(intakes.len());
     for intake in intakes {
-        let choice = choose(args, context, client, intake, &specs).await?;
+        let choice = choose(args, context, client, intake, &known).await?;
         if let Choice::New(spec, _) = &choice {
-            specs.push(spec.clone());
+            known.push(Known { spec: spec.clone(), episodes: None });
         }
         choices.push(choice);
     }
@@ -118,13 +119,13 @@ enum Choice {
 /// The task that was named, that of the dataset's name, or the one that the dataset fits; if it fits none, a new one.
 ///
 /// # Errors
-/// If no episode of the dataset can be used for a new one.
+/// If no episode of the dataset can be used for a new one, or the task that was found has another rate or instruction.
 async fn choose(
     args: &PushArgs,
     context: &Context,
     client: &Client,
     dataset: &Intake,
-    specs: &[TaskSpec],
+    tasks: &[Known],
 ) -> Result<Choice> {
     let path = dataset.path.display();
     if let Some(named) = &args.task {
@@ -133,26 +134,35 @@ async fn choose(
         return known.map(Choice::Known).map_err(draft);
     }
     let spec = of_description(&dataset.description, dataset.name()).spec;
-    if let Some(known) = specs.iter().find(|known| known.name == spec.name) {
-        same_rate(dataset, known)?;
+    if let Some(known) = tasks.iter().find(|known| known.spec.name == spec.name) {
+        same_rate(dataset, &known.spec)?;
+        same_instruction(&dataset.path, &spec, &known.spec)?;
+        context.output.note(format_args!(
+            "{path} is added to the existing task {}, which has its name and {} episodes already",
+            spec.name,
+            known.episodes.unwrap_or_default()
+        ));
         return Ok(Choice::Known(spec.name));
     }
-    let mut fitting = trial(dataset, specs, &spec).await?;
-    match fitting.len() {
-        0 => {}
-        1 => {
-            let name = fitting.remove(0);
+    let mut fitting = trial(dataset, tasks, &spec).await?;
+    // Two tasks of one robot have equal features.
+    fitting.retain(|known| agree(&spec, &known.spec));
+    match fitting.as_slice() {
+        [] => Ok(Choice::New(spec, !tasks.is_empty())),
+        [one] => {
+            let name = one.spec.name.clone();
             context
                 .output
                 .note(format_args!("{path} fits the task {name} and is added to it; with --task another one takes it"));
-            return Ok(Choice::Known(name));
+            Ok(Choice::Known(name))
         }
-        _ => {
-            let names = fitting.join(", ");
-            return Err(Failure::message(format!("{path} fits several tasks; add --task with one of: {names}")));
+        several => {
+            let mut names: Vec<&str> = several.iter().map(|known| known.spec.name.as_str()).collect();
+            names.sort_unstable();
+            let names = names.join(", ");
+            Err(Failure::message(format!("{path} fits several tasks; add --task with one of: {names}")))
         }
     }
-    Ok(Choice::New(spec, !specs.is_empty()))
 }
 
 /// The name of the task, which exists once this returns.
@@ -163,7 +173,7 @@ async fn created(context: &Context, client: &Client, dataset: &Intake, choice: C
     };
     let name = spec.name.clone();
     client.tasks().create_task(CreateTaskRequest { spec: Some(spec_to_proto(spec)) }).await?;
-    let why = if others { ", which fit no other task" } else { "" };
+    let why = if others { ", which fit no other task, or only tasks of another instruction" } else { "" };
     context.output.note(format_args!(
         "created task {name} from the features of {}{why}; `gleaner task show {name}` shows it",
         dataset.path.display()
@@ -171,35 +181,12 @@ async fn created(context: &Context, client: &Client, dataset: &Intake, choice: C
     Ok(name)
 }
 
-fn near(rate: f64, other: f64) -> bool {
-    (rate - other).abs() <= RATE * rate
-}
-
-/// Refuses a dataset of another rate than the task of its name: its steps would be sampled at that of the task.
-fn same_rate(dataset: &Intake, known: &TaskSpec) -> Result<()> {
-    let (path, name) = (dataset.path.display(), &known.name);
-    let (rate, theirs) = (dataset.description.spec.rate_hz, known.rate_hz);
-    if near(rate, theirs) {
-        return Ok(());
-    }
-    Err(Failure::message(if dataset.description.rate_stated {
-        format!(
-            "{path} has {rate} steps per second and the task {name} {theirs}: correct the rate, or add --task {name} to \
-             sample the episodes at that of the task"
-        )
-    } else {
-        format!(
-            "{path} does not state its rate, and the task {name} has {theirs} steps per second: add --rate {theirs}"
-        )
-    }))
-}
-
-/// The names of the tasks of the dataset's rate that would accept one of its first episodes. An error if not even the
-/// task that was drafted from it would.
-async fn trial(dataset: &Intake, specs: &[TaskSpec], drafted: &TaskSpec) -> Result<Vec<String>> {
-    let mut open: Vec<&TaskSpec> = specs.iter().filter(|spec| near(drafted.rate_hz, spec.rate_hz)).collect();
+/// The tasks of the dataset's rate that would accept one of its first episodes. An error if not even the task that was
+/// drafted from it would.
+async fn trial<'a>(dataset: &Intake, tasks: &'a [Known], drafted: &TaskSpec) -> Result<Vec<&'a Known>> {
+    let mut open: Vec<&Known> = tasks.iter().filter(|known| near(drafted.rate_hz, known.spec.rate_hz)).collect();
     let inspector = Inspector::find()?;
-    let (mut names, mut usable) = (Vec::new(), false);
+    let (mut fitting, mut usable) = (Vec::new(), false);
     let mut problem = gleaner_recording::validate(drafted).err().map(|error| error.to_string());
     let valid = problem.is_none();
     let tried = dataset.description.episodes.min(TRIED);
@@ -220,10 +207,10 @@ async fn trial(dataset: &Intake, specs: &[TaskSpec], drafted: &TaskSpec) -> Resu
             }
         }
         let mut left = Vec::new();
-        for spec in open {
-            match accepts(&inspector, &episode, spec).await? {
-                Ok(()) => names.push(spec.name.clone()),
-                Err(_) => left.push(spec),
+        for known in open {
+            match accepts(&inspector, &episode, &known.spec).await? {
+                Ok(()) => fitting.push(known),
+                Err(_) => left.push(known),
             }
         }
         open = left;
@@ -232,15 +219,12 @@ async fn trial(dataset: &Intake, specs: &[TaskSpec], drafted: &TaskSpec) -> Resu
         }
     }
     match problem {
-        Some(why) if !usable && names.is_empty() => Err(Failure::message(format!(
+        Some(why) if !usable && fitting.is_empty() => Err(Failure::message(format!(
             "{}: none of its first {tried} episodes can be used, so that no task was created for it: {why}. Correct the \
              dataset, or name the task of its other episodes with --task",
             dataset.path.display()
         ))),
-        _ => {
-            names.sort();
-            Ok(names)
-        }
+        _ => Ok(fitting),
     }
 }
 
