@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use hdf5_pure::{AttrValue, Dataset, Error, File, Group};
+use hdf5_pure::{AttrValue, Dataset, Error, File, FormatError, Group};
 use serde_json::{Map, Value};
 
 use super::entries::{Entry, Kind, is_number, kind};
@@ -12,6 +12,8 @@ use crate::problem::Problem;
 
 /// Most bytes of a dataset that is read at once.
 const MOST_BYTES: u64 = 1 << 30;
+const NO_OBSERVATIONS: &str = "the demonstration has no observations; robomimic's `dataset_states_to_obs.py` adds them \
+                               (to a file of robosuite after `convert_robosuite.py`)";
 
 /// A demonstration, opened.
 pub(super) struct Demo {
@@ -43,8 +45,13 @@ impl Demo {
 
     /// Its observations, sorted by name.
     pub(super) fn entries(&self) -> Result<Vec<Entry>, Problem> {
-        let mut keys =
-            self.group.group("obs").and_then(|obs| obs.datasets()).map_err(|error| self.damaged("obs", &error))?;
+        let obs = match self.group.group("obs") {
+            Ok(obs) => obs,
+            // As robosuite records it: with states of the simulator alone.
+            Err(Error::Format(FormatError::PathNotFound(_))) => return Err(self.wrong("obs", NO_OBSERVATIONS)),
+            Err(error) => return Err(self.damaged("obs", &error)),
+        };
+        let mut keys = obs.datasets().map_err(|error| self.damaged("obs", &error))?;
         keys.sort();
         let mut entries = Vec::new();
         for key in keys {

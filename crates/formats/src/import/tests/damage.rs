@@ -150,6 +150,35 @@ fn numbers_that_are_not_finite_are_named_by_their_step() {
     assert!(error.contains("demo_0") && error.contains("step 1") && error.contains("NaN"), "{error}");
 }
 
+/// A file of robosuite has the actions and the simulator's states of a demonstration alone.
+fn write_raw(path: &Path) {
+    let file = hdf5_pure::File::create(path).unwrap();
+    let root = file.root();
+    for group in ["data", "data/demo_1"] {
+        root.create_group(group).unwrap();
+    }
+    for name in ["actions", "states"] {
+        let made = root.create_dataset(&format!("data/demo_1/{name}"), |dataset| {
+            dataset.with_f32_data(&[0.5; 6]).with_shape(&[3, 2]);
+        });
+        made.unwrap();
+    }
+    drop(root);
+    file.close().unwrap();
+}
+
+#[test]
+fn a_demonstration_without_observations_is_not_reported_as_damaged() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("raw.hdf5");
+    write_raw(&path);
+    let error = describe(&path, &Assumed::default()).unwrap_err().to_string();
+    for part in ["raw.hdf5", "demo_1/obs", "has no observations", "dataset_states_to_obs.py"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    assert!(!error.contains("damaged"), "{error}");
+}
+
 #[test]
 fn a_table_with_a_number_that_is_not_finite_is_named_by_its_step() {
     let copy = Copy::of("lerobot_v30_images");
