@@ -45,7 +45,7 @@ async fn one_two_and_three_processes_give_the_same_results() {
 
 #[tokio::test]
 async fn evaluation_whose_process_ends_or_hangs_is_repeated_with_the_same_results() {
-    let flags = ["--evaluate-ranks", "2", "--rank-timeout-seconds", "5"];
+    let flags = ["--evaluate-ranks", "2", "--rank-timeout-seconds", "10"];
     let (server, mut api, _) = lab::with_episodes(&flags).await;
     let policy = api.train_policy(3).await.1;
     // Attempts of this many steps take seconds.

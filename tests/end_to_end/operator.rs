@@ -23,7 +23,9 @@ use crate::support::{
 /// The files and folders of a data folder that other users may access.
 fn open_to_others(folder: &Path) -> Vec<String> {
     use std::os::unix::fs::PermissionsExt as _;
-    let paths = files::tree(folder, |_| true).into_iter().chain([folder.to_owned()]);
+    // Not those that a running server is about to rename.
+    let stays = |name: &str| !name.starts_with(".draft-");
+    let paths = files::tree(folder, stays).into_iter().chain([folder.to_owned()]);
     let modes = paths.map(|path| (std::fs::symlink_metadata(&path).unwrap().permissions().mode() & 0o777, path));
     let open = modes.filter(|(mode, _)| mode & 0o077 != 0);
     open.map(|(mode, path)| format!("{}: {mode:04o}", path.display())).collect()

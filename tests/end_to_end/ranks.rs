@@ -61,7 +61,7 @@ async fn two_ranks_have_the_losses_of_one_process_and_repeat_bit_for_bit() {
 #[tokio::test]
 async fn job_resumes_from_its_checkpoint_after_a_rank_is_killed_or_hangs() {
     const STEPS: u32 = 40;
-    let flags = [&TWO[..], &["--rank-timeout-seconds", "5"]].concat();
+    let flags = [&TWO[..], &["--rank-timeout-seconds", "10"]].concat();
     let (server, mut api, _) = lab::with_episodes(&flags).await;
     let expected = api.succeed(lab::TASK, lab::pretrain(STEPS)).await;
     for sent in [Signal::KILL, Signal::STOP] {
@@ -73,7 +73,7 @@ async fn job_resumes_from_its_checkpoint_after_a_rank_is_killed_or_hangs() {
         assert_eq!(losses(&mut api, &job.id).await, losses(&mut api, &expected.id).await);
         let request = GetJobRequest { job_id: job.id.clone() };
         let log = api.jobs.get_job(request).await.unwrap().into_inner().log;
-        let reason = if sent == Signal::KILL { "rank 1: the worker was killed by signal 9" } else { "within 5 s" };
+        let reason = if sent == Signal::KILL { "rank 1: the worker was killed by signal 9" } else { "within 10 s" };
         assert!(log.contains(reason), "{log}");
     }
 }

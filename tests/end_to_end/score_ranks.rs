@@ -61,7 +61,7 @@ async fn one_two_and_three_processes_give_the_same_bytes() {
 
 #[tokio::test]
 async fn run_whose_process_is_killed_in_the_middle_is_repeated_with_the_same_bytes() {
-    let flags = ["--score-ranks", "2", "--rank-timeout-seconds", "5"];
+    let flags = ["--score-ranks", "2", "--rank-timeout-seconds", "10"];
     let (server, mut api, _) = lab::with_episodes(&flags).await;
     // A larger model takes seconds to encode the episodes.
     let encoder = api.succeed(lab::TASK, lab::with(lab::pretrain(1), json!({"preset": "base"}))).await.result_id;
@@ -77,7 +77,7 @@ async fn run_whose_process_is_killed_in_the_middle_is_repeated_with_the_same_byt
         assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 2), "{}", ended.error);
         assert_eq!(digest(&mut api, &ended.result_id).await, expected);
         let log = api.jobs.get_job(GetJobRequest { job_id: job.id }).await.unwrap().into_inner().log;
-        let reason = if sent == Signal::KILL { "rank 1: the worker was killed by signal 9" } else { "within 5 s" };
+        let reason = if sent == Signal::KILL { "rank 1: the worker was killed by signal 9" } else { "within 10 s" };
         assert!(log.contains(reason), "{log}");
     }
 }

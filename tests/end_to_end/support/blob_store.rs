@@ -37,10 +37,12 @@ pub fn copies(data: &Path) -> usize {
     copy_paths(data).len()
 }
 
-/// The copies of blobs in a data folder, without their sidecars.
+/// The copies of blobs in a data folder, without their sidecars and what a running server is about to rename.
 fn copy_paths(data: &Path) -> Vec<PathBuf> {
     let folders = fs::read_dir(data.join("blobs")).unwrap().map(|entry| entry.unwrap());
     let folders = folders.filter(|folder| folder.file_name().len() == 2);
     let files = folders.flat_map(|folder| fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()));
-    files.filter(|file| file.extension().is_none()).collect()
+    let is_draft =
+        |file: &PathBuf| file.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b".draft-"));
+    files.filter(|file| file.extension().is_none() && !is_draft(file)).collect()
 }

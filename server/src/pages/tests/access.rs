@@ -151,7 +151,7 @@ async fn a_browser_signs_in_and_out() {
 async fn an_ended_token_is_treated_like_a_missing_token() {
     let pages = Pages::open(false).await;
     let browser = pages.visitor().await;
-    let soon = Millis::now().after(std::time::Duration::from_millis(300));
+    let soon = Millis::now().after(std::time::Duration::from_secs(3));
     let body = format!("token={}", pages.token_until(Role::Viewer, Some(soon)).await.replace(' ', "+"));
     let signed_in = pages.post(&browser, "/sign-in", (FORM, &body)).await;
     let viewer = Client { cookie: signed_in.cookie(), ..Client::default() };

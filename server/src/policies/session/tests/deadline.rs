@@ -2,8 +2,9 @@
 
 use super::*;
 
+/// With a deadline that the model misses, and within which it begins on a busy machine too.
 fn hurried() -> Terms {
-    let settings = SessionSettings { deadline: Some(SOON), ..SessionSettings::default() };
+    let settings = SessionSettings { deadline: Some(Duration::from_secs(1)), ..SessionSettings::default() };
     Terms { settings, ..terms() }
 }
 
