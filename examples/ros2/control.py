@@ -93,9 +93,9 @@ class Scene:
             newest = {topic: message for topic, (_, message) in self._newest.items()}
         images, depth = {}, {}
         for source in self.mapping.cameras:
-            images[source.camera] = messages.picture(newest[source.color])
+            images[source.camera] = _picture(source.color, newest)
             if source.depth:
-                depth[source.camera] = messages.picture(newest[source.depth])
+                depth[source.camera] = _picture(source.depth, newest)
         values: list[float] = []
         for field in self.spec.proprioception:
             source = self.fields[field.name]
@@ -116,6 +116,13 @@ class Scene:
             messages.write(message, source.paths, source.names, action[at : at + field.size])
             at += field.size
         return found
+
+
+def _picture(topic: str, newest: Mapping[str, Any]) -> np.ndarray | bytes:
+    try:
+        return messages.picture(newest[topic])
+    except messages.Unfit as problem:
+        raise messages.Unfit(f"{topic}: {problem}") from None
 
 
 class Watchdog:

@@ -119,10 +119,11 @@ class GleanerNode(Node):
         """One control period: an action if every topic is fresh, else nothing."""
         if self._command.keys() != self._scene.acted:
             return
-        if why := self._scene.stale(time.monotonic(), self._most):
-            self._say(f"no action: {why}")
-            return
+        # The watchdog stops the robot if an error lasts; the next period tries again.
         try:
+            if why := self._scene.stale(time.monotonic(), self._most):
+                self._say(f"no action: {why}")
+                return
             observation = self._scene.observation(self.get_clock().now().nanoseconds)
             action = self._policy(observation)
             with self._publishing:
@@ -130,8 +131,10 @@ class GleanerNode(Node):
                     return
                 self._publish(action)
         except (gleaner.GleanerError, Unfit) as error:
-            # The watchdog stops the robot if this lasts; the next period tries again.
             self._say(f"no action: {error}")
+            return
+        except Exception as error:  # Such as a message of another type: the thread continues.
+            self._say(f"no action: {type(error).__name__}: {error}")
             return
         self._watchdog.acted(time.monotonic())
         self._say("acting")
@@ -140,8 +143,7 @@ class GleanerNode(Node):
         """Stops the robot when actions have not come for longer than the watchdog allows."""
         if self._watchdog.trips(time.monotonic()):
             self.get_logger().error("watchdog: no action in time")
-            if self._stop_action is not None:
-                self._publish(self._stop_action)
+            self._stop()
         self._active.publish(Bool(data=self._watchdog.active))
 
     def end(self, outcome: str = "unknown") -> str:
@@ -149,8 +151,8 @@ class GleanerNode(Node):
         with self._publishing:
             self._ending.set()
             # First, because a call may wait for the server.
-            if self._stop_action is not None and self._command.keys() == self._scene.acted:
-                self._publish(self._stop_action)
+            if self._command.keys() == self._scene.acted:
+                self._stop()
             self._active.publish(Bool(data=False))
         self._due.set()
         if self._thread.is_alive():
@@ -164,6 +166,14 @@ class GleanerNode(Node):
             if self._ending.is_set():
                 return
             self.step()
+
+    def _stop(self) -> None:
+        if self._stop_action is None:
+            return
+        try:
+            self._publish(self._stop_action)
+        except Exception as error:  # The episode ends anyway.
+            self.get_logger().error(f"stop_action: {type(error).__name__}: {error}")
 
     def _publish(self, action: np.ndarray) -> None:
         for topic, message in self._scene.commands(action, lambda topic: self._classes[topic]()).items():

@@ -11,6 +11,7 @@ import numpy as np
 PART = re.compile(r"(?P<name>[A-Za-z_]\w*)(?:\[(?P<first>\d+)(?::(?P<end>\d+))?\])?")
 # The header that image transport puts before the PNG of a compressed depth image.
 DEPTH_HEADER = 12
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
 
 class Unfit(ValueError):
@@ -23,11 +24,14 @@ def read(message: Any, paths: Sequence[str], names: Sequence[str]) -> list[float
     for path in paths:
         values = _at(message, path)
         if names:
-            known = [*message.name]
+            known = [*_attribute(message, "name", path)]
             missing = [name for name in names if name not in known]
             if missing:
                 raise Unfit(f"{path}: the message has no {missing[0]}; it names {', '.join(known) or 'nothing'}")
-            values = [values[known.index(name)] for name in names]
+            places = [known.index(name) for name in names]
+            if max(places) >= len(values):
+                raise Unfit(f"{path}: expected a value for each of {len(known)} names, got {len(values)}")
+            values = [values[place] for place in places]
         found += [float(value) for value in np.ravel(values)]
     return found
 
@@ -36,6 +40,7 @@ def write(message: Any, paths: Sequence[str], names: Sequence[str], values: Sequ
     """The reverse of `read`: puts numbers into a message."""
     left = [float(value) for value in values]
     if names:
+        _attribute(message, "name", ", ".join(paths))
         message.name = [*names]
     for path in paths:
         *way, last = path.split(".")
@@ -43,14 +48,15 @@ def write(message: Any, paths: Sequence[str], names: Sequence[str], values: Sequ
         for part in way:
             holder = _part(holder, part)
         match = _match(last)
+        before = _attribute(holder, match["name"], path)
         if match["first"] is None:
-            whole = names or hasattr(getattr(holder, match["name"]), "__len__")
+            whole = names or hasattr(before, "__len__")
             count = len(names) or (len(left) if whole else 1)
             setattr(holder, match["name"], left[:count] if whole else left[0])
         else:
             first, end = int(match["first"]), int(match["end"] or int(match["first"]) + 1)
             count = end - first
-            array = [*getattr(holder, match["name"])]
+            array = [*before]
             array += [0.0] * (end - len(array))
             array[first:end] = left[:count]
             setattr(holder, match["name"], array)
@@ -62,16 +68,21 @@ def write(message: Any, paths: Sequence[str], names: Sequence[str], values: Sequ
 def picture(message: Any) -> np.ndarray | bytes:
     """The picture of an Image or CompressedImage as gleaner takes it: RGB, 16-bit millimetres, or its bytes."""
     if hasattr(message, "format"):
-        data = bytes(message.data)
-        return data[DEPTH_HEADER:] if "compressedDepth" in message.format else data
+        return _compressed(message.format, bytes(message.data))
     kinds = {"rgb8": ("u1", 3), "bgr8": ("u1", 3), "rgba8": ("u1", 4), "bgra8": ("u1", 4)}
     kinds |= {"16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1)}
     if message.encoding not in kinds:
         raise Unfit(f"encoding {message.encoding} is unknown; supported: {', '.join(kinds)}")
     kind, channels = kinds[message.encoding]
     order = ">" if message.is_bigendian else "<"
-    rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, message.step)
     width = message.width * channels * np.dtype(kind).itemsize
+    data = bytes(message.data)
+    if message.step < width or len(data) != message.height * message.step:
+        raise Unfit(
+            f"{message.encoding} of {message.height}×{message.width}: expected {message.height} rows of at least "
+            f"{width} bytes, got {len(data)} bytes with rows of {message.step}"
+        )
+    rows = np.frombuffer(data, np.uint8).reshape(message.height, message.step)
     pixels = np.ascontiguousarray(rows[:, :width]).view(f"{order}{kind}")
     pixels = pixels.reshape(message.height, message.width, channels)
     if kind == "f4":
@@ -83,6 +94,17 @@ def picture(message: Any) -> np.ndarray | bytes:
     return np.ascontiguousarray(colors[..., ::-1] if message.encoding.startswith("bgr") else colors)
 
 
+def _compressed(kind: str, data: bytes) -> bytes:
+    encoding, depth, codec = kind.partition("compressedDepth")
+    if not depth:
+        return data
+    image = data[DEPTH_HEADER:]
+    # Drivers fill in any codec: a PNG is one.
+    if encoding.startswith("32FC1") or (codec.strip() == "rvl" and not image.startswith(PNG_MAGIC)):
+        raise Unfit(f"format {kind!r} is not supported; publish 16UC1 as png, or the depth as sensor_msgs/msg/Image")
+    return image
+
+
 def _match(part: str) -> re.Match[str]:
     match = PART.fullmatch(part)
     if match is None:
@@ -92,15 +114,19 @@ def _match(part: str) -> re.Match[str]:
 
 def _part(holder: Any, part: str) -> Any:
     match = _match(part)
-    if not hasattr(holder, match["name"]):
-        raise Unfit(f"path {part!r}: {type(holder).__name__} has no {match['name']}")
-    value = getattr(holder, match["name"])
+    value = _attribute(holder, match["name"], part)
     if match["first"] is None:
         return value
     first, end = int(match["first"]), match["end"]
     if len(value) < (int(end) if end else first + 1):
         raise Unfit(f"path {part!r}: the message has {len(value)} values")
     return value[first : int(end)] if end else value[first]
+
+
+def _attribute(holder: Any, name: str, path: str) -> Any:
+    if not hasattr(holder, name):
+        raise Unfit(f"path {path!r}: {type(holder).__name__} has no {name}")
+    return getattr(holder, name)
 
 
 def _at(message: Any, path: str) -> Any:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import gleaner
+from fake_ros import EXAMPLE
 from gleaner._proto.v1 import episode_pb2
 from gleaner._upload import Upload, digest
 from gleaner.types import Job
@@ -126,3 +130,22 @@ def deployment(lab: Lab) -> str:
     """The name of a deployed policy of the task."""
     del lab
     return DEPLOYMENT
+
+
+@pytest.fixture
+def modules(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, ModuleType]]:
+    """The own modules of the ROS 2 example."""
+    monkeypatch.syspath_prepend(str(EXAMPLE))
+    names = ("messages", "transforms", "control")
+    yield {name: importlib.import_module(name) for name in names}
+    for name in (*names, "gleaner_node"):
+        sys.modules.pop(name, None)
+
+
+@pytest.fixture
+def monotonic(modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time that its node reads, set by tests."""
+    del modules
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    return now

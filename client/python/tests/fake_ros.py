@@ -10,6 +10,36 @@ from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numpy as np
+
+from programs import ROOT
+
+EXAMPLE = ROOT / "examples" / "ros2"
+
+
+class JointState:
+    def __init__(self) -> None:
+        self.name: list[str] = []
+        self.position: list[float] = []
+
+
+class Array:
+    def __init__(self) -> None:
+        self.data: list[float] = []
+
+
+def picture(pixels: np.ndarray[Any, Any], encoding: str) -> SimpleNamespace:
+    rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(pixels), -1)
+    padded = np.pad(rows, ((0, 0), (0, 5)))
+    return SimpleNamespace(
+        height=len(pixels),
+        width=pixels.shape[1],
+        step=padded.shape[1],
+        encoding=encoding,
+        is_bigendian=0,
+        data=padded.tobytes(),
+    )
+
 
 class Graph:
     """Every topic: its type, its subscribers and what was published."""

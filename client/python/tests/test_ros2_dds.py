@@ -23,11 +23,12 @@ import pytest
 
 import gleaner
 from conftest import TASK
+from fake_ros import EXAMPLE, picture
 from gleaner._proto.v1 import task_pb2
 from gleaner.types import TaskSpec
 from programs import Server
 from test_policy import observation
-from test_ros2_node import ARM, EXAMPLE, IN_ROOT, JOINTS, TOOL, Posed, picture
+from test_ros2_node import ARM, IN_ROOT, JOINTS, TOOL, Posed
 
 rclpy = pytest.importorskip("rclpy", reason="run make check-ros2")
 executors = pytest.importorskip("rclpy.executors")

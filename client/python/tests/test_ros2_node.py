@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
-import sys
 import threading
-from collections.abc import Iterator
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -15,40 +13,17 @@ import pytest
 
 import gleaner
 from conftest import DEPLOYMENT
-from fake_ros import Graph
+from fake_ros import EXAMPLE, Array, Graph, JointState, picture
 from gleaner._proto.v1.task_pb2 import CameraSource, FieldSource, FieldSpec, Mapping, TaskSpec, Transform
 from gleaner.observation import size
-from programs import ROOT
 from test_policy import observation
 
-EXAMPLE = ROOT / "examples" / "ros2"
 JOINTS = [f"joint{number}" for number in range(64)]
 TF, ARRAY = "tf2_msgs/msg/TFMessage", "test_msgs/msg/Array"
 
 
-class JointState:
-    def __init__(self) -> None:
-        self.name: list[str] = []
-        self.position: list[float] = []
-
-
-class Array:
-    def __init__(self) -> None:
-        self.data: list[float] = []
-
-
 class Image:
     pass
-
-
-@pytest.fixture
-def modules(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, ModuleType]]:
-    """The example's own modules."""
-    monkeypatch.syspath_prepend(str(EXAMPLE))
-    names = ("messages", "transforms", "control")
-    yield {name: importlib.import_module(name) for name in names}
-    for name in (*names, "gleaner_node"):
-        sys.modules.pop(name, None)
 
 
 class Robot:
@@ -107,28 +82,6 @@ class Robot:
         self.node.check()
         found: bool = [message.data for topic, message in self.graph.published if topic == "~/active"][-1]
         return found
-
-
-def picture(pixels: np.ndarray[Any, Any], encoding: str) -> SimpleNamespace:
-    rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(pixels), -1)
-    padded = np.pad(rows, ((0, 0), (0, 5)))
-    return SimpleNamespace(
-        height=len(pixels),
-        width=pixels.shape[1],
-        step=padded.shape[1],
-        encoding=encoding,
-        is_bigendian=0,
-        data=padded.tobytes(),
-    )
-
-
-@pytest.fixture
-def monotonic(modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The time that the node reads, set by tests."""
-    del modules
-    now = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
-    return now
 
 
 def test_actions_are_those_of_a_session(
@@ -321,30 +274,6 @@ def test_node_feeds_poses_from_transforms(monotonic: list[float], monkeypatch: p
 def test_action_that_is_a_pose_from_transforms_is_refused(modules: dict[str, ModuleType]) -> None:
     with pytest.raises(gleaner.InvalidArgument, match="command: a pose from transforms cannot be published"):
         modules["control"].Scene(Posed("command").spec)
-
-
-def test_values_and_pictures_of_messages(modules: dict[str, ModuleType]) -> None:
-    messages = modules["messages"]
-    pose = SimpleNamespace(pose=SimpleNamespace(position=SimpleNamespace(x=1, y=2, z=3)), data=[4, 5, 6])
-    assert messages.read(pose, ["pose.position.z", "data[1]", "data[0:2]"], []) == [3, 5, 4, 5]
-    for path, problem in {"pose.speed": "has no speed", "data[9]": "has 3 values", "data[": "expected a.b"}.items():
-        with pytest.raises(messages.Unfit, match=problem):
-            messages.read(pose, [path], [])
-    command = SimpleNamespace(twist=SimpleNamespace(linear=SimpleNamespace(x=0, y=0)), data=0.0)
-    messages.write(command, ["twist.linear.x", "twist.linear.y", "data"], [], [1, 2, 3])
-    assert (command.twist.linear.x, command.twist.linear.y, command.data) == (1, 2, 3)
-    joints = JointState()
-    messages.write(joints, ["position"], ["a", "b"], [1, 2])
-    assert (joints.name, joints.position) == (["a", "b"], [1, 2])
-    with pytest.raises(messages.Unfit, match="1 values more"):
-        messages.write(command, ["data"], [], [1, 2])
-    metres = np.array([[0.5, np.nan], [np.inf, 70.0]], np.float32)[..., None]
-    assert messages.picture(picture(metres, "32FC1")).tolist() == [[500, 0], [0, 65535]]
-    packed = SimpleNamespace(format="16UC1; compressedDepth png", data=b"123456789012PNG")
-    assert messages.picture(packed) == b"PNG"
-    assert messages.picture(SimpleNamespace(format="jpeg", data=b"JPEG")) == b"JPEG"
-    with pytest.raises(messages.Unfit, match="encoding yuv422 is unknown; supported: rgb8"):
-        messages.picture(SimpleNamespace(encoding="yuv422"))
 
 
 def test_readme_names_every_parameter_of_the_node() -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import pickle
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ import pytest
 import gleaner
 from conftest import Lab
 from gleaner._segment_cache import SegmentCache, fetch
+from gleaner.datasets import Segment
+from gleaner.types import Dataset, TaskSpec
 
 
 def cached(client: gleaner.Client, dataset: str, folder: Path, *, kept_only: bool = False) -> SegmentCache:
@@ -39,6 +43,36 @@ def test_windows_of_the_cache_are_the_segments_of_the_stream(
         assert cache.episodes[cache.episode[at]] == segment.episode_id
         assert (cache.end_step[at], cache.expert[at]) == (segment.end_step, segment.role == "expert")
         assert cache.weight[at] == np.float32(segment.weight)
+
+
+class Offline:
+    """Datasets of one task without a server."""
+
+    def __init__(self, segments: list[Segment], values: int) -> None:
+        self.segments = segments
+        self.spec = TaskSpec(proprioception=[{"name": "arm", "size": values}] if values else [])
+        self.spec.action.add(name="command", size=2)
+
+    def get(self, dataset: str) -> Dataset:
+        return Dataset(id=dataset, kept_segments=len(self.segments))
+
+    def task_of(self, dataset: Dataset) -> TaskSpec:
+        return self.spec
+
+    def stream(self, dataset: str, *, frames: bool, kept_only: bool) -> Iterator[Segment]:
+        yield from self.segments
+
+
+@pytest.mark.parametrize(("segments", "values"), [(1, 0), (0, 3), (0, 0)])
+def test_what_is_empty_is_an_empty_array(tmp_path: Path, segments: int, values: int) -> None:
+    proprioception, action = np.zeros((4, values), np.float32), np.ones((4, 2), np.float32)
+    segment = Segment("ep_1", 0, 3, "imperfect", 1.0, proprioception, action)
+    datasets: Any = Offline([segment] * segments, values)
+    cache = fetch(datasets, "ds_1", frames=False, kept_only=True, folder=tmp_path, progress=lambda done, total: None)
+    for again in (cache, pickle.loads(pickle.dumps(cache))):
+        assert (len(again), again.rows) == (segments, 4 * segments)
+        for name, size in {"proprioception": values, "action": 2}.items():
+            assert (again.steps[name].shape, again.steps[name].dtype) == ((4 * segments, size), np.float32)
 
 
 def test_a_step_is_stored_once(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:

@@ -279,6 +279,7 @@ def test_a_seed_is_an_episode_of_a_real_simulator(simulator: str) -> None:
     if depth:
         # The hand looks at the table from above: between a hand's width and a metre.
         assert 50 < np.median(first.depth[camera]) < 1000
+    assert sim.rate_hz == {"robosuite": 20.0, "metaworld": 80.0, "libero": None}[simulator]
     sim.close()
     with pytest.raises(gleaner.InvalidArgument, match=r"env: .* has no 'Nothing'; it has "):
         make(simulator, "Nothing", [])
@@ -294,6 +295,8 @@ def test_the_command_evaluates_a_deployment_in_a_real_simulator(
         client, spec_of(f"{simulator}_task", camera, values, action, depth=simulator == "robosuite"), tmp_path
     )
     words = [sys.executable, "-m", "gleaner.simulators", simulator, env_id, "--server", server]
+    # The task is at 20 Hz.
+    words += ["--option", "repeat=4"] if simulator == "metaworld" else []
 
     def run(*more: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run([*words, *more], check=False, capture_output=True, text=True)

@@ -66,6 +66,9 @@ class SegmentCache:
         expected = self.rows * int(np.prod(shape)) * np.dtype(kind).itemsize
         if (found := path.stat().st_size) != expected:
             raise Damaged(f"{path}: expected {expected} bytes, got {found}; delete {self.folder} and fetch it again")
+        if expected == 0:
+            # An empty file cannot be mapped.
+            return np.empty((self.rows, *shape), kind)
         return np.memmap(path, kind, "r", shape=(self.rows, *shape))
 
     def __reduce__(self) -> tuple[type[SegmentCache], tuple[Path]]:

@@ -77,7 +77,7 @@ class Policy:
         self.deployment = deployment
         self.spec = _spec(client, deployment)
         self.rate_hz = rate_hz if rate_hz is not None else self.spec.rate_hz
-        if abs(self.rate_hz / self.spec.rate_hz - 1) > _OTHER_RATE:
+        if other_rate(self.rate_hz, self.spec):
             slower = "slower" if self.rate_hz < self.spec.rate_hz else "faster"
             warnings.warn(
                 f"rate_hz {self.rate_hz:g}: the steps of the task are at {self.spec.rate_hz:g} Hz, so the robot moves "
@@ -235,6 +235,11 @@ class Policy:
     @property
     def _period_ns(self) -> int:
         return round(1e9 / self.rate_hz)
+
+
+def other_rate(rate_hz: float, spec: TaskSpec) -> bool:
+    """Whether a control rate is not the task's."""
+    return abs(rate_hz / spec.rate_hz - 1) > _OTHER_RATE
 
 
 def _spec(client: Client, deployment: str) -> TaskSpec:

@@ -71,6 +71,7 @@ def _one(
     with Policy(client, given.deployment, record=given.record, cohort=given.cohort) as policy:
         sim = make(given.simulator, given.env, adapter.wanted(policy.spec), **options)
         try:
+            adapter.check(sim, policy.spec)
             return sim.name, evaluate(sim, policy, adapter, given.episodes, given.seed, **_how(given))
         finally:
             sim.close()
@@ -86,6 +87,7 @@ def _several(
     with VectorPolicy(client, given.deployment, count, record=given.record, cohort=given.cohort) as policy:
         cameras = adapter.wanted(policy.spec)
         with SimulatorVector(partial(make, given.simulator, given.env, cameras, **options), count) as envs:
+            adapter.check(envs, policy.spec)
             return envs.name, evaluate_vector(envs, policy, adapter, given.episodes, given.seed, **_how(given))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,11 @@ from numpy.typing import NDArray
 from gleaner.errors import invalid
 from gleaner.evaluation import Adapter
 from gleaner.observation import size
+from gleaner.policy import other_rate
 from gleaner.types import CameraSpec, TaskSpec
+
+if TYPE_CHECKING:
+    from gleaner.simulators._vector import SimulatorVector
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,8 @@ class Simulator(abc.ABC):
     name: str  # as results are reported, robosuite/Lift for example
     low: NDArray[np.float32]  # of an action
     high: NDArray[np.float32]
+    rate_hz: float | None = None  # at which it takes actions; None: unknown, and not compared with the task's
+    rate_option: str = ""  # which option changes it, with {hz:g} for the rate
 
     @abc.abstractmethod
     def reset(self, *, seed: int | None = None) -> tuple[Seen, dict[str, Any]]:
@@ -67,8 +73,18 @@ class SimulatorAdapter(Adapter):
         _known("field", self._fields, [one.name for one in spec.proprioception])
         return [self._camera(camera) for camera in spec.cameras]
 
+    def check(self, env: Simulator | SimulatorVector, spec: TaskSpec) -> None:
+        """Raises `InvalidArgument` if the simulator moves at another rate than the task."""
+        if env.rate_hz is None or not other_rate(env.rate_hz, spec):
+            return
+        fix = f"; change it with {env.rate_option.format(hz=spec.rate_hz)}" if env.rate_option else ""
+        raise invalid(
+            "rate_hz", f"{env.name} takes actions at {env.rate_hz:g} Hz, the task's are at {spec.rate_hz:g} Hz{fix}"
+        )
+
     def cameras(self, env: Any, observation: Seen) -> Mapping[str, NDArray[np.uint8]]:
-        """The task's pictures."""
+        """The task's pictures. They come first of an observation: none is sent from a simulator of another rate."""
+        self.check(env, self.spec)
         return {camera.name: observation.images[self._of(camera)] for camera in self.spec.cameras}
 
     def depth(self, env: Any, observation: Seen) -> Mapping[str, NDArray[np.uint16]]:
@@ -77,9 +93,10 @@ class SimulatorAdapter(Adapter):
 
     def proprioception(self, env: Any, observation: Seen) -> NDArray[np.float32]:
         """The task's fields, one after the other."""
-        return np.concatenate([self._field(one.name, one.size, observation) for one in self.spec.proprioception])
+        fields = [self._field(one.name, one.size, observation) for one in self.spec.proprioception]
+        return np.concatenate([np.empty(0, np.float32), *fields])
 
-    def action(self, env: Simulator, action: NDArray[np.float32]) -> NDArray[np.float32]:
+    def action(self, env: Simulator | SimulatorVector, action: NDArray[np.float32]) -> NDArray[np.float32]:
         """The action within the simulator's bounds."""
         if len(env.low) != size(self.spec.action):
             raise invalid("action", f"{env.name} takes {len(env.low)} values, the task has {size(self.spec.action)}")

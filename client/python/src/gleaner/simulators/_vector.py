@@ -40,7 +40,7 @@ class SimulatorVector:
                 process.start()
                 theirs.close()
                 self._rows.append((process, ours))
-            self.name, self.low, self.high = self._answers()[0]
+            self.name, self.low, self.high, self.rate_hz, self.rate_option = self._answers()[0]
         except BaseException:
             self.close()
             raise
@@ -136,7 +136,7 @@ def _run(make: Callable[[], Simulator], pipe: Connection) -> None:
 
 
 def _serve(sim: Simulator, pipe: Connection) -> None:
-    _send(pipe, (sim.name, sim.low, sim.high))
+    _send(pipe, (sim.name, sim.low, sim.high, sim.rate_hz, sim.rate_option))
     ended: Any = None
     while True:
         try:

@@ -30,6 +30,8 @@ def make(env_id: str, cameras: list[Camera], *, repeat: int = 1, max_steps: int 
 class MetaWorld(Simulator):
     """One task. A seed is a placement of object and goal."""
 
+    rate_option = f"--option repeat=N, which makes it {_RATE_HZ}/N Hz"
+
     def __init__(self, env_id: str, cameras: list[Camera], repeat: int, max_steps: int) -> None:
         env: Any = ALL_V3_ENVIRONMENTS[env_id]()
         # Placements come from the seed, and the goal is part of the state.
@@ -38,6 +40,7 @@ class MetaWorld(Simulator):
         env.seeded_rand_vec = True
         env._set_task_called = True
         self._env, self._repeat, self.name = env, repeat, f"metaworld/{env_id}"
+        self.rate_hz = _RATE_HZ / repeat
         self._most = min(max_steps or env.max_path_length, env.max_path_length // repeat)
         self._steps = 0
         self.low, self.high = env.action_space.low.astype(np.float32), env.action_space.high.astype(np.float32)

@@ -35,8 +35,11 @@ def make(env_id: str, cameras: list[Camera], **options: Any) -> Robosuite:
 class Robosuite(Simulator):
     """One environment. robosuite gives pictures from the lowest row to the highest, and depth of its own scale."""
 
+    rate_option = "--option control_freq={hz:g}"
+
     def __init__(self, env: Any, env_id: str, cameras: list[Camera]) -> None:
         self._env, self._cameras, self.name = env, cameras, f"robosuite/{env_id}"
+        self.rate_hz = float(env.control_freq)
         low, high = env.action_spec
         self.low, self.high = low.astype(np.float32), high.astype(np.float32)
 
