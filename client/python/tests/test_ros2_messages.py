@@ -1,4 +1,4 @@
-"""What the ROS 2 example makes of messages, also malformed ones, and that its node goes on after them. No server."""
+"""What the ROS 2 example makes of messages, also malformed ones, and that its node continues after them. No server."""
 
 from __future__ import annotations
 
