@@ -181,7 +181,7 @@ impl Blobs {
                 break;
             }
             let object = remote.bucket.size(&self.name(&id))?;
-            if object != Some(size) && self.resend_lost(remote, &id, &path, object) {
+            if object != Some(size) && path.exists() && self.must_stay(remote, &id, object) {
                 continue;
             }
             match fs::remove_file(&path) {
@@ -196,25 +196,19 @@ impl Blobs {
 
     /// Sends an object that is missing or has another size (`object`) again from its copy, if that is sound. Returns whether
     /// the copy has to stay.
-    fn resend_lost(&self, remote: &Remote, id: &BlobId, path: &Path, object: Option<u64>) -> bool {
+    fn must_stay(&self, remote: &Remote, id: &BlobId, object: Option<u64>) -> bool {
         let store = remote.bucket.shown();
-        if !path.exists() {
-            // Removed meanwhile, with its object or before it.
-            return false;
-        }
-        if digest(path).ok().as_ref() != Some(id) {
-            tracing::error!(blob.id = %id, store, object, "a copy is damaged, and its object is missing or has another size");
-            return object.is_none();
-        }
-        match remote.bucket.put(&self.name(id), path) {
-            Ok(()) => {
-                tracing::error!(blob.id = %id, store, object, "the bucket had lost a blob, or a part of it: sent again")
+        match self.resend(id) {
+            Ok(true) => true,
+            Ok(false) => {
+                tracing::error!(blob.id = %id, store, object, "a copy is damaged, and its object is missing or has another size");
+                object.is_none()
             }
             Err(error) => {
-                tracing::error!(blob.id = %id, store, object, %error, "the bucket lacks a blob: its copy stays")
+                tracing::error!(blob.id = %id, store, object, %error, "the bucket lacks a blob: its copy stays");
+                true
             }
         }
-        true
     }
 
     /// The name of a blob in its bucket.
