@@ -24,8 +24,7 @@ use crate::support::{
 fn open_to_others(folder: &Path) -> Vec<String> {
     use std::os::unix::fs::PermissionsExt as _;
     // Not those that a running server is about to rename.
-    let stays = |name: &str| !name.starts_with(".draft-");
-    let paths = files::tree(folder, stays).into_iter().chain([folder.to_owned()]);
+    let paths = files::tree(folder, |name| !files::is_draft(name)).into_iter().chain([folder.to_owned()]);
     let modes = paths.map(|path| (std::fs::symlink_metadata(&path).unwrap().permissions().mode() & 0o777, path));
     let open = modes.filter(|(mode, _)| mode & 0o077 != 0);
     open.map(|(mode, path)| format!("{}: {mode:04o}", path.display())).collect()

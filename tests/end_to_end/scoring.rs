@@ -253,7 +253,7 @@ async fn invalid_steps_are_not_scored() {
 
 /// Every file in the data folder, except descriptions and their drafts, which the server writes in the background.
 fn stored_files(server: &TestServer) -> Vec<PathBuf> {
-    let passes = |name: &str| !name.starts_with(".draft-") && !name.ends_with(".json");
+    let passes = |name: &str| !files::is_draft(name) && !name.ends_with(".json");
     files::tree(server.data_dir(), passes).into_iter().filter(|path| !path.is_dir()).collect()
 }
 

@@ -1,13 +1,10 @@
 //! Servers whose blobs are in a bucket.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{fs, path::Path};
 
 use gleaner_bucket::testing::TestStore;
 
-use super::server::TestServer;
+use super::{files, server::TestServer};
 
 /// The flags of a bucket.
 pub fn flags(store: &TestStore, prefix: &str) -> Vec<String> {
@@ -25,7 +22,7 @@ pub async fn start(store: &TestStore, prefix: &str, more: &[&str]) -> TestServer
 
 /// Removes the copies of blobs, and the decoded steps, from a data folder.
 pub fn forget_copies(data: &Path) {
-    for file in copy_paths(data) {
+    for file in files::blobs(data) {
         fs::remove_file(file).unwrap();
     }
     fs::remove_dir_all(data.join("cache")).unwrap();
@@ -34,15 +31,5 @@ pub fn forget_copies(data: &Path) {
 
 /// The number of copies of blobs in a data folder.
 pub fn copies(data: &Path) -> usize {
-    copy_paths(data).len()
-}
-
-/// The copies of blobs in a data folder, without their sidecars and what a running server is about to rename.
-fn copy_paths(data: &Path) -> Vec<PathBuf> {
-    let folders = fs::read_dir(data.join("blobs")).unwrap().map(|entry| entry.unwrap());
-    let folders = folders.filter(|folder| folder.file_name().len() == 2);
-    let files = folders.flat_map(|folder| fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()));
-    let is_draft =
-        |file: &PathBuf| file.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b".draft-"));
-    files.filter(|file| file.extension().is_none() && !is_draft(file)).collect()
+    files::blobs(data).len()
 }

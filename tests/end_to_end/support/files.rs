@@ -65,12 +65,15 @@ pub fn blob(data: &Path, blake3: &str) -> PathBuf {
     data.join("blobs").join(&blake3[..2]).join(&blake3[2..])
 }
 
+/// Whether a file has the name of a draft, which a running server is about to rename and a kill leaves to the sweep.
+pub fn is_draft(name: &str) -> bool {
+    name.starts_with(".draft-")
+}
+
 /// The files of all blobs, without sidecars, stamp and trash.
 pub fn blobs(data: &Path) -> Vec<PathBuf> {
-    let all = blob_folders(data).into_iter().flat_map(|folder| files(&folder));
-    // A kill leaves drafts, which the sweep removes.
-    let is_draft = |file: &Path| file.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b".draft-"));
-    all.filter(|file| file.extension().is_none() && !is_draft(file)).collect()
+    let all = blob_folders(data).into_iter().flat_map(|folder| tree(&folder, |name| !is_draft(name)));
+    all.filter(|file| file.extension().is_none() && file.is_file()).collect()
 }
 
 /// The folders of blobs, which are named by the first two characters of the digests.
