@@ -1,9 +1,10 @@
 //! The frame cache: a decoded episode as one file, of which any step is read without the others.
 //!
 //! Layout, all little-endian: a head (`layout.rs`), one row a step (stamp, proprioception, action, the place of each
-//! image of the step, a checksum), then the pictures, each compressed without loss (`codec.rs`). A picture that several
-//! steps use is there once. A cache is derived from a recording and can be made again at any time: each part has a
-//! checksum, so that damage is found where it is read.
+//! image of the step, a checksum), then the pictures, each compressed without loss (`codec.rs`), by itself or as its
+//! difference to an earlier one that is, so that any picture is read with one other at most. A picture that several steps
+//! use is there once. A cache is derived from a recording and can be made again at any time: each part has a checksum, so
+//! that damage is found where it is read.
 
 mod codec;
 mod layout;
@@ -17,11 +18,10 @@ use std::sync::Arc;
 
 use crate::error::RecordingError;
 use crate::frames::{Picture, pictures};
-use codec::Unpacker;
+use codec::{Unpacker, packed_bound};
 use gleaner_core::TaskSpec;
 use layout::{Head, Place, Row};
 
-pub(crate) use codec::Packer;
 pub(crate) use write::{CacheWriter, Steps};
 
 /// A frame cache whose head was checked. The file is opened for each read and held by none, so that any number of
@@ -31,6 +31,12 @@ pub struct FrameCache {
     path: Arc<Path>,
     head: Head,
     pictures: Arc<[Picture]>,
+}
+
+/// A picture that others are differences to.
+struct KeyPicture {
+    place: Place,
+    pixels: Vec<u8>,
 }
 
 /// The numbers of consecutive steps.
@@ -106,6 +112,7 @@ impl FrameCache {
         }
         let file = self.open_for(&steps)?;
         let mut unpacker = Unpacker::new().map_err(io_error(&self.path))?;
+        let mut keys: Vec<Option<KeyPicture>> = self.pictures.iter().map(|_| None).collect();
         let mut before: Option<(Vec<Place>, &mut [u8])> = None;
         let rows = self.rows(&file, steps)?;
         for (row, frame) in rows.into_iter().zip(frames.chunks_exact_mut(self.frame_bytes())) {
@@ -116,7 +123,9 @@ impl FrameCache {
                     Some((places, frame)) if places[stream] == place => {
                         pixels.copy_from_slice(&frame[picture.offset..picture.offset + picture.bytes]);
                     }
-                    Some(_) | None => self.picture(&file, place, &mut unpacker, (picture, pixels))?,
+                    Some(_) | None => {
+                        self.picture(&file, place, (&mut unpacker, &mut keys[stream]), (picture, pixels))?;
+                    }
                 }
             }
             before = Some((row.places, frame));
@@ -150,14 +159,41 @@ impl FrameCache {
         damaged(&self.path, &format!("the checksum of step {step} is wrong"))
     }
 
+    /// Fills the pixels of a picture. `key` is the last one of its stream that was packed by itself.
     fn picture(
         &self,
         file: &File,
         place: Place,
-        unpacker: &mut Unpacker,
+        (unpacker, key): (&mut Unpacker, &mut Option<KeyPicture>),
         (picture, pixels): (&Picture, &mut [u8]),
     ) -> Result<(), RecordingError> {
-        if place.length as usize > zstd::zstd_safe::compress_bound(picture.bytes) {
+        let fault = |problem: String| damaged(&self.path, &problem);
+        let packed = self.packed(file, place, picture)?;
+        let (of, packed) = Unpacker::key(&packed).map_err(fault)?;
+        let Some(of) = of else {
+            unpacker.alone(packed, picture.row_bytes, pixels).map_err(fault)?;
+            *key = Some(KeyPicture { place, pixels: pixels.to_vec() });
+            return Ok(());
+        };
+        let whole = match key.take().filter(|key| key.place == of) {
+            Some(key) => key,
+            None => {
+                let packed = self.packed(file, of, picture)?;
+                let (None, packed) = Unpacker::key(&packed).map_err(fault)? else {
+                    return Err(fault("a picture is the difference to a difference".to_owned()));
+                };
+                let mut whole = vec![0; picture.bytes];
+                unpacker.alone(packed, picture.row_bytes, &mut whole).map_err(fault)?;
+                KeyPicture { place: of, pixels: whole }
+            }
+        };
+        unpacker.difference(packed, &whole.pixels, pixels).map_err(fault)?;
+        *key = Some(whole);
+        Ok(())
+    }
+
+    fn packed(&self, file: &File, place: Place, picture: &Picture) -> Result<Vec<u8>, RecordingError> {
+        if place.length as usize > packed_bound(picture.bytes) {
             return Err(damaged(&self.path, "a picture is larger than any of its size"));
         }
         let mut packed = vec![0; place.length as usize];
@@ -165,7 +201,7 @@ impl FrameCache {
         if crc32fast::hash(&packed) != place.crc {
             return Err(damaged(&self.path, &format!("the checksum of the picture at byte {} is wrong", place.offset)));
         }
-        unpacker.unpack(&packed, picture.row_bytes, pixels).map_err(|problem| damaged(&self.path, &problem))
+        Ok(packed)
     }
 
     fn read(&self, file: &File, bytes: &mut [u8], offset: u64) -> Result<(), RecordingError> {

@@ -20,9 +20,8 @@ use gleaner_core::TaskSpec;
 use gleaner_core::{FindingCode, Severity};
 use look::{Looking, Message, Uses};
 
-/// Receives the next picture of a stream, by the stream's number in the plan, and the picture as a cache has it if it was
-/// packed on a thread of its own.
-pub(crate) type Keep<'a> = &'a mut dyn FnMut(usize, &[u8], Option<&[u8]>) -> Result<(), RecordingError>;
+/// Receives the next picture of a stream, by the stream's number in the plan.
+pub(crate) type Keep<'a> = &'a mut dyn FnMut(usize, &[u8]) -> Result<(), RecordingError>;
 
 /// Decodes the images of all steps on this many threads; those that can't be decoded become findings. Hands on each
 /// picture that differs from the one before it in its stream, and returns for each stream and step the number of its
@@ -53,9 +52,7 @@ pub(crate) fn fill(
             })
             .map(|_| ())
         };
-        let show = &mut |stream, shown: Shown, packed: Option<&[u8]>| {
-            filler.show(stream, looking.steps(stream, shown.message), (shown, packed))
-        };
+        let show = &mut |stream, shown: Shown| filler.show(stream, looking.steps(stream, shown.message), shown);
         order::in_order(&looking, threads, &topics, messages, show)?;
     }
     let (mut problems, mut held, mut shown) = (Vec::new(), Vec::new(), Vec::new());
@@ -127,12 +124,7 @@ struct Problem {
 
 impl Filler<'_> {
     /// Puts the pixels of a message into the steps that use it.
-    fn show(
-        &mut self,
-        at: usize,
-        steps: &[u32],
-        (shown, packed): (Shown, Option<&[u8]>),
-    ) -> Result<(), RecordingError> {
+    fn show(&mut self, at: usize, steps: &[u32], shown: Shown) -> Result<(), RecordingError> {
         let Shown { pixels, held, .. } = shown;
         let stream = &mut self.streams[at];
         let Some(first) = steps.iter().min().copied() else { return Ok(()) };
@@ -143,7 +135,7 @@ impl Filler<'_> {
         match pixels {
             Ok(pixels) => {
                 if stream.number == 0 || pixels != stream.last {
-                    (self.keep)(at, &pixels, packed)?;
+                    (self.keep)(at, &pixels)?;
                     (stream.last, stream.number) = (pixels, stream.number + 1);
                 }
                 steps.iter().for_each(|&step| stream.shown[step as usize] = stream.number);

@@ -47,7 +47,7 @@ pub fn cache_episode(
     let mut report = Report::default();
     write_whole(cache, |out| {
         let mut writer = CacheWriter::begin(out, cache, spec, plan.stamps.len())?;
-        let keep = &mut |stream, pixels: &[u8], packed: Option<&[u8]>| writer.picture(stream, pixels, packed);
+        let keep = &mut |stream, pixels: &[u8]| writer.picture(stream, pixels);
         let shown = fill(path, spec, (limits, threads), &mut plan, keep)?;
         report = usable(&mut plan)?;
         let Plan { stamps, proprioception, action, .. } = &plan;
@@ -80,7 +80,7 @@ pub fn read_episode_within(path: &Path, spec: &TaskSpec, limits: &Limits) -> Res
     validate_within(spec, limits)?;
     let mut plan = plan(path, spec, limits)?;
     let mut kept = vec![Vec::new(); plan.images.len()];
-    let shown = fill(path, spec, (limits, ImageThreads::NONE), &mut plan, &mut |stream, pixels, _| {
+    let shown = fill(path, spec, (limits, ImageThreads::NONE), &mut plan, &mut |stream, pixels| {
         kept[stream].push(pixels.to_vec());
         Ok(())
     })?;

@@ -6,7 +6,7 @@ use crate::frames::pictures;
 use gleaner_core::TaskSpec;
 
 const MAGIC: &[u8; 8] = b"GLEANFRM";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// A stamp, and the checksum at the end of a row.
 const STAMP_BYTES: usize = 8;
 const CRC_BYTES: usize = 4;
@@ -30,6 +30,26 @@ pub(super) struct Place {
     pub(super) crc: u32,
 }
 
+impl Place {
+    pub(super) const BYTES: usize = 8 + 4 + 4;
+
+    pub(super) fn write(self, out: &mut Vec<u8>) {
+        out.extend(self.offset.to_le_bytes());
+        out.extend(self.length.to_le_bytes());
+        out.extend(self.crc.to_le_bytes());
+    }
+
+    /// The place with which these bytes begin, and the rest of them.
+    pub(super) fn parse(bytes: &[u8]) -> Option<(Self, &[u8])> {
+        let mut rest = Cursor(bytes);
+        Some((Self::take(&mut rest)?, rest.0))
+    }
+
+    fn take(rest: &mut Cursor<'_>) -> Option<Self> {
+        Some(Self { offset: rest.u64()?, length: rest.u32()?, crc: rest.u32()? })
+    }
+}
+
 /// The content of one row.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Row {
@@ -49,7 +69,7 @@ impl Head {
     }
 
     pub(super) fn row_bytes(&self) -> usize {
-        self.numbers_bytes() + 16 * self.widths[2] + CRC_BYTES
+        self.numbers_bytes() + Place::BYTES * self.widths[2] + CRC_BYTES
     }
 
     /// Bytes of the stamp and the numbers, with which a row begins.
@@ -111,11 +131,7 @@ impl Row {
         let begin = out.len();
         out.extend(self.stamp.to_le_bytes());
         self.proprioception.iter().chain(&self.action).for_each(|value| out.extend(value.to_le_bytes()));
-        for Place { offset, length, crc } in &self.places {
-            out.extend(offset.to_le_bytes());
-            out.extend(length.to_le_bytes());
-            out.extend(crc.to_le_bytes());
-        }
+        self.places.iter().for_each(|place| place.write(out));
         let crc = checksum(step, out.get(begin..).unwrap_or_default());
         out.extend(crc.to_le_bytes());
     }
@@ -149,8 +165,7 @@ impl Row {
         let stamp = Self::numbers(head, step, bytes, &mut proprioception, &mut action)?;
         let [.., pictures] = head.widths;
         let mut rest = Cursor(bytes.get(head.numbers_bytes()..)?);
-        let mut place = |_| Some(Place { offset: rest.u64()?, length: rest.u32()?, crc: rest.u32()? });
-        let places = (0..pictures).map(&mut place).collect::<Option<Vec<Place>>>()?;
+        let places = (0..pictures).map(|_| Place::take(&mut rest)).collect::<Option<Vec<Place>>>()?;
         Some(Self { stamp, proprioception, action, places })
     }
 }

@@ -14,10 +14,27 @@ fn episode() -> Episode {
     Episode::new(&spec, vec![-5, 0, 7, i64::MAX], (0..12u8).map(f32::from).collect(), action, frames).unwrap()
 }
 
+/// Six steps of a camera that stands still: 24 bytes of each step's images differ from those of the first.
+fn still() -> Episode {
+    let spec = arm();
+    let first = episode().frames().as_ref()[..frame_bytes_per_step(&spec)].to_vec();
+    let frames = (0..6u8).flat_map(|step| {
+        let mut frame = first.clone();
+        let moved = usize::from(step) * 24;
+        frame[moved..moved + 24].fill(step);
+        frame
+    });
+    Episode::new(&spec, (0..6).collect(), vec![0.5; 18], vec![1.0; 12], frames.collect()).unwrap()
+}
+
 fn written() -> (tempfile::TempDir, std::path::PathBuf) {
+    written_of(&episode())
+}
+
+fn written_of(episode: &Episode) -> (tempfile::TempDir, std::path::PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.frames");
-    episode().write_cache(&arm(), &path).unwrap();
+    episode.write_cache(&arm(), &path).unwrap();
     (folder, path)
 }
 
@@ -66,6 +83,33 @@ fn a_picture_of_several_steps_is_stored_once() {
 }
 
 #[test]
+fn pictures_of_a_still_camera_are_differences_and_each_is_read_without_the_others() {
+    let (_folder, path) = written_of(&still());
+    let cache = FrameCache::open(&path, &arm()).unwrap();
+    let rows = cache.rows(&File::open(&path).unwrap(), 0..6).unwrap();
+    let (key, difference) = (rows[0].places[0].length, rows[5].places[0].length);
+    assert!(2 * difference < key, "{difference} bytes of {key}");
+    let (whole, size) = (still().frames(), cache.frame_bytes());
+    for begin in 0..6 {
+        for end in begin..=6 {
+            assert!(cache.frames(begin..end).unwrap() == whole.as_ref()[begin * size..end * size], "{begin}..{end}");
+        }
+    }
+}
+
+#[test]
+fn a_damaged_key_is_found_by_the_pictures_that_differ_from_it() {
+    let (_folder, path) = written_of(&still());
+    let cache = FrameCache::open(&path, &arm()).unwrap();
+    let key = cache.rows(&File::open(&path).unwrap(), 0..1).unwrap()[0].places[0];
+    let mut bytes = std::fs::read(&path).unwrap();
+    bytes[usize::try_from(key.offset).unwrap() + 20] ^= 1;
+    std::fs::write(&path, &bytes).unwrap();
+    let error = cache.frames(5..6).unwrap_err();
+    assert!(error.is_of_the_cache() && error.to_string().contains("checksum"), "{error}");
+}
+
+#[test]
 fn an_open_cache_holds_no_file() {
     let (_folder, path) = written();
     let cache = FrameCache::open(&path, &arm()).unwrap();
@@ -110,13 +154,15 @@ fn truncated_extended_or_foreign_file_is_refused() {
 
 #[test]
 fn a_changed_byte_anywhere_is_found() {
-    let (_folder, path) = written();
-    let whole = std::fs::read(&path).unwrap();
-    for at in 0..whole.len() {
-        let mut changed = whole.clone();
-        changed[at] ^= 0x10;
-        std::fs::write(&path, &changed).unwrap();
-        let error = read(&path).unwrap_err();
-        assert!(error.is_of_the_cache(), "byte {at}: {error}");
+    for episode in [episode(), still()] {
+        let (_folder, path) = written_of(&episode);
+        let whole = std::fs::read(&path).unwrap();
+        for at in 0..whole.len() {
+            let mut changed = whole.clone();
+            changed[at] ^= 0x10;
+            std::fs::write(&path, &changed).unwrap();
+            let error = read(&path).unwrap_err();
+            assert!(error.is_of_the_cache(), "byte {at}: {error}");
+        }
     }
 }

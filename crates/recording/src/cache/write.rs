@@ -1,12 +1,13 @@
 //! Writing a frame cache while its recording is read: pictures first, as they are decoded, then the rows.
 //!
-//! Memory follows the number of pictures by 16 bytes each, and not their size. Independent of recordings.
+//! Memory follows the number of pictures by 16 bytes each, and not their size, apart from one picture of each stream.
+//! Independent of recordings.
 
 use std::fs::File;
 use std::io::{BufWriter, Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 
-use super::codec::Packer;
+use super::codec::{Key, Packer};
 use super::io_error;
 use super::layout::{Head, Place, Row};
 use crate::error::RecordingError;
@@ -34,6 +35,8 @@ pub(crate) struct CacheWriter<'a> {
     offset: u64,
     /// For each stream, its pictures so far.
     places: Vec<Vec<Place>>,
+    /// For each stream, the picture that later ones are differences to.
+    keys: Vec<Option<Key>>,
     packer: Packer,
 }
 
@@ -53,28 +56,27 @@ impl<'a> CacheWriter<'a> {
         let offset = head.row_at(steps).ok_or_else(too_long).map_err(io_error(path))?;
         out.seek(SeekFrom::Start(offset)).map_err(io_error(path))?;
         let packer = Packer::new().map_err(io_error(path))?;
-        Ok(Self { path, out, head, places: vec![Vec::new(); forms.len()], forms, offset, packer })
+        let (places, keys) = (vec![Vec::new(); forms.len()], forms.iter().map(|_| None).collect());
+        Ok(Self { path, out, head, places, keys, forms, offset, packer })
     }
 
-    /// Adds the next picture of a stream, and packs it unless it is packed already.
+    /// Packs and adds the next picture of a stream.
     ///
     /// # Errors
     /// [`RecordingError::Io`].
-    pub(crate) fn picture(
-        &mut self,
-        stream: usize,
-        pixels: &[u8],
-        packed: Option<&[u8]>,
-    ) -> Result<(), RecordingError> {
-        let packed = match packed {
-            Some(packed) => packed,
-            None => self.packer.pack(pixels, self.forms[stream].row_bytes).map_err(io_error(self.path))?,
-        };
-        self.out.write_all(packed).map_err(io_error(self.path))?;
+    pub(crate) fn picture(&mut self, stream: usize, pixels: &[u8]) -> Result<(), RecordingError> {
+        let key = &mut self.keys[stream];
+        let packed = self.packer.pack(pixels, self.forms[stream].row_bytes, key.as_mut());
+        let packed = packed.map_err(io_error(self.path))?;
+        self.out.write_all(packed.bytes).map_err(io_error(self.path))?;
         // A step's images have at most 1 GiB.
-        let length = u32::try_from(packed.len()).unwrap_or(u32::MAX);
-        self.places[stream].push(Place { offset: self.offset, length, crc: crc32fast::hash(packed) });
-        self.offset += packed.len() as u64;
+        let length = u32::try_from(packed.bytes.len()).unwrap_or(u32::MAX);
+        let place = Place { offset: self.offset, length, crc: crc32fast::hash(packed.bytes) };
+        if packed.is_key {
+            *key = Some(Key::new(place, pixels));
+        }
+        self.places[stream].push(place);
+        self.offset += u64::from(length);
         Ok(())
     }
 
@@ -124,7 +126,7 @@ impl Episode {
                 let mut number = 0;
                 for step in 0..self.steps() {
                     if step == 0 || image(step) != image(step - 1) {
-                        writer.picture(stream, image(step), None)?;
+                        writer.picture(stream, image(step))?;
                         number += 1;
                     }
                     shown[stream].push(number);

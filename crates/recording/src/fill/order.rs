@@ -1,4 +1,4 @@
-//! Messages that are decoded on several threads, and their pictures, packed for the cache, in the order of the messages.
+//! Messages that are decoded on several threads, and their pictures in the order of the messages.
 //!
 //! Whatever the number of threads, pictures come in the same order, so a cache has the same bytes. The messages and
 //! pictures under way are limited by their memory. Independent of what becomes of a picture.
@@ -9,10 +9,8 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread::{self, Builder, Scope};
 
 use super::look::{Films, Looking, Message, Pictures};
-use crate::cache::Packer;
 use crate::channels::Readable;
 use crate::error::RecordingError;
-use crate::frames::pictures;
 use crate::limits::ImageThreads;
 use crate::video::Shown;
 
@@ -22,8 +20,8 @@ const PIXEL_BYTES: usize = 16;
 /// That of a task itself and of its place in the line.
 const TASK_BYTES: usize = 1 << 10;
 
-/// Receives a picture of a stream, packed if a thread of its own decoded it.
-pub(super) type Show<'a> = &'a mut dyn FnMut(usize, Shown, Option<&[u8]>) -> Result<(), RecordingError>;
+/// Receives a picture of a stream.
+pub(super) type Show<'a> = &'a mut dyn FnMut(usize, Shown) -> Result<(), RecordingError>;
 /// Receives a message.
 pub(super) type Give<'a> = &'a mut dyn FnMut(&Message<'_>) -> Result<(), RecordingError>;
 
@@ -61,11 +59,8 @@ pub(super) fn in_order(
 }
 
 fn each(pictures: Pictures, show: Show<'_>) -> Result<(), RecordingError> {
-    pictures.into_iter().try_for_each(|(stream, shown)| show(stream, shown, None))
+    pictures.into_iter().try_for_each(|(stream, shown)| show(stream, shown))
 }
-
-/// What a thread made of a task.
-type Done = Vec<(usize, Shown, Option<Vec<u8>>)>;
 
 /// What a thread does.
 enum Task {
@@ -74,13 +69,13 @@ enum Task {
 }
 
 /// A task, and where its pictures go.
-type Order = (Task, SyncSender<Done>);
+type Order = (Task, SyncSender<Pictures>);
 
 /// The tasks under way, the oldest first.
 struct Line<'a> {
     looking: &'a Looking<'a>,
     threads: Vec<Sender<Order>>,
-    waiting: VecDeque<(Receiver<Done>, usize)>,
+    waiting: VecDeque<(Receiver<Pictures>, usize)>,
     /// Upper bound of the memory of the waiting tasks, and the most that it may be.
     held: usize,
     most: usize,
@@ -127,9 +122,7 @@ impl<'a> Line<'a> {
         while self.held > most || (most == 0 && !self.waiting.is_empty()) {
             let Some((pictures, bytes)) = self.waiting.pop_front() else { break };
             self.held -= bytes;
-            for (stream, shown, packed) in pictures.recv().unwrap_or_default() {
-                show(stream, shown, packed.as_deref())?;
-            }
+            each(pictures.recv().unwrap_or_default(), show)?;
         }
         Ok(())
     }
@@ -147,14 +140,7 @@ impl<'a> Line<'a> {
 
 /// One thread: its tasks in their order.
 fn work(looking: &Looking<'_>, tasks: &Receiver<Order>) {
-    let (mut films, mut packer) = (Films::default(), Packer::new().ok());
-    let forms = pictures(looking.spec);
-    // A repeated picture is packed in vain, which only the thread that has its predecessor could know. What can't be packed
-    // here is packed again by the writer, whose error is returned.
-    let mut pack = |stream: usize, shown: &Shown| {
-        let (packer, pixels) = (packer.as_mut()?, shown.pixels.as_ref().ok()?);
-        packer.pack(pixels, forms.get(stream)?.row_bytes).ok().map(<[u8]>::to_vec)
-    };
+    let mut films = Films::default();
     while let Ok((task, done)) = tasks.recv() {
         let shown = match &task {
             Task::Look { at, streams, decoder, data } => {
@@ -162,11 +148,7 @@ fn work(looking: &Looking<'_>, tasks: &Receiver<Order>) {
             }
             Task::End(streams) => looking.end(&mut films, streams),
         };
-        let packed = shown.into_iter().map(|(stream, shown)| {
-            let packed = pack(stream, &shown);
-            (stream, shown, packed)
-        });
         // The other end is gone once an error ended the pass.
-        let _ended = done.send(packed.collect());
+        let _ended = done.send(shown);
     }
 }
