@@ -68,14 +68,14 @@ async fn a_lerobot_dataset_is_pushed_and_drafts_its_task() {
     assert!(!refused.success && refused.text().contains("robomimic_000000"), "{}", refused.text());
     // Without a name they become another task, and every dataset finds its own.
     let created = gleaner(server.url(), &["push", text(&other)]).await;
-    assert!(created.success && created.text().contains("created task robomimic"), "{}", created.text());
-    for (dataset, task) in [("lerobot_v30_video", "lerobot_v30_video"), ("robomimic.hdf5", "robomimic")] {
+    assert!(created.success && created.text().contains("created task Lift"), "{}", created.text());
+    for (dataset, task) in [("lerobot_v30_video", "lerobot_v30_video"), ("robomimic.hdf5", "Lift")] {
         let again = gleaner(server.url(), &["push", text(&fixture(dataset))]).await;
         assert!(again.success && !again.text().contains("created"), "{}", again.text());
         let episodes = shown(server.url(), &["episodes", "--task", task]).await;
         assert!(!episodes["episodes"].as_array().unwrap().is_empty(), "{episodes}");
     }
-    // The dataset's own name decides among tasks alike; a dataset of another name is asked for.
+    // The environment's name decides among tasks alike, whatever the name of the file.
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("task.toml");
     let drafted = gleaner(NOWHERE, &["task", "draft", text(&other), "--name", "alike"]).await;
@@ -84,9 +84,8 @@ async fn a_lerobot_dataset_is_pushed_and_drafts_its_task() {
     assert!(gleaner(server.url(), &["push", text(&other)]).await.success);
     let renamed = folder.path().join("renamed.hdf5");
     std::fs::copy(&other, &renamed).unwrap();
-    let refused = gleaner(server.url(), &["push", text(&renamed)]).await;
-    let asked = refused.text();
-    assert!(!refused.success && asked.contains("fits several tasks") && asked.contains("alike, robomimic"), "{asked}");
+    let added = gleaner(server.url(), &["push", text(&renamed), "--cohort", "robomimic"]).await;
+    assert!(added.success && added.text().contains("added to the existing task Lift"), "{}", added.text());
 }
 
 #[tokio::test]
@@ -253,9 +252,9 @@ async fn a_folder_stands_for_the_datasets_in_it() {
     let inspected = gleaner(NOWHERE, &["inspect", text(folder.path())]).await;
     assert!(inspected.success && inspected.text().contains("robomimic HDF5"), "{}", inspected.text());
     let pushed = gleaner(server.url(), &["push", text(folder.path()), "--rate", "10"]).await;
-    assert!(pushed.success && pushed.text().contains("created task demos"), "{}", pushed.text());
+    assert!(pushed.success && pushed.text().contains("created task Lift"), "{}", pushed.text());
     let refused = gleaner(server.url(), &["push", text(folder.path()), "--rate", "25"]).await;
-    assert!(!refused.success && refused.text().contains("the task demos 10"), "{}", refused.text());
+    assert!(!refused.success && refused.text().contains("the task Lift 10"), "{}", refused.text());
 
     // A bad dataset stops the push before a task is made for the good one, and two of one name are not mixed.
     let mixed = tempfile::tempdir().unwrap();
@@ -284,12 +283,12 @@ async fn a_folder_stands_for_the_datasets_in_it() {
     assert!(pushed.success && message.contains("created task first"), "{message}");
     assert!(message.contains("second fits the task first"), "{message}");
 
-    // The file of an export here has the name of its folder.
+    // The file of an export here has the name of its environment, which is the task's.
     let export = mixed.path().join("lift");
     std::fs::create_dir(&export).unwrap();
     copy(&fixture("robomimic.hdf5"), &export.join("dataset.hdf5"));
     let drafted = gleaner(NOWHERE, &["task", "draft", text(&export)]).await;
-    assert!(drafted.success && drafted.out.contains("name = \"lift\""), "{}", drafted.text());
+    assert!(drafted.success && drafted.out.contains("name = \"Lift\""), "{}", drafted.text());
 
     copy(&fixture("lerobot_v21"), &folder.path().join("kitchen"));
     let both = gleaner(server.url(), &["push", text(folder.path()), "--rate", "10"]).await;

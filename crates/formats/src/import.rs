@@ -22,14 +22,14 @@ use crate::problem::Problem;
 
 /// A dataset of one format, opened.
 trait Dataset {
-    /// What it holds.
-    fn description(&self) -> &Description;
+    /// Number of episodes that it states.
+    fn episodes(&self) -> u64;
 
-    /// Looks for every file that an episode needs.
+    /// What it holds, after a look at all of its tables and for every file that an episode needs.
     ///
     /// # Errors
-    /// [`Problem::Unfit`] names the first that is missing.
-    fn check_files(&self) -> Result<(), Problem>;
+    /// [`Problem::Unfit`] with the first fault, or the first file that is missing.
+    fn description(&self) -> Result<Description, Problem>;
 
     /// Begins the recording of an episode, by its number from 0, at `out`, and writes its steps. Returns the recording and
     /// whether the episode succeeded, if the dataset states it.
@@ -54,21 +54,18 @@ pub struct Assumed {
 /// # Errors
 /// [`Problem::Unfit`] with the fault of the dataset and the fix; [`Problem::Io`].
 pub fn describe(path: &Path, assumed: &Assumed) -> Result<Description, Problem> {
-    guarded(path, || {
-        let dataset = open(path, assumed)?;
-        dataset.check_files()?;
-        Ok(dataset.description().clone())
-    })
+    guarded(path, || open(path, assumed)?.description())
 }
 
-/// Writes one episode of a dataset, by its number from 0, as a recording to `out`. After an error there is no file.
+/// Writes one episode of a dataset, by its number from 0, as a recording to `out`. After an error there is no file. Of
+/// the tables, the parts that the episode needs are read: [`describe`] checks all of them.
 ///
 /// # Errors
 /// Like [`describe`].
 pub fn convert(path: &Path, assumed: &Assumed, episode: u64, out: &Path) -> Result<Converted, Problem> {
     let converted = guarded(path, || {
         let dataset = open(path, assumed)?;
-        let episodes = dataset.description().episodes;
+        let episodes = dataset.episodes();
         if episode >= episodes {
             return Err(Problem::Unfit(format!("there is no episode {episode}: the dataset has {episodes}")));
         }

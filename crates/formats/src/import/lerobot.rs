@@ -5,6 +5,7 @@
 mod cells;
 mod features;
 mod info;
+mod lines;
 mod places;
 mod rows;
 mod tables;
@@ -21,6 +22,8 @@ use self::features::{Features, Picture, Source};
 use self::info::Info;
 use self::places::Place;
 use self::rows::{Row, Rows};
+use self::tables::Table;
+use self::tasks::Texts;
 use self::videos::Reel;
 use super::description::Description;
 use super::recorder::Recorder;
@@ -38,18 +41,14 @@ struct Lerobot {
     folder: PathBuf,
     info: Info,
     features: Features,
-    places: Vec<Place>,
-    tasks: BTreeMap<i64, String>,
     /// The column whose last value is the outcome.
     success: String,
-    description: Description,
 }
 
-/// Opens a dataset in a folder with `meta/info.json`.
+/// Opens a dataset in a folder with `meta/info.json`, which alone is read.
 pub(super) fn open(folder: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, Problem> {
     let info = Info::read(folder)?;
-    let stats = info::stats(folder);
-    let mut features = Features::new(&info, &stats)?;
+    let mut features = Features::new(&info, &BTreeMap::new())?;
     let success = match &assumed.success_column {
         Some(column) => {
             let problem = |known: Vec<&str>| unfit(&folder.join(INFO), &no_success_column(column, &known));
@@ -58,50 +57,40 @@ pub(super) fn open(folder: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>,
         }
         None => SUCCESS.to_owned(),
     };
-    let places = places::read(folder, &info, &features)?;
-    let tasks = tasks::read(folder, &info)?;
-    let mut spec = features.description.spec.clone();
-    // Episodes of several tasks have no instruction in common.
-    if let Some(text) = tasks::only(&tasks) {
-        spec.instruction = text.to_owned();
-    }
-    let description = Description {
-        spec,
-        format: format!("LeRobot {}", info.codebase_version),
-        episodes: count(places.len()),
-        steps: places.iter().map(|place| place.steps).fold(0, u64::saturating_add),
-        rate_stated: true,
-        ..features.description.clone()
-    };
-    Ok(Box::new(Lerobot { folder: folder.to_owned(), info, features, places, tasks, success, description }))
+    Ok(Box::new(Lerobot { folder: folder.to_owned(), info, features, success }))
 }
 
 impl Dataset for Lerobot {
-    fn description(&self) -> &Description {
-        &self.description
+    fn episodes(&self) -> u64 {
+        self.info.total_episodes
     }
 
-    fn check_files(&self) -> Result<(), Problem> {
-        let files = self.places.iter().flat_map(|place| {
-            let videos = place.videos.values().map(|video| &video.path);
-            std::iter::once(&place.data).chain(videos).map(move |path| (place.episode, path))
-        });
-        match files.into_iter().find(|(_, path)| !self.folder.join(path).is_file()) {
-            Some((episode, path)) => Err(unfit(
-                &self.folder,
-                &format!("{} is missing, which episode {episode} needs; download the whole dataset", path.display()),
-            )),
-            None => Ok(()),
+    fn description(&self) -> Result<Description, Problem> {
+        let features = Features::new(&self.info, &info::stats(&self.folder))?;
+        let places = places::read(&self.folder, &self.info, &features)?;
+        let tasks = tasks::read(&self.folder, &self.info)?;
+        self.check_files(&places)?;
+        let mut spec = features.description.spec;
+        // Episodes of several tasks have no instruction in common.
+        if let Some(text) = tasks::only(&tasks) {
+            spec.instruction = text.to_owned();
         }
+        Ok(Description {
+            spec,
+            format: self.format(),
+            episodes: count(places.len()),
+            steps: places.iter().map(|place| place.steps).fold(0, u64::saturating_add),
+            rate_stated: true,
+            ..features.description
+        })
     }
 
     fn record(&self, episode: u64, out: &Path) -> Result<(Recorder, Option<bool>), Problem> {
-        let place = usize::try_from(episode).ok().and_then(|at| self.places.get(at));
-        let place = place.ok_or_else(|| unfit(&self.folder, &format!("there is no episode {episode}")))?;
-        let spec = &self.description.spec;
+        let (place, table) = &self.place(episode)?;
         let mut reels = self.reels(place)?;
-        let mut recorder = Recorder::create(out, episode.to_string(), spec)?;
-        let mut rows = Rows::open(&self.folder.join(&place.data), place, &self.features)?;
+        let mut recorder = Recorder::create(out, episode.to_string(), &self.features.description.spec)?;
+        let mut rows = Rows::open(table, place, &self.features)?;
+        let mut tasks = Texts::new(&self.folder, &self.info);
         let (mut texts, mut success) = (Vec::new(), None);
         let mut step = 0;
         while let Some(row) = rows.next()? {
@@ -116,11 +105,11 @@ impl Dataset for Lerobot {
                 reel.write_to(step, &mut recorder)?;
             }
             let mut others = row.others;
-            let task = others.get("task_index").and_then(Value::as_i64).and_then(|index| self.tasks.get(&index));
-            if let Some(task) = task {
+            let task = others.get("task_index").and_then(Value::as_i64).map(|index| tasks.of(index)).transpose()?;
+            if let Some(task) = task.flatten() {
                 others.insert("task".to_owned(), json!(task));
-                if !texts.contains(task) {
-                    texts.push(task.clone());
+                if !texts.iter().any(|text| text == task) {
+                    texts.push(task.to_owned());
                 }
             }
             success = others.get(&self.success).and_then(truth);
@@ -141,6 +130,37 @@ impl Dataset for Lerobot {
 }
 
 impl Lerobot {
+    fn format(&self) -> String {
+        format!("LeRobot {}", self.info.codebase_version)
+    }
+
+    /// Looks for every file that an episode needs; the error names the first that is missing.
+    fn check_files(&self, places: &[Place]) -> Result<(), Problem> {
+        let files = places.iter().flat_map(|place| {
+            let videos = place.videos.values().map(|video| &video.path);
+            std::iter::once(&place.data).chain(videos).map(move |path| (place.episode, path))
+        });
+        match files.into_iter().find(|(_, path)| !self.folder.join(path).is_file()) {
+            Some((episode, path)) => Err(unfit(
+                &self.folder,
+                &format!("{} is missing, which episode {episode} needs; download the whole dataset", path.display()),
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// The place of an episode with its data file: by its number, or by all tables where that is not enough.
+    fn place(&self, episode: u64) -> Result<(Place, Table), Problem> {
+        if let Some(found) = places::find(&self.folder, &self.info, &self.features, episode)? {
+            return Ok(found);
+        }
+        let places = places::read(&self.folder, &self.info, &self.features)?;
+        let place = usize::try_from(episode).ok().and_then(|at| places.into_iter().nth(at));
+        let place = place.ok_or_else(|| unfit(&self.folder, &format!("there is no episode {episode}")))?;
+        let table = Table::open(&self.folder.join(&place.data))?;
+        Ok((place, table))
+    }
+
     fn reels(&self, place: &Place) -> Result<Vec<Reel>, Problem> {
         let of = |picture: &Picture| {
             let part = place.videos.get(&picture.feature);
@@ -181,7 +201,7 @@ impl Lerobot {
     fn metadata(&self, place: &Place, tasks: &[String]) -> BTreeMap<String, String> {
         let features = serde_json::to_string(&self.info.features).unwrap_or_default();
         let entries = [
-            ("format", self.description.format.clone()),
+            ("format", self.format()),
             ("episode", place.episode.to_string()),
             ("fps", self.info.fps.to_string()),
             ("robot_type", self.info.robot_type.clone().unwrap_or_default()),

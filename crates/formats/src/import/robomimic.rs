@@ -8,7 +8,7 @@ mod entries;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use gleaner_core::{CameraSpec, ValueRange};
+use gleaner_core::{CameraSpec, TaskSpec, ValueRange};
 use gleaner_recording::{CameraMessage, ImageRef, PixelFormat};
 use hdf5_pure::{AttrValue, File, Group};
 use serde_json::{Value, json};
@@ -26,6 +26,10 @@ const RATE: f64 = 20.0;
 /// Rates that a task may have.
 const RATES: std::ops::RangeInclusive<f64> = 0.01..=10_000.0;
 const DATA: &str = "data";
+/// How the names of demonstrations begin.
+const DEMO: &str = "demo_";
+/// The most characters of the name of an environment.
+const NAME: usize = 100;
 
 struct Robomimic {
     path: PathBuf,
@@ -54,8 +58,13 @@ pub(super) fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, P
     }
     let data = file.group(DATA).map_err(damaged)?;
     let attrs = data.attrs().map_err(damaged)?;
-    let mut demos = data.groups().map_err(damaged)?;
+    let groups = data.groups().map_err(damaged)?;
+    let mut demos: Vec<String> = groups.iter().filter(|name| name.starts_with(DEMO)).cloned().collect();
     demos.sort_by_key(|name| (name.rsplit('_').next().and_then(|number| number.parse::<u64>().ok()), name.clone()));
+    if let (Some(other), []) = (groups.first(), demos.as_slice()) {
+        let problem = format!("its group `data` has {other:?} and no {DEMO}N; it is no HDF5 file of robomimic");
+        return Err(unfit(path, &problem));
+    }
     let Some(first) = demos.first() else {
         return Err(unfit(path, "the group `data` has no demonstrations; record some"));
     };
@@ -89,7 +98,7 @@ pub(super) fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, P
             episodes: u64::try_from(demos.len()).unwrap_or(u64::MAX),
             steps,
             rate_stated: assumed.rate_hz.or(stated).is_some(),
-            spec: empty_task(rate),
+            spec: named(empty_task(rate), &attrs),
             fields: Vec::new(),
             cameras: Vec::new(),
             left_out: Vec::new(),
@@ -169,12 +178,12 @@ impl Robomimic {
 }
 
 impl Dataset for Robomimic {
-    fn description(&self) -> &Description {
-        &self.description
+    fn episodes(&self) -> u64 {
+        self.description.episodes
     }
 
-    fn check_files(&self) -> Result<(), Problem> {
-        Ok(())
+    fn description(&self) -> Result<Description, Problem> {
+        Ok(self.description.clone())
     }
 
     fn record(&self, episode: u64, out: &Path) -> Result<(Recorder, Option<bool>), Problem> {
@@ -221,11 +230,21 @@ fn steps(data: &Group, demo: &str) -> Option<u64> {
 /// The rate that gleaner's export states, or the environment of robosuite.
 fn stated_rate(attrs: &std::collections::HashMap<String, AttrValue>) -> Option<f64> {
     let own = floats(attrs, "gleaner_rate_hz").and_then(|rate| rate.first().copied());
-    let environment = || -> Option<f64> {
-        let text = texts(attrs).remove("env_args")?;
-        serde_json::from_str::<Value>(&text).ok()?["env_kwargs"]["control_freq"].as_f64()
-    };
+    let environment = || environment_of(attrs)?["env_kwargs"]["control_freq"].as_f64();
     own.or_else(environment)
+}
+
+/// The task with the name of the environment, as a name of a task may be, if the file states it.
+fn named(task: TaskSpec, attrs: &std::collections::HashMap<String, AttrValue>) -> TaskSpec {
+    let environment = environment_of(attrs).unwrap_or_default();
+    let plain = |c: char| if c.is_ascii_alphanumeric() || "_-.".contains(c) { c } else { '_' };
+    let name: String = environment["env_name"].as_str().unwrap_or_default().chars().take(NAME).map(plain).collect();
+    if name.is_empty() { task } else { TaskSpec { name, ..task } }
+}
+
+/// What the file states of its environment.
+fn environment_of(attrs: &std::collections::HashMap<String, AttrValue>) -> Option<Value> {
+    serde_json::from_str(&texts(attrs).remove("env_args")?).ok()
 }
 
 #[expect(clippy::wildcard_enum_match_arm, reason = "attributes have many types")]

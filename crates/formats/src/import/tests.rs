@@ -1,6 +1,7 @@
 //! Datasets of `fixtures/`, which their own programs wrote, as recordings that are read back.
 
 mod damage;
+mod one_of_many;
 mod round_trips;
 
 use std::path::{Path, PathBuf};
@@ -74,6 +75,7 @@ fn a_dataset_describes_its_task() {
 
     let description = describe(&fixture("robomimic.hdf5"), &Assumed::default()).unwrap();
     assert_eq!((description.episodes, description.steps, description.spec.rate_hz), (2, 21, 10.0));
+    assert_eq!(description.spec.name, "Lift", "of its environment");
     assert_eq!(names(&description.spec.proprioception), ["object", "robot0_eef_pos"]);
     assert_eq!(
         describe(&fixture("robomimic.hdf5"), &Assumed { rate_hz: Some(5.0), ..Assumed::default() })
@@ -202,4 +204,19 @@ fn the_same_episode_gives_the_same_bytes_wherever_it_lies() {
     }
     let beyond = convert(&fixture("lerobot_v21"), &Assumed::default(), 2, &at("one")).unwrap_err().to_string();
     assert!(beyond.contains("no episode 2") && !at("one").exists(), "{beyond}");
+}
+
+#[test]
+fn a_file_without_demonstrations_of_robomimic_is_of_another_program() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.h5");
+    let mut bytes = std::fs::read(fixture("robomimic.hdf5")).unwrap();
+    for at in 0..bytes.len() - 5 {
+        if bytes[at..].starts_with(b"demo_") {
+            bytes[at..at + 4].copy_from_slice(b"item");
+        }
+    }
+    std::fs::write(&path, bytes).unwrap();
+    let refused = describe(&path, &Assumed::default()).unwrap_err().to_string();
+    assert!(refused.contains("\"item_0\"") && refused.contains("no HDF5 file of robomimic"), "{refused}");
 }

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use super::features::{Features, Source};
-use super::info::{self, Info};
-use super::tables::{read_table, tables};
+use super::info::Info;
+use super::lines;
+use super::tables::{Cells, Table, tables};
 use super::{count, unfit};
 use crate::problem::Problem;
 
@@ -34,14 +35,20 @@ pub(super) struct VideoPart {
     pub(super) from: f64,
 }
 
+/// The folder with the tables of episodes, and the file before v3.0.
+const TABLES: &str = "meta/episodes";
+const LINES: &str = "meta/episodes.jsonl";
+/// The column with the numbers of episodes, also in data files.
+const NUMBER: &str = "episode_index";
+
 /// The places of all episodes, by their numbers.
 pub(super) fn read(folder: &Path, info: &Info, features: &Features) -> Result<Vec<Place>, Problem> {
-    let mut rows = if info.shares_files() { of_tables(folder, features)? } else { of_lines(folder)? };
-    rows.sort_by_key(|row| row.whole("episode_index"));
+    let mut rows: Vec<EpisodeRow> = rows(folder, info, features, None)?.into_iter().map(EpisodeRow).collect();
+    rows.sort_by_key(|row| row.whole(NUMBER));
     let mut places = Vec::with_capacity(rows.len());
     for (episode, row) in rows.iter().enumerate() {
         let episode = count(episode);
-        if row.whole("episode_index") != Some(episode) {
+        if row.whole(NUMBER) != Some(episode) {
             return Err(unfit(
                 folder,
                 &format!("meta/episodes has no episode {episode}, or has it twice; download it again"),
@@ -71,8 +78,51 @@ pub(super) fn read(folder: &Path, info: &Info, features: &Features) -> Result<Ve
     Ok(places)
 }
 
+/// The place of one episode with its data file, if one row of the tables, and a row of that file, has its number. Parts of
+/// the tables without the number are not decoded. `read` names the fault where there is no place.
+pub(super) fn find(
+    folder: &Path,
+    info: &Info,
+    features: &Features,
+    episode: u64,
+) -> Result<Option<(Place, Table)>, Problem> {
+    let Ok(number) = i64::try_from(episode) else { return Ok(None) };
+    let Ok([row]) = <[Cells; 1]>::try_from(rows(folder, info, features, Some(number))?) else { return Ok(None) };
+    let place = place(folder, info, features, episode, &EpisodeRow(row))?;
+    let table = Table::open(&folder.join(&place.data))?;
+    if !info.shares_files() {
+        return Ok(Some((place, table)));
+    }
+    // Numbers that are no feature may be those of another dataset.
+    if !info.features.contains_key(NUMBER) {
+        return Ok(None);
+    }
+    let first_row = table.first_row(NUMBER, number)?;
+    Ok(first_row.map(|first_row| (Place { first_row, ..place }, table)))
+}
+
+/// The rows of the tables of episodes: all, or those with a number.
+fn rows(folder: &Path, info: &Info, features: &Features, wanted: Option<i64>) -> Result<Vec<Cells>, Problem> {
+    if !info.shares_files() {
+        let path = folder.join(LINES);
+        return wanted.map_or_else(|| lines::rows(&path), |number| lines::rows_with(&path, NUMBER, number));
+    }
+    let columns = columns(features);
+    let (mut rows, mut length) = (Vec::new(), 0_u64);
+    for path in tables(&folder.join(TABLES))? {
+        let table = Table::open(&path)?;
+        length = length.saturating_add(table.length());
+        rows.extend(table.rows(&columns, wanted.map(|number| (NUMBER, number)))?);
+    }
+    if wanted.is_some() && length != info.total_episodes {
+        // The reader of all rows names the difference.
+        rows.clear();
+    }
+    Ok(rows)
+}
+
 /// What a table of episodes states of one.
-pub(super) struct EpisodeRow(BTreeMap<String, Value>);
+struct EpisodeRow(Cells);
 
 impl EpisodeRow {
     fn whole(&self, name: &str) -> Option<u64> {
@@ -80,38 +130,21 @@ impl EpisodeRow {
     }
 
     fn needed(&self, folder: &Path, name: &str) -> Result<u64, Problem> {
-        let episode = self.whole("episode_index").unwrap_or_default();
+        let episode = self.whole(NUMBER).unwrap_or_default();
         let problem = format!("meta/episodes: episode {episode} has no sound {name}; download the dataset again");
         self.whole(name).ok_or_else(|| unfit(folder, &problem))
     }
 }
 
-fn of_tables(folder: &Path, features: &Features) -> Result<Vec<EpisodeRow>, Problem> {
+fn columns(features: &Features) -> Vec<String> {
     let mut columns: Vec<String> =
-        ["episode_index", "length", "data/chunk_index", "data/file_index", "dataset_from_index"]
-            .map(str::to_owned)
-            .into();
+        [NUMBER, "length", "data/chunk_index", "data/file_index", "dataset_from_index"].map(str::to_owned).into();
     for picture in features.pictures.iter().filter(|picture| picture.source == Source::Video) {
         for part in ["chunk_index", "file_index", "from_timestamp"] {
             columns.push(format!("videos/{}/{part}", picture.feature));
         }
     }
-    let mut rows = Vec::new();
-    for path in tables(&folder.join("meta/episodes"))? {
-        rows.extend(read_table(&path, &columns)?.into_iter().map(EpisodeRow));
-    }
-    Ok(rows)
-}
-
-fn of_lines(folder: &Path) -> Result<Vec<EpisodeRow>, Problem> {
-    let path = folder.join("meta/episodes.jsonl");
-    let bytes = info::bytes(&path)?;
-    let lines = bytes.split(|&byte| byte == b'\n').enumerate().filter(|(_, line)| !line.trim_ascii().is_empty());
-    let row = |(at, line): (usize, &[u8])| {
-        let row = serde_json::from_slice(line).map(EpisodeRow);
-        row.map_err(|error| unfit(&path, &format!("line {}: {error}; download it again", at + 1)))
-    };
-    lines.map(row).collect()
+    columns
 }
 
 fn place(folder: &Path, info: &Info, features: &Features, episode: u64, row: &EpisodeRow) -> Result<Place, Problem> {

@@ -1,6 +1,6 @@
 //! Rows of one episode of a data file, some at a time.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use arrow_array::RecordBatch;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReader;
@@ -8,7 +8,7 @@ use parquet::arrow::arrow_reader::ParquetRecordBatchReader;
 use super::cells;
 use super::features::Features;
 use super::places::Place;
-use super::tables::{builder, damaged};
+use super::tables::{Table, damaged};
 use super::{Others, unfit};
 use crate::problem::Problem;
 
@@ -39,15 +39,13 @@ pub(super) struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    pub(super) fn open(path: &Path, place: &Place, features: &'a Features) -> Result<Self, Problem> {
-        let size = |rows: u64| usize::try_from(rows).unwrap_or(usize::MAX);
+    pub(super) fn open(table: &Table, place: &Place, features: &'a Features) -> Result<Self, Problem> {
         let names = features.stored().map(|picture| &picture.feature);
         let names = names.chain(features.state.iter().chain(&features.action).map(|(name, _)| name));
         let names: Vec<&str> = names.chain(&features.others).map(String::as_str).collect();
-        let builder = builder(path, &names)?.with_batch_size(ROWS);
-        let built = builder.with_offset(size(place.first_row)).with_limit(size(place.steps)).build();
-        let reader = built.map_err(|error| damaged(path, &error))?;
-        let (path, episode) = (path.to_owned(), place.episode);
+        let rows = table.part(&names, place.first_row, place.steps)?;
+        let (path, episode) = (table.path.clone(), place.episode);
+        let reader = rows.with_batch_size(ROWS).build().map_err(|error| damaged(&path, &error))?;
         Ok(Self { path, features, reader, batch: None, done: 0, episode, step: 0 })
     }
 

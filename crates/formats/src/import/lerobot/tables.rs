@@ -1,33 +1,45 @@
-//! Parquet files: where they are, their columns, and small tables whole.
+//! Parquet files: where they are, their columns, and the rows in which a column has a number.
+//!
+//! A search skips row groups whose statistics exclude the number, because each episode of a dataset is a search in tables of
+//! all episodes.
 
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
+use arrow_array::RecordBatch;
 use bytes::Bytes;
 use parquet::arrow::ProjectionMask;
-use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
+use parquet::arrow::arrow_reader::{ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
+use parquet::file::metadata::{ParquetStatisticsPolicy, RowGroupMetaData};
 use parquet::file::reader::{ChunkReader, Length};
+use parquet::file::statistics::Statistics;
 use serde_json::Value;
 
-use super::{cells, unfit, unopened};
+use super::{cells, count, unfit, unopened};
 use crate::problem::Problem;
 
-/// Rows of small tables that are decoded at once.
+/// Rows that are decoded at once where a row has numbers and texts alone.
 const TABLE_ROWS: usize = 1024;
+
+/// A row of a small table: its cells by their columns.
+pub(super) type Cells = BTreeMap<String, Value>;
+
+/// A reader of some columns.
+pub(super) type Builder = ParquetRecordBatchReaderBuilder<Bounded>;
 
 /// A file of parquet, whose end is an error: the reader skips what a damaged page states, be it billions of values, and does
 /// not notice that none is left.
-pub(super) struct Table(File);
+pub(super) struct Bounded(File);
 
-impl Length for Table {
+impl Length for Bounded {
     fn len(&self) -> u64 {
         Length::len(&self.0)
     }
 }
 
-impl ChunkReader for Table {
+impl ChunkReader for Bounded {
     type T = Part;
 
     fn get_read(&self, start: u64) -> parquet::errors::Result<Part> {
@@ -68,35 +80,133 @@ pub(super) fn tables(folder: &Path) -> Result<Vec<PathBuf>, Problem> {
     Ok(found)
 }
 
-/// All rows of a small table, of the columns named; a column that is not there is absent in the rows.
-pub(super) fn read_table(path: &Path, columns: &[String]) -> Result<Vec<BTreeMap<String, Value>>, Problem> {
-    let names: Vec<&str> = columns.iter().map(String::as_str).collect();
-    let reader = builder(path, &names)?.with_batch_size(TABLE_ROWS).build().map_err(|error| damaged(path, &error))?;
-    let mut rows = Vec::new();
-    for batch in reader {
-        let batch = batch.map_err(|error| damaged(path, &error))?;
-        let schema = batch.schema();
-        for row in 0..batch.num_rows() {
-            let cells = schema.fields().iter().zip(batch.columns());
-            rows.push(cells.map(|(field, column)| (field.name().clone(), cells::json(column.as_ref(), row))).collect());
-        }
-    }
-    Ok(rows)
+/// A file of parquet whose footer is read.
+pub(super) struct Table {
+    pub(super) path: PathBuf,
+    metadata: ArrowReaderMetadata,
 }
 
-/// A reader of the columns named.
-pub(super) fn builder(path: &Path, names: &[&str]) -> Result<ParquetRecordBatchReaderBuilder<Table>, Problem> {
-    let file = Table(File::open(path).map_err(unopened(path))?);
-    // The types are those of parquet, whatever a writer noted beside them.
-    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    let builder = ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
-    let builder = builder.map_err(|error| damaged(path, &error))?;
-    // Names have dots, which a path of columns would split.
-    let fields = builder.schema().fields().iter().enumerate();
-    let roots: Vec<usize> =
-        fields.filter(|(_, field)| names.contains(&field.name().as_str())).map(|(at, _)| at).collect();
-    let mask = ProjectionMask::roots(builder.parquet_schema(), roots);
-    Ok(builder.with_projection(mask))
+impl Table {
+    pub(super) fn open(path: &Path) -> Result<Self, Problem> {
+        let file = Bounded(File::open(path).map_err(unopened(path))?);
+        let options = ArrowReaderOptions::new()
+            // The types are those of parquet, whatever a writer noted beside them.
+            .with_skip_arrow_metadata(true)
+            // A footer has one of each for every column of every row group.
+            .with_encoding_stats_policy(ParquetStatisticsPolicy::SkipAll)
+            .with_size_stats_policy(ParquetStatisticsPolicy::SkipAll);
+        let metadata = ArrowReaderMetadata::load(&file, options).map_err(|error| damaged(path, &error))?;
+        Ok(Self { path: path.to_owned(), metadata })
+    }
+
+    /// Number of rows.
+    pub(super) fn length(&self) -> u64 {
+        self.groups().map(length).fold(0, u64::saturating_add)
+    }
+
+    /// The rows of a small table, of the columns named: all, or those in which a column has a number. A column that is not
+    /// there is absent in the rows.
+    pub(super) fn rows(&self, columns: &[String], wanted: Option<(&str, i64)>) -> Result<Vec<Cells>, Problem> {
+        let names: Vec<&str> = columns.iter().map(String::as_str).collect();
+        let mut reader = self.columns(&names)?;
+        if let Some((column, number)) = wanted {
+            reader = reader.with_row_groups(self.groups_with(column, number));
+        }
+        let mut rows = Vec::new();
+        for batch in reader.with_batch_size(TABLE_ROWS).build().map_err(|error| damaged(&self.path, &error))? {
+            let batch = batch.map_err(|error| damaged(&self.path, &error))?;
+            let schema = batch.schema();
+            for row in (0..batch.num_rows()).filter(|row| wanted.is_none_or(|wanted| has(&batch, *row, wanted))) {
+                let cells = schema.fields().iter().zip(batch.columns());
+                rows.push(
+                    cells.map(|(field, column)| (field.name().clone(), cells::json(column.as_ref(), row))).collect(),
+                );
+            }
+        }
+        Ok(rows)
+    }
+
+    /// The first row in which a column has a number.
+    pub(super) fn first_row(&self, column: &str, number: i64) -> Result<Option<u64>, Problem> {
+        for group in self.groups_with(column, number) {
+            let reader = self.columns(&[column])?.with_row_groups(vec![group]).with_batch_size(TABLE_ROWS);
+            let mut before = self.groups().take(group).map(length).fold(0, u64::saturating_add);
+            for batch in reader.build().map_err(|error| damaged(&self.path, &error))? {
+                let batch = batch.map_err(|error| damaged(&self.path, &error))?;
+                if let Some(row) = (0..batch.num_rows()).find(|row| has(&batch, *row, (column, number))) {
+                    return Ok(Some(before.saturating_add(count(row))));
+                }
+                before = before.saturating_add(count(batch.num_rows()));
+            }
+        }
+        Ok(None)
+    }
+
+    /// A reader of some rows, of the columns named.
+    pub(super) fn part(&self, names: &[&str], first: u64, rows: u64) -> Result<Builder, Problem> {
+        let (mut groups, mut skipped, mut begin) = (Vec::new(), 0, 0_u64);
+        for (at, group) in self.groups().enumerate() {
+            let end = begin.saturating_add(length(group));
+            if end <= first {
+                skipped = end;
+            } else if begin < first.saturating_add(rows) {
+                groups.push(at);
+            }
+            begin = end;
+        }
+        let size = |rows: u64| usize::try_from(rows).unwrap_or(usize::MAX);
+        let reader = self.columns(names)?.with_row_groups(groups);
+        Ok(reader.with_offset(size(first.saturating_sub(skipped))).with_limit(size(rows)))
+    }
+
+    /// A reader of the columns named.
+    fn columns(&self, names: &[&str]) -> Result<Builder, Problem> {
+        let file = Bounded(File::open(&self.path).map_err(unopened(&self.path))?);
+        let builder = Builder::new_with_metadata(file, self.metadata.clone());
+        // Names have dots, which a path of columns would split.
+        let fields = builder.schema().fields().iter().enumerate();
+        let roots: Vec<usize> =
+            fields.filter(|(_, field)| names.contains(&field.name().as_str())).map(|(at, _)| at).collect();
+        let mask = ProjectionMask::roots(builder.parquet_schema(), roots);
+        Ok(builder.with_projection(mask))
+    }
+
+    /// The row groups in which a column may have a number: all if they have no statistics.
+    fn groups_with(&self, column: &str, number: i64) -> Vec<usize> {
+        let leaves = self.metadata.parquet_schema().columns().iter();
+        let leaf = leaves.map(|leaf| leaf.path().parts()).position(|parts| parts == [column]);
+        let statistics = |group: &RowGroupMetaData| group.columns().get(leaf?)?.statistics().and_then(bounds);
+        let may = |group| statistics(group).is_none_or(|(low, high)| low > high || (low..=high).contains(&number));
+        self.groups().enumerate().filter(|(_, group)| may(group)).map(|(at, _)| at).collect()
+    }
+
+    fn groups(&self) -> impl Iterator<Item = &RowGroupMetaData> {
+        self.metadata.metadata().row_groups().iter()
+    }
+}
+
+/// The number of rows that a row group states.
+fn length(group: &RowGroupMetaData) -> u64 {
+    u64::try_from(group.num_rows()).unwrap_or_default()
+}
+
+/// The smallest and the largest value of a column with whole numbers.
+fn bounds(statistics: &Statistics) -> Option<(i64, i64)> {
+    match statistics {
+        Statistics::Int32(values) => Some(((*values.min_opt()?).into(), (*values.max_opt()?).into())),
+        Statistics::Int64(values) => Some((*values.min_opt()?, *values.max_opt()?)),
+        Statistics::Boolean(_)
+        | Statistics::Int96(_)
+        | Statistics::Float(_)
+        | Statistics::Double(_)
+        | Statistics::ByteArray(_)
+        | Statistics::FixedLenByteArray(_) => None,
+    }
+}
+
+/// Whether a row has a number in a column.
+fn has(batch: &RecordBatch, row: usize, (column, number): (&str, i64)) -> bool {
+    batch.column_by_name(column).is_some_and(|column| cells::json(column.as_ref(), row).as_i64() == Some(number))
 }
 
 /// The error of a table that cannot be read.

@@ -1,37 +1,69 @@
 //! The texts of a dataset's tasks, by their numbers.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::Path;
 
-use serde_json::Value;
-
-use super::info::{self, Info};
-use super::tables::read_table;
-use super::unfit;
+use super::info::Info;
+use super::lines;
+use super::tables::{Cells, Table};
 use crate::problem::Problem;
 
 /// Names of the column with the text: pandas writes an index without a name as the second.
 const TEXTS: [&str; 2] = ["task", "__index_level_0__"];
 const NUMBER: &str = "task_index";
+/// The table of tasks, and its name before v3.0.
+const TABLE: &str = "meta/tasks.parquet";
+const LINES: &str = "meta/tasks.jsonl";
 /// Longest instruction in bytes.
 const LONGEST: usize = 1000;
 
+/// The texts of all tasks.
 pub(super) fn read(folder: &Path, info: &Info) -> Result<BTreeMap<i64, String>, Problem> {
     let rows = if info.shares_files() {
-        let columns: Vec<String> = TEXTS.iter().chain([&NUMBER]).map(|name| (*name).to_owned()).collect();
-        read_table(&folder.join("meta/tasks.parquet"), &columns)?
+        Table::open(&folder.join(TABLE))?.rows(&columns(), None)?
     } else {
-        let path = folder.join("meta/tasks.jsonl");
-        let bytes = info::bytes(&path)?;
-        let lines = bytes.split(|&byte| byte == b'\n').filter(|line| !line.trim_ascii().is_empty());
-        let read: Result<Vec<_>, _> = lines.map(serde_json::from_slice).collect();
-        read.map_err(|error| unfit(&path, &format!("{error}; download it again")))?
-    };
-    let task = |row: &BTreeMap<String, Value>| {
-        let text = TEXTS.iter().find_map(|name| row.get(*name)?.as_str())?;
-        Some((row.get(NUMBER)?.as_i64()?, text.to_owned()))
+        lines::rows(&folder.join(LINES))?
     };
     Ok(rows.iter().filter_map(task).collect())
+}
+
+/// The texts of the tasks of one episode, each looked up once.
+pub(super) struct Texts<'a> {
+    folder: &'a Path,
+    info: &'a Info,
+    known: BTreeMap<i64, Option<String>>,
+}
+
+impl<'a> Texts<'a> {
+    pub(super) fn new(folder: &'a Path, info: &'a Info) -> Self {
+        Self { folder, info, known: BTreeMap::new() }
+    }
+
+    /// The text of a task, if it has one.
+    pub(super) fn of(&mut self, number: i64) -> Result<Option<&str>, Problem> {
+        let text = match self.known.entry(number) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(unknown) => {
+                let rows = if self.info.shares_files() {
+                    Table::open(&self.folder.join(TABLE))?.rows(&columns(), Some((NUMBER, number)))?
+                } else {
+                    lines::rows_with(&self.folder.join(LINES), NUMBER, number)?
+                };
+                unknown.insert(rows.iter().filter_map(task).next_back().map(|(_, text)| text))
+            }
+        };
+        Ok(text.as_deref())
+    }
+}
+
+fn columns() -> Vec<String> {
+    TEXTS.iter().chain([&NUMBER]).map(|name| (*name).to_owned()).collect()
+}
+
+fn task(row: &Cells) -> Option<(i64, String)> {
+    let text = TEXTS.iter().find_map(|name| row.get(*name)?.as_str())?;
+    Some((row.get(NUMBER)?.as_i64()?, text.to_owned()))
 }
 
 /// The text that all episodes have, if it can be the instruction of a task.
