@@ -33,6 +33,7 @@ mod exporting;
 mod file_limit;
 mod first_minutes;
 mod foreign_datasets;
+mod found_datasets;
 mod full_disk;
 mod hostile_text;
 mod image_weights;

@@ -2,11 +2,12 @@
 
 use std::{os::unix::fs::PermissionsExt as _, path::Path};
 
-use gleaner_proto::v1::Outcome;
+use gleaner_proto::v1::{CreateSnapshotRequest, GetSnapshotRequest, Outcome, Role, RoleRule};
 use gleaner_recording::read_episode;
 use tokio::process::Command;
 
 use crate::support::{
+    api::Api,
     command::{self, Output},
     lab,
     process::GLEANER,
@@ -86,4 +87,45 @@ async fn a_viewer_that_is_missing_or_fails_leaves_the_file() {
     assert!(!failed.success && failed.errors.contains("foxglove-studio failed (exit status: 3)"), "{}", failed.errors);
     let unknown = place.open(url, &["ep_01J00000000000000000000000", "--in", "rerun"]).await;
     assert!(!unknown.success && unknown.errors.contains("ep_01J00000000000000000000000"), "{}", unknown.errors);
+}
+
+/// A snapshot with at most this many imperfect episodes for each expert (0: all), and a run of imported scores over it;
+/// returns the run, and the ids of its imperfect episodes.
+async fn imported(api: &mut Api, imperfect_per_expert: f64) -> (String, Vec<String>) {
+    let rule = Some(RoleRule { imperfect_per_expert, ..RoleRule::default() });
+    let request = CreateSnapshotRequest { task: lab::TASK.to_owned(), rule };
+    let snapshot = api.snapshots.create_snapshot(request).await.unwrap().into_inner().snapshot.unwrap().id;
+    let messages = lab::import(api, &snapshot, "a test").await;
+    let run = api.scores.import_scores(tokio_stream::iter(messages)).await.unwrap().into_inner().score_run.unwrap();
+    let request = GetSnapshotRequest { snapshot_id: snapshot };
+    let members = api.snapshots.get_snapshot(request).await.unwrap().into_inner().episodes;
+    let imperfect = members.into_iter().filter(|member| member.role() == Role::Imperfect);
+    (run.id, imperfect.map(|member| member.episode_id).collect())
+}
+
+#[tokio::test]
+async fn an_episode_is_opened_with_the_newest_run_that_holds_it() {
+    let (server, mut api, episodes) = lab::with_episodes(&["--workers", "0"]).await;
+    let (older, all) = imported(&mut api, 0.0).await;
+    let (newer, some) = imported(&mut api, 0.5).await;
+    assert!(some.len() < all.len(), "{some:?}");
+    let place = Place(tempfile::tempdir().unwrap());
+    place.program("rerun", ":");
+    let opened = async |episode: &str, scored: bool, note: &str| {
+        let out = place.path().join(format!("{episode}.mcap"));
+        let opened = place.open(server.url(), &[episode, "--in", "rerun", "--out", out.to_str().unwrap()]).await;
+        assert!(opened.success && opened.errors.contains(note), "{note}: {}", opened.text());
+        let topics = read_episode(&out, &lab::spec()).unwrap().report.topics;
+        assert_eq!(topics.iter().any(|topic| topic.topic == "/gleaner/quality"), scored, "{note}");
+    };
+    opened(&some[0], true, &format!("score run {newer} (the newest of the task)")).await;
+    let left_out = all.iter().find(|id| !some.contains(id)).unwrap();
+    let note = format!("score run {older} (the newest of the task that holds the episode; a newer one lacks it)");
+    opened(left_out, true, &note).await;
+    // Imported scores are those of imperfect episodes.
+    let expert = episodes.iter().find(|episode| episode.outcome() == Outcome::Success).unwrap();
+    opened(&expert.id, false, "the 2 score runs of the task lack the episode").await;
+    let later = lab::record("wrong_goal:1.0".parse().unwrap(), Outcome::Failure, 99);
+    let later = lab::push(&mut api, lab::TASK, &later).await.unwrap();
+    opened(&later.id, false, "because it was pushed later; the recording has no scores").await;
 }

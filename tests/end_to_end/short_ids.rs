@@ -1,5 +1,7 @@
 //! Ids as people give them: by their beginning, as the latest, or left out.
 
+use gleaner_proto::v1::{CreateTaskRequest, TaskSpec};
+
 use crate::support::{
     api::Api,
     command::{gleaner, json},
@@ -103,4 +105,53 @@ async fn scores_by_default_need_no_pretraining() {
         let output = gleaner(url, &words).await;
         assert!(!output.success && output.errors.contains(part), "{words:?}: {}", output.errors);
     }
+}
+
+#[tokio::test]
+async fn candidates_of_several_tasks_are_listed_with_their_tasks() {
+    let (server, mut api) = lab::idle().await;
+    let spec = TaskSpec { name: "other".to_owned(), ..lab::spec_message() };
+    api.tasks.create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap();
+    let (first, second) = (&lab::RECORDINGS[0], &lab::RECORDINGS[1]);
+    let mut ids = Vec::new();
+    for (task, recording) in [(lab::TASK, first), (lab::TASK, second), ("other", first)] {
+        ids.push(lab::push(&mut api, task, recording).await.unwrap().id);
+    }
+    let url = server.url();
+    let several = gleaner(url, &["episode", &first.name]).await;
+    assert!(!several.success && several.errors.contains("2 episodes have this file name"), "{}", several.errors);
+    for (id, task) in [(&ids[0], lab::TASK), (&ids[2], "other")] {
+        assert!(several.errors.contains(&format!("{id} of {task} (success)")), "{}", several.errors);
+    }
+    let begin = gleaner(url, &["episode", "ep_"]).await;
+    assert!(!begin.success && begin.errors.contains(&format!("{} of other", ids[2])), "{}", begin.errors);
+    let latest = gleaner(url, &["episode", "latest"]).await;
+    let note =
+        format!("episode {} (the newest), of the task other; for the newest of another task (pick_cube)", ids[2]);
+    assert!(latest.success && latest.errors.contains(&note), "{}", latest.text());
+
+    // The word is replaced as the id alone, although another argument before it is equal.
+    let name = second.name.as_str();
+    let labelled = gleaner(url, &["label", "--reason", name, "--outcome=failure", "--", name]).await;
+    assert!(labelled.success, "{}", labelled.text());
+    let labels = json(url, &["labels", &ids[1]]).await;
+    let reasons: Vec<&str> = labels["labels"].as_array().unwrap().iter().filter_map(|l| l["reason"].as_str()).collect();
+    assert!(reasons.contains(&name), "{labels}");
+}
+
+#[tokio::test]
+async fn a_policy_is_named_by_its_deployment_with_or_without_the_stage() {
+    let shared = shared().await;
+    let url = shared.server.url();
+    let deployed = gleaner(url, &["deploy", "by_name@one", "--policy", &shared.policy]).await;
+    assert!(deployed.success, "{}", deployed.text());
+    let full = json(url, &["evaluations", &shared.policy]).await;
+    for name in ["by_name@one", "by_name"] {
+        assert_eq!(json(url, &["evaluations", name]).await, full, "{name}");
+        let noted = gleaner(url, &["evaluations", name]).await.errors;
+        let note = format!("policy {} (that by_name@one serves now)", shared.policy);
+        assert!(noted.contains(&note), "{noted}");
+    }
+    let unknown = gleaner(url, &["evaluations", "by_nam"]).await;
+    assert!(!unknown.success && unknown.errors.contains("by_nam: no policy has this id"), "{}", unknown.errors);
 }

@@ -46,13 +46,14 @@ pub(crate) fn parse(words: impl IntoIterator<Item = OsString>) -> Result<(Cli, I
 }
 
 /// The definition of the command line with its commands in groups.
-fn command() -> Command {
+pub(crate) fn command() -> Command {
     let command = Cli::command();
     let commands = grouped(&command);
     command.help_template(format!(
         "{{about}}\n\n{{usage-heading}} {{usage}}\n{commands}\n{GLOBAL}:\n{{options}}\n\n\
          `gleaner help COMMAND` shows the options of a command. An id may be given as a unique beginning or as \
-         `latest`, a task by its name, and an episode by the file name of its recording."
+         `latest`, a task by its name, an episode by the file name of its recording, and a policy by the name of a \
+         deployment that serves it."
     ))
 }
 

@@ -2,6 +2,8 @@
 //!
 //! This process does not parse them: `gleaner-inspector` does. Must not know a server.
 
+mod name;
+
 use std::path::{Path, PathBuf};
 
 use gleaner_client::{Skipped, find_recordings, is_dataset};
@@ -13,8 +15,26 @@ use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
 
-/// The name of the file of a robomimic export (`crates/formats`), without its ending.
-const EXPORTED: &str = "dataset";
+/// In the refusal of a file that is not of robomimic (`crates/formats`), such as one of another program in HDF5.
+const OTHER_PROGRAM: &str = "no HDF5 file of robomimic";
+
+/// A path that is a dataset of another program by its name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Candidate {
+    pub(crate) path: PathBuf,
+    /// Whether a search found it: a command continues without such a file if it cannot be read.
+    pub(crate) searched: bool,
+}
+
+/// The datasets among candidates.
+#[derive(Debug, Default)]
+pub(crate) struct Opened {
+    pub(crate) intakes: Vec<Intake>,
+    /// Files of other programs.
+    pub(crate) skipped: Vec<Skipped>,
+    /// Files that cannot be used, with the reasons.
+    pub(crate) refused: Vec<(PathBuf, String)>,
+}
 
 /// A dataset of another program, described.
 #[derive(Debug)]
@@ -34,20 +54,22 @@ pub(crate) struct Episode {
 }
 
 /// Splits paths into datasets of other programs and the rest. A folder without recordings stands for the datasets in it.
-pub(crate) fn split(paths: &[PathBuf]) -> (Vec<PathBuf>, Vec<PathBuf>) {
+pub(crate) fn split(paths: &[PathBuf]) -> (Vec<Candidate>, Vec<PathBuf>) {
     let (mut datasets, mut others) = (Vec::new(), Vec::new());
     for path in paths {
         let mut inside = Vec::new();
         if is_dataset(path) {
-            inside.push(path.clone());
-        } else if path.is_dir() && find_recordings(std::slice::from_ref(path)).is_err() {
+            datasets.push(Candidate { path: path.clone(), searched: false });
+            continue;
+        }
+        if path.is_dir() && find_recordings(std::slice::from_ref(path)).is_err() {
             below(path, &mut inside);
             inside.sort();
         }
         if inside.is_empty() {
             others.push(path.clone());
         }
-        datasets.append(&mut inside);
+        datasets.extend(inside.into_iter().map(|path| Candidate { path, searched: true }));
     }
     (datasets, others)
 }
@@ -83,34 +105,44 @@ fn below(folder: &Path, datasets: &mut Vec<PathBuf>) {
 }
 
 impl Intake {
-    /// Reads the description of a dataset.
-    ///
-    /// # Errors
-    /// The reason why it cannot be read.
-    pub(crate) async fn open(path: &Path, assumed: &Assumed) -> Result<Self> {
-        let inspector = Inspector::find()?;
-        let description = inspector.describe(path, assumed).await?.map_err(|why| problem(path, &why))?;
-        Ok(Self { path: path.to_owned(), description, assumed: assumed.clone(), inspector })
+    /// Reads the description of a dataset, or returns why it cannot be read.
+    async fn open(inspector: &Inspector, path: &Path, assumed: &Assumed) -> Result<std::result::Result<Self, String>> {
+        let described = inspector.describe(path, assumed).await?;
+        let (assumed, inspector) = (assumed.clone(), inspector.clone());
+        Ok(described.map(|description| Self { path: path.to_owned(), description, assumed, inspector }))
     }
 
-    /// Opens each dataset.
-    pub(crate) async fn open_all(paths: &[PathBuf], assumed: &Assumed) -> Result<Vec<Self>> {
-        let mut intakes = Vec::with_capacity(paths.len());
-        for path in paths {
-            intakes.push(Self::open(path, assumed).await?);
+    /// Opens each dataset. A file that a search has found and that cannot be read does not keep the others from being read.
+    ///
+    /// # Errors
+    /// The reason why a dataset cannot be read that is a folder or was given by its path, or why all others cannot.
+    pub(crate) async fn open_all(context: &Context, candidates: &[Candidate], assumed: &Assumed) -> Result<Opened> {
+        let mut opened = Opened::default();
+        if candidates.is_empty() {
+            return Ok(opened);
         }
-        Ok(intakes)
+        let inspector = Inspector::find()?;
+        for Candidate { path, searched } in candidates {
+            match Self::open(&inspector, path, assumed).await? {
+                Ok(intake) => opened.intakes.push(intake),
+                Err(why) if *searched && path.is_file() => opened.refuse(path, &why),
+                Err(why) => return Err(problem(path, &why)),
+            }
+        }
+        if opened.intakes.is_empty() {
+            return Err(opened.none_left(context));
+        }
+        Ok(opened)
     }
 
     /// The dataset's name: that of its folder or file, as a name of a task and of a cohort may be.
     pub(crate) fn name(&self) -> String {
-        let path = self.path.canonicalize().unwrap_or_else(|_| self.path.clone());
-        let of_file = path.file_stem().filter(|stem| *stem != EXPORTED);
-        // The file of an export here always has one name; its folder has the person's.
-        let name = if path.is_dir() { path.file_name() } else { of_file.or(path.parent().and_then(Path::file_name)) };
-        let plain = |c: char| if c.is_ascii_alphanumeric() || "_-.".contains(c) { c } else { '_' };
-        let name: String = name.unwrap_or_default().to_string_lossy().chars().take(100).map(plain).collect();
-        if name.is_empty() { "dataset".to_owned() } else { name }
+        name::of(&self.path)
+    }
+
+    /// The name of a task for it: that of its environment if it states one, else its own.
+    pub(crate) fn task_name(&self) -> String {
+        name::of_task(&self.path, &self.description.spec.name)
     }
 
     /// What it holds, in some lines.
@@ -149,10 +181,48 @@ impl Intake {
     }
 }
 
+impl Opened {
+    fn refuse(&mut self, path: &Path, why: &str) {
+        let why = reason(path, why).to_owned();
+        if why.contains(OTHER_PROGRAM) {
+            self.skipped.push(Skipped { path: path.to_owned(), reason: why });
+        } else {
+            self.refused.push((path.to_owned(), why));
+        }
+    }
+
+    /// Notes the files that are not used.
+    pub(crate) fn note(&self, context: &Context) {
+        note(context, &self.skipped);
+        for (path, why) in &self.refused {
+            let line = format!("not used: {}: {why}", path.display());
+            context.output.note(printable::field(&line));
+        }
+    }
+
+    /// The error where every file is refused: it names the first one, after a note on each of the others.
+    fn none_left(mut self, context: &Context) -> Failure {
+        let count = self.skipped.len() + self.refused.len();
+        let skipped = self.skipped.drain(..).map(|Skipped { path, reason }| (path, reason));
+        let mut files: Vec<(PathBuf, String)> = self.refused.drain(..).chain(skipped).collect();
+        let first = if files.is_empty() { None } else { Some(files.remove(0)) };
+        let first = first.map(|(path, why)| format!("{}: {why}", path.display())).unwrap_or_default();
+        Self { refused: files, ..self }.note(context);
+        Failure::message(format!(
+            "the HDF5 files in the folders given cannot be used ({count}), such as {first}; give recordings, or datasets of \
+             LeRobot or robomimic"
+        ))
+    }
+}
+
+/// The reason alone of an error that may begin with the path.
+fn reason<'a>(path: &Path, why: &'a str) -> &'a str {
+    why.strip_prefix(&path.display().to_string()).and_then(|rest| rest.strip_prefix(": ")).unwrap_or(why)
+}
+
 /// An error that begins with the path, once.
 fn problem(path: &Path, why: &str) -> Failure {
-    let shown = path.display().to_string();
-    if why.starts_with(&shown) { Failure::message(why.to_owned()) } else { Failure::message(format!("{shown}: {why}")) }
+    Failure::message(format!("{}: {}", path.display(), reason(path, why)))
 }
 
 #[cfg(test)]
@@ -170,13 +240,28 @@ mod tests {
         }
         let all = [at("pick"), at("a.mcap"), at("b.hdf5"), at("c.h5"), folder.path().to_owned()];
         let (datasets, others) = split(&all);
-        assert_eq!(datasets, [at("pick"), at("b.hdf5"), at("c.h5")]);
+        let given = |name: &str| Candidate { path: at(name), searched: false };
+        assert_eq!(datasets, ["pick", "b.hdf5", "c.h5"].map(given));
         assert_eq!(others, [at("a.mcap"), folder.path().to_owned()]);
         std::fs::create_dir_all(at("exports/lift")).unwrap();
         std::fs::rename(at("pick"), at("exports/pick")).unwrap();
         std::fs::rename(at("b.hdf5"), at("exports/lift/b.hdf5")).unwrap();
         let (datasets, others) = split(&[at("exports"), folder.path().to_owned()]);
-        assert_eq!(datasets, [at("exports/lift/b.hdf5"), at("exports/pick")]);
+        let found = |name: &str| Candidate { path: at(name), searched: true };
+        assert_eq!(datasets, ["exports/lift/b.hdf5", "exports/pick"].map(found));
         assert_eq!(others, [folder.path().to_owned()], "beside recordings, datasets are given by name");
+    }
+
+    #[test]
+    fn files_of_other_programs_are_skipped_and_damaged_ones_refused() {
+        let mut opened = Opened::default();
+        opened.refuse(Path::new("x/w.h5"), "x/w.h5: no `data`; it is no HDF5 file of robomimic, or is damaged or cut");
+        opened.refuse(Path::new("x/y.hdf5"), "x/y.hdf5: the file is cut: it states 9 bytes; copy it again");
+        let skipped = "no `data`; it is no HDF5 file of robomimic, or is damaged or cut";
+        assert_eq!(opened.skipped, [Skipped { path: "x/w.h5".into(), reason: skipped.into() }]);
+        let refused = "the file is cut: it states 9 bytes; copy it again";
+        assert_eq!(opened.refused, [(PathBuf::from("x/y.hdf5"), refused.to_owned())]);
+        assert_eq!(problem(Path::new("x/y"), "x/y: cut").to_string(), "x/y: cut");
+        assert_eq!(problem(Path::new("x/y"), "cut").to_string(), "x/y: cut");
     }
 }

@@ -71,7 +71,8 @@ async fn run(command: Command, incomplete: Incomplete, context: &Context) -> Res
     if incomplete.is_empty() {
         return command.run(context).await;
     }
-    let words = ids::complete(context, std::env::args_os().collect(), incomplete).await?;
+    let line = (help::command(), std::env::args_os().collect());
+    let words = ids::complete(context, line, incomplete).await?;
     let (cli, _) = help::parse(words).map_err(|problem| Failure::message(problem.to_string()))?;
     cli.command.run(context).await
 }

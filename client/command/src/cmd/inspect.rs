@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::inspector::{Inspected, Inspector};
-use crate::intake::{self, Intake};
+use crate::intake::{self, Intake, Opened};
 use crate::table::Column::{Left, Right};
 use crate::table::table;
 use crate::words;
@@ -37,10 +37,12 @@ pub(crate) struct InspectArgs {
 impl InspectArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let (datasets, others) = intake::split(&self.paths);
-        let intakes = Intake::open_all(&datasets, &Assumed { rate_hz: self.rate, ..Assumed::default() }).await?;
+        let assumed = Assumed { rate_hz: self.rate, ..Assumed::default() };
+        let Opened { intakes, skipped, refused } = Intake::open_all(context, &datasets, &assumed).await?;
         let mut found = if others.is_empty() { Found::default() } else { find_recordings(&others)? };
         // A dataset in a folder may be given by its own path too.
-        found.skipped.retain(|skipped| !datasets.contains(&skipped.path));
+        found.skipped.retain(|skipped| !datasets.iter().any(|dataset| dataset.path == skipped.path));
+        found.skipped.extend(skipped);
         let mut made = Vec::new();
         for intake in &intakes {
             let episode = intake.episode(0).await?.map_err(Failure::message)?;
@@ -54,6 +56,7 @@ impl InspectArgs {
                 *path = intake.place(0);
             }
         }
+        surveys.extend(refused.into_iter().map(|(path, why)| (path, Err(why))));
         context.output.result(
             || Ok(document(&intakes, &surveys, &found.skipped)),
             || intakes.iter().map(Intake::shown).collect::<String>() + &shown(&surveys, &found.skipped),

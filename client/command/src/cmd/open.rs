@@ -6,17 +6,23 @@ use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 
 use clap::{Args, ValueEnum};
+use futures::{StreamExt as _, stream};
 use gleaner_client::Client;
-use gleaner_proto::v1::{GetEpisodeRequest, GetEpisodeResponse, ListScoreRunsRequest};
+use gleaner_proto::v1::{
+    Episode, GetEpisodeRequest, GetEpisodeResponse, GetEpisodeScoresRequest, ListScoreRunsRequest, Outcome, ScoreRun,
+};
 use tokio::process::Command;
+use tonic::Code;
 
 use super::selection::beta_of;
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
-use crate::json;
+use crate::{json, words};
 
 /// Runs the modules of the Python client.
 const PYTHON: &str = "python3";
+/// Score runs in which an episode is looked up at once.
+const LOOKUPS: usize = 4;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Viewer {
@@ -33,7 +39,8 @@ pub(crate) struct OpenArgs {
     /// Viewer to open it in; its program must be on the PATH.
     #[arg(long = "in", value_enum, value_name = "VIEWER")]
     viewer: Viewer,
-    /// Id of the score run. Default: the newest run of the episode's task; without one, the recording alone is opened.
+    /// Id of the score run. Default: the newest run of the episode's task that holds the episode; without one, the
+    /// recording alone is opened.
     #[arg(long, value_name = "RUN")]
     scores: Option<String>,
     /// Threshold above which a step of the episode is marked as kept, 0 to 1. Default: that of the run.
@@ -73,34 +80,79 @@ impl OpenArgs {
         Ok(folder.keep().join(format!("{}.mcap", self.episode)))
     }
 
-    /// Writes the episode with its scores, or the recording alone if its task has no run.
+    /// Writes the episode with its scores, or the recording alone if no run of its task holds it.
     async fn write(&self, context: &Context, client: &Client, file: &Path) -> Result<GetEpisodeResponse> {
         let request = GetEpisodeRequest { episode_id: self.episode.clone() };
         let reply = client.episodes().get_episode(request).await?.into_inner();
-        let task = present(reply.episode.as_ref(), "an episode")?.task_id.clone();
+        let episode = present(reply.episode.as_ref(), "an episode")?;
         let run = match &self.scores {
             Some(run) => Some(run.clone()),
             None => {
-                let runs =
-                    client.scores().list_score_runs(ListScoreRunsRequest { task }).await?.into_inner().score_runs;
-                runs.into_iter().next().map(|newest| newest.id)
+                let request = ListScoreRunsRequest { task: episode.task_id.clone() };
+                let runs = client.scores().list_score_runs(request).await?.into_inner().score_runs;
+                let found = newest_with(client, &runs, &episode.id).await?;
+                context.output.note(chosen(episode, &runs, found));
+                found.and_then(|at| runs.get(at)).map(|run| run.id.clone())
             }
         };
         match run {
             Some(run) => {
-                if self.scores.is_none() {
-                    context.output.note(format_args!("score run {run} (the newest of the task)"));
-                }
                 let beta = beta_of(client, &run, self.beta).await?;
                 client.export_episode(&self.episode, &run, beta, file).await?;
             }
-            None => {
-                context.output.note("the task has no score run yet, so the recording has no scores");
-                client.download_episode(&self.episode, file, |_| {}).await?;
-            }
+            None => _ = client.download_episode(&self.episode, file, |_| {}).await?,
         }
         Ok(reply)
     }
+}
+
+/// The place of the first run that holds an episode.
+async fn newest_with(client: &Client, runs: &[ScoreRun], episode: &str) -> Result<Option<usize>> {
+    let lookup = |run: &ScoreRun| {
+        let request = GetEpisodeScoresRequest { score_run_id: run.id.clone(), episode_id: episode.to_owned() };
+        async move { client.scores().get_episode_scores(request).await }
+    };
+    let mut lookups = stream::iter(runs.iter().map(lookup)).buffered(LOOKUPS).enumerate();
+    while let Some((at, scores)) = lookups.next().await {
+        match scores {
+            Ok(_) => return Ok(Some(at)),
+            Err(status) if status.code() == Code::NotFound => {}
+            Err(status) => return Err(status.into()),
+        }
+    }
+    Ok(None)
+}
+
+/// Which run of a task an episode is opened with, or why with none. The runs are the newest first.
+fn chosen(episode: &Episode, runs: &[ScoreRun], found: Option<usize>) -> String {
+    match (found.and_then(|at| Some((at, runs.get(at)?))), runs) {
+        (Some((0, run)), _) => format!("score run {} (the newest of the task)", run.id),
+        (Some((newer, run)), _) => {
+            let lack =
+                if newer == 1 { "a newer one lacks it".to_owned() } else { format!("{newer} newer ones lack it") };
+            format!("score run {} (the newest of the task that holds the episode; {lack})", run.id)
+        }
+        (None, []) => "the task has no score run yet, so the recording has no scores".to_owned(),
+        (None, [newest, ..]) => {
+            let lack = match runs.len() {
+                1 => "the score run of the task lacks".to_owned(),
+                many => format!("the {many} score runs of the task lack"),
+            };
+            let why = missing_because(episode, newest);
+            format!("{lack} the episode, because {why}; the recording has no scores (`gleaner score` makes a new run)")
+        }
+    }
+}
+
+fn missing_because(episode: &Episode, newest: &ScoreRun) -> &'static str {
+    let [pushed, scored] = [&episode.create_time, &newest.create_time].map(|time| words::timestamp(time.as_ref()));
+    if pushed.zip(scored).is_some_and(|(pushed, scored)| pushed > scored) {
+        return "it was pushed later";
+    }
+    if episode.outcome() == Outcome::Unknown {
+        return "its outcome is unknown, and snapshots by outcome leave it out";
+    }
+    "their snapshots leave it out, or it is an expert without scores (the only one of a snapshot, or of imported scores)"
 }
 
 impl Viewer {
@@ -162,5 +214,42 @@ impl Viewer {
             Self::Foxglove => "install Foxglove's desktop program, or open the file at app.foxglove.dev".to_owned(),
         };
         format!("`{}` is not on the PATH; the episode is in {file}: {remedy}", self.program())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn time(seconds: i64) -> Option<prost_types::Timestamp> {
+        Some(prost_types::Timestamp { seconds, nanos: 0 })
+    }
+
+    #[test]
+    fn the_note_names_the_run_or_why_there_is_none() {
+        let run = |id: &str, seconds| ScoreRun { id: id.into(), create_time: time(seconds), ..ScoreRun::default() };
+        let episode = |seconds, outcome: Outcome| Episode {
+            create_time: time(seconds),
+            outcome: outcome.into(),
+            ..Episode::default()
+        };
+        let runs = [run("run_3", 30), run("run_2", 20), run("run_1", 10)];
+        let failed = episode(5, Outcome::Failure);
+        assert_eq!(chosen(&failed, &runs, Some(0)), "score run run_3 (the newest of the task)");
+        let second = "score run run_2 (the newest of the task that holds the episode; a newer one lacks it)";
+        assert_eq!(chosen(&failed, &runs, Some(1)), second);
+        assert!(
+            chosen(&failed, &runs, Some(2)).contains("run_1 (the newest of the task that holds the episode; 2 newer")
+        );
+        assert!(chosen(&failed, &[], None).starts_with("the task has no score run yet"));
+        for (episode, why) in [
+            (episode(40, Outcome::Failure), "because it was pushed later; the recording has no scores"),
+            (episode(5, Outcome::Unknown), "because its outcome is unknown"),
+            (episode(5, Outcome::Success), "it is an expert without scores"),
+        ] {
+            let note = chosen(&episode, &runs, None);
+            assert!(note.starts_with("the 3 score runs of the task lack the episode") && note.contains(why), "{note}");
+        }
+        assert!(chosen(&failed, &runs[..1], None).starts_with("the score run of the task lacks"));
     }
 }

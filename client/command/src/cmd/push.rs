@@ -11,13 +11,15 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use clap::Args;
-use gleaner_client::{Client, PushEvent, PushItem, Pushed, Skipped, outcome_from_word, read_ranges};
+use gleaner_client::{
+    Client, ClientError, PushEvent, PushItem, PushResult, Pushed, Skipped, outcome_from_word, read_ranges,
+};
 use gleaner_inspector::Assumed;
 use gleaner_proto::v1::Outcome;
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
-use crate::intake::{self, Intake};
+use crate::intake::{self, Candidate, Intake};
 use cut::Marks;
 use shown::{document, summary};
 
@@ -27,8 +29,8 @@ pub(crate) struct PushArgs {
     /// Recordings, or folders that are searched for *.mcap; files that are not regular, and datasets of other
     /// programs, are skipped and listed. A folder
     /// whose metadata.yaml lists several parts (rosbag2) is one recording. Or datasets of other programs: LeRobot's folder
-    /// with meta/info.json, robomimic's *.hdf5, or a folder of them without recordings. Default with --labels: every file
-    /// that it lists.
+    /// with meta/info.json, robomimic's *.hdf5, or a folder of them without recordings, in which other HDF5 files are
+    /// skipped and listed. Default with --labels: every file that it lists.
     paths: Vec<PathBuf>,
     /// Join parts that a recorder has cut (NAME_0.mcap, NAME_1.mcap, …) to one recording: those in each folder given, or
     /// the files given. A missing part is an error.
@@ -43,8 +45,8 @@ pub(crate) struct PushArgs {
     #[arg(long, value_name = "CSV", requires = "paths", conflicts_with_all = ["join", "labels", "check", "episodes_from"])]
     ranges: Option<PathBuf>,
     /// Name or id of the task. Default: that of the labels file, or the only task of the server. A dataset of another
-    /// program becomes episodes of the task of its name, which must have its rate, or else of the one that it fits; if it
-    /// fits none, a task is created from its features.
+    /// program becomes episodes of the task of its environment or name, which must have its rate, or else of the one that
+    /// it fits; if it fits none, a task is created from its features.
     #[arg(long)]
     task: Option<String>,
     /// Outcome of the attempts, such as success for a dataset of experts. Default: that of the labels file or the dataset,
@@ -105,8 +107,8 @@ impl PushArgs {
         report(context, &pushed, &skipped, &task)
     }
 
-    async fn push_datasets(self, context: &Context, found: &[PathBuf], others: &[PathBuf]) -> Result<()> {
-        let first = found.first().map(|path| path.display().to_string()).unwrap_or_default();
+    async fn push_datasets(self, context: &Context, found: &[Candidate], others: &[PathBuf]) -> Result<()> {
+        let first = found.first().map(|dataset| dataset.path.display().to_string()).unwrap_or_default();
         if let Some(other) = others.first() {
             let problem = format!("{first} is a dataset of another program and {} is not", other.display());
             return Err(Failure::message(format!("{problem}; push them one after the other")));
@@ -124,10 +126,12 @@ impl PushArgs {
             }
         }
         let assumed = Assumed { rate_hz: self.rate, success_column: self.success_column.clone() };
-        let intakes = Intake::open_all(found, &assumed).await?;
+        let opened = Intake::open_all(context, found, &assumed).await?;
         let client = context.client().await?;
-        let (pushed, task) = datasets::push(&self, context, &client, &intakes).await?;
-        report(context, &pushed, &[], &task)
+        let (mut pushed, task) = datasets::push(&self, context, &client, &opened.intakes).await?;
+        let refused = opened.refused.into_iter();
+        pushed.results.extend(refused.map(|(path, why)| PushResult { path, result: Err(ClientError::Invalid(why)) }));
+        report(context, &pushed, &opened.skipped, &task)
     }
 }
 

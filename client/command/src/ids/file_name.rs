@@ -4,7 +4,9 @@
 
 use gleaner_proto::v1::Episode;
 
-use super::{Kind, LATEST, SHOWN};
+use super::choice::{SHOWN, limit, tasks};
+use super::listed::{Tasks, of_episodes};
+use super::{Kind, LATEST};
 use crate::words;
 
 /// A file name as people and episodes have it in common.
@@ -14,12 +16,19 @@ pub(crate) fn stem(name: &str) -> &str {
 
 /// The id of the episode that a text names: by its beginning, as the newest, or by the file name of its recording. `None`
 /// for the beginning of an id that no episode has, which the server rejects. A path is refused, because recordings in
-/// several folders often share a name. `kind` is that of episodes, or of deleted ones.
-pub(super) fn choose(kind: Kind, text: &str, episodes: &[Episode]) -> Result<Option<String>, String> {
-    let ids: Vec<String> = episodes.iter().map(|episode| episode.id.clone()).collect();
+/// several folders often share a name. `kind` is that of episodes, or of deleted ones; `limits`: whether the command has
+/// `--task`.
+pub(super) fn choose(
+    kind: Kind,
+    text: &str,
+    episodes: &[Episode],
+    searched: &Tasks,
+    limits: bool,
+) -> Result<Option<String>, String> {
+    let ids = of_episodes(searched, episodes);
     let name = stem(text);
     let named: Vec<&Episode> = episodes.iter().filter(|episode| stem(&episode.file_name) == name).collect();
-    match (super::choose(kind, text, &ids), named.as_slice()) {
+    match (super::choice::choose(kind, text, &ids, limits), named.as_slice()) {
         (Ok(Some(id)), _) => return Ok(Some(id)),
         // Several ids begin so, and one recording has just this name.
         (Err(_), [one]) if text != LATEST => return Ok(Some(one.id.clone())),
@@ -36,11 +45,15 @@ pub(super) fn choose(kind: Kind, text: &str, episodes: &[Episode]) -> Result<Opt
         [] => Err(format!("{text}: no {noun} has this id or file name; `{lists}` lists them")),
         [one] => Ok(Some(one.id.clone())),
         many => {
-            let shown = |episode: &&Episode| format!("{} ({})", episode.id, words::outcome(episode.outcome()));
+            let shown = |episode: &&Episode| {
+                let task = searched.name(&episode.task_id).map(|task| format!(" of {task}")).unwrap_or_default();
+                format!("{}{task} ({})", episode.id, words::outcome(episode.outcome()))
+            };
             let ids: Vec<String> = many.iter().take(SHOWN).map(shown).collect();
             let more = if many.len() > SHOWN { ", …" } else { "" };
+            let limit = limit(&tasks(many.iter().filter_map(|episode| searched.name(&episode.task_id))), limits);
             let count = many.len();
-            Err(format!("{text}: {count} {noun}s have this file name: {}{more}; give an id", ids.join(", ")))
+            Err(format!("{text}: {count} {noun}s have this file name: {}{more}; give an id{limit}", ids.join(", ")))
         }
     }
 }
@@ -52,7 +65,7 @@ mod tests {
     use super::*;
 
     fn choose(text: &str, episodes: &[Episode]) -> Result<Option<String>, String> {
-        super::choose(Kind::Episode, text, episodes)
+        super::choose(Kind::Episode, text, episodes, &Tasks::one("lift"), false)
     }
 
     fn episode(id: &str, file_name: &str) -> Episode {
@@ -78,7 +91,7 @@ mod tests {
     #[test]
     fn a_deleted_episode_is_named_by_its_file_name_too() {
         let episodes = [episode("ep_1", "a.mcap"), episode("ep_2", "b.mcap"), episode("ep_3", "b.mcap")];
-        let deleted = |text| super::choose(Kind::Deleted, text, &episodes);
+        let deleted = |text| super::choose(Kind::Deleted, text, &episodes, &Tasks::one("lift"), false);
         assert_eq!(deleted("a.mcap"), Ok(Some("ep_1".into())));
         assert!(deleted("b").unwrap_err().starts_with("b: 2 deleted episodes have this file name: ep_2"));
         let missing = "c.mcap: no deleted episode has this id or file name; `gleaner episodes --deleted` lists them";
@@ -102,5 +115,18 @@ mod tests {
         let several = choose("b.mcap", &episodes).unwrap_err();
         assert_eq!(several, "b.mcap: 2 episodes have this file name: ep_2 (failure), ep_3 (failure); give an id");
         assert!(choose("c.mcap", &episodes).unwrap_err().contains("no episode has this id or file name"));
+    }
+
+    #[test]
+    fn episodes_of_one_file_name_are_listed_with_their_tasks() {
+        let of = |id: &str, task: &str| Episode { task_id: task.into(), ..episode(id, "0001.mcap") };
+        let episodes = [of("ep_1", "task_1"), of("ep_2", "task_2")];
+        let tasks = Tasks::test(&[("task_1", "lift"), ("task_2", "can"), ("task_3", "pick")]);
+        let choose = |limits| super::choose(Kind::Episode, "0001.mcap", &episodes, &tasks, limits).unwrap_err();
+        let listed = "2 episodes have this file name: ep_1 of lift (failure), ep_2 of can (failure); give an id";
+        assert_eq!(choose(false), format!("0001.mcap: {listed}"));
+        assert_eq!(choose(true), format!("0001.mcap: {listed}, or add --task with one of: can, lift"));
+        let several = super::choose(Kind::Episode, "ep_", &episodes, &tasks, false).unwrap_err();
+        assert!(several.contains("(ep_1 of lift, ep_2 of can)"), "{several}");
     }
 }

@@ -1,81 +1,148 @@
-//! The ids that a server has.
+//! The ids that a server has, each with its task.
 
 use gleaner_client::Client;
 use gleaner_core::proto::from_struct;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{
-    Episode, Job, JobKind, JobState, ListDatasetsRequest, ListDeploymentsRequest, ListEpisodesRequest,
+    Deployment, Episode, Job, JobKind, JobState, ListDatasetsRequest, ListDeploymentsRequest, ListEpisodesRequest,
     ListEpisodesResponse, ListEvaluationsRequest, ListJobsRequest, ListPoliciesRequest, ListSchedulesRequest,
-    ListScoreRunsRequest, ListSnapshotsRequest, ListTasksRequest,
+    ListScoreRunsRequest, ListSnapshotsRequest, ListTasksRequest, Task,
 };
 
+use super::choice::Entry;
 use super::{Kind, LATEST};
 use crate::failure::Result;
 
 const PAGE: u32 = 1000;
 
-/// The ids of a kind: of one task, or of all. For the name of a deployment, that of its policy.
-pub(super) async fn ids(client: &Client, kind: Kind, task: Option<&str>, text: &str) -> Result<Vec<String>> {
-    if kind == Kind::Policy && text.contains('@') {
-        let reply = client.policies().list_deployments(ListDeploymentsRequest::default()).await?.into_inner();
-        let named = reply.deployments.into_iter().filter(|deployment| deployment.name == text);
-        return Ok(named.map(|deployment| deployment.policy_id).collect());
-    }
-    match kind {
-        Kind::Job => Ok(jobs(client, task).await?.into_iter().map(|job| job.id).collect()),
-        Kind::Encoder => {
-            let found = encoders(client, task).await?.into_iter();
-            Ok(found.filter(|encoder| encoder.is_trained || text != LATEST).map(|encoder| encoder.id).collect())
+/// The tasks that are searched.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tasks {
+    /// The one that the command line names, by its name or id.
+    named: Option<String>,
+    /// Ids with names; the named one alone if there is one.
+    all: Vec<(String, String)>,
+}
+
+impl Tasks {
+    /// The named task, or every task of the server.
+    pub(super) async fn of(client: &Client, named: Option<&str>) -> Result<Self> {
+        if let Some(named) = named {
+            return Ok(Self::one(named));
         }
-        Kind::Policy => policies(client, task, text == LATEST).await,
+        let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+        let name = |task: Task| {
+            let name = task.spec.map_or_else(|| task.id.clone(), |spec| spec.name);
+            (task.id, name)
+        };
+        Ok(Self { named: None, all: tasks.into_iter().map(name).collect() })
+    }
+
+    pub(super) fn one(named: &str) -> Self {
+        Self { named: Some(named.to_owned()), all: vec![(named.to_owned(), named.to_owned())] }
+    }
+
+    #[cfg(test)]
+    pub(super) fn test(all: &[(&str, &str)]) -> Self {
+        Self { named: None, all: all.iter().map(|(id, name)| ((*id).to_owned(), (*name).to_owned())).collect() }
+    }
+
+    pub(super) fn named(&self) -> Option<&str> {
+        self.named.as_deref()
+    }
+
+    fn ids(&self) -> impl Iterator<Item = String> {
+        self.all.iter().map(|(id, _)| id.clone())
+    }
+
+    /// The name of a task for a list of candidates; `None` if one task alone is searched.
+    pub(super) fn name<'a>(&'a self, id: &'a str) -> Option<&'a str> {
+        if self.all.len() < 2 {
+            return None;
+        }
+        // A task of the last moments has only its id here.
+        Some(self.all.iter().find(|(known, _)| known == id).map_or(id, |(_, name)| name))
+    }
+
+    fn entry(&self, id: String, task: &str) -> Entry {
+        Entry { id, task: self.name(task).map(str::to_owned) }
+    }
+}
+
+/// What there is of a kind in these tasks.
+pub(super) async fn ids(client: &Client, kind: Kind, tasks: &Tasks, text: &str) -> Result<Vec<Entry>> {
+    match kind {
+        Kind::Job => {
+            let found = jobs(client, tasks.named()).await?.into_iter();
+            Ok(found.map(|job| tasks.entry(job.id, &job.task_id)).collect())
+        }
+        Kind::Encoder => {
+            let found = encoders(client, tasks.named()).await?.into_iter();
+            let found = found.filter(|encoder| encoder.is_trained || text != LATEST);
+            Ok(found.map(|encoder| tasks.entry(encoder.id, &encoder.task_id)).collect())
+        }
+        Kind::Policy => policies(client, tasks, text == LATEST).await,
         Kind::Schedule => {
-            let request = ListSchedulesRequest { task: task.unwrap_or_default().to_owned() };
+            let request = ListSchedulesRequest { task: tasks.named().unwrap_or_default().to_owned() };
             let reply = client.schedules().list_schedules(request).await?.into_inner();
-            Ok(reply.schedules.into_iter().map(|schedule| schedule.id).collect())
+            Ok(reply.schedules.into_iter().map(|schedule| tasks.entry(schedule.id, &schedule.task_id)).collect())
         }
         Kind::Evaluation => {
-            let mut found = results(client, task, JobKind::Evaluate).await?;
-            for policy_id in policies(client, task, true).await? {
+            let mut found = results(client, tasks, JobKind::Evaluate).await?;
+            for Entry { id: policy_id, task } in policies(client, tasks, true).await? {
                 let request = ListEvaluationsRequest { policy_id };
                 let reply = client.policies().list_evaluations(request).await?.into_inner();
-                found.extend(reply.evaluations.into_iter().map(|evaluation| evaluation.id));
+                let evaluations = reply.evaluations.into_iter();
+                found.extend(evaluations.map(|evaluation| Entry { id: evaluation.id, task: task.clone() }));
             }
             Ok(found)
         }
         Kind::Run => {
-            let mut found = results(client, task, JobKind::Score).await?;
-            for task in tasks(client, task).await? {
+            let mut found = results(client, tasks, JobKind::Score).await?;
+            for task in tasks.ids() {
                 let reply = client.scores().list_score_runs(ListScoreRunsRequest { task }).await?.into_inner();
-                found.extend(reply.score_runs.into_iter().map(|run| run.id));
+                found.extend(reply.score_runs.into_iter().map(|run| tasks.entry(run.id, &run.task_id)));
             }
             Ok(found)
         }
         Kind::Dataset => {
             let mut found = Vec::new();
-            for task in tasks(client, task).await? {
+            for task in tasks.ids() {
                 let reply = client.datasets().list_datasets(ListDatasetsRequest { task }).await?.into_inner();
-                found.extend(reply.datasets.into_iter().map(|dataset| dataset.id));
+                found.extend(reply.datasets.into_iter().map(|dataset| tasks.entry(dataset.id, &dataset.task_id)));
             }
             Ok(found)
         }
         Kind::Snapshot => {
             let mut found = Vec::new();
-            for task in tasks(client, task).await? {
+            for task in tasks.ids() {
                 let reply = client.snapshots().list_snapshots(ListSnapshotsRequest { task }).await?.into_inner();
-                found.extend(reply.snapshots.into_iter().map(|snapshot| snapshot.id));
+                found.extend(reply.snapshots.into_iter().map(|snapshot| tasks.entry(snapshot.id, &snapshot.task_id)));
             }
             Ok(found)
         }
         Kind::Episode | Kind::Deleted => {
-            let found = episodes(client, task, kind == Kind::Deleted).await?;
-            Ok(found.into_iter().map(|episode| episode.id).collect())
+            let found = episodes(client, tasks, kind == Kind::Deleted).await?;
+            Ok(of_episodes(tasks, &found))
         }
     }
+}
+
+/// Episodes as candidates.
+pub(super) fn of_episodes(tasks: &Tasks, episodes: &[Episode]) -> Vec<Entry> {
+    episodes.iter().map(|episode| tasks.entry(episode.id.clone(), &episode.task_id)).collect()
+}
+
+/// The deployments of the named task, or of all.
+pub(super) async fn deployments(client: &Client, tasks: &Tasks) -> Result<Vec<Deployment>> {
+    let request = ListDeploymentsRequest { task: tasks.named().unwrap_or_default().to_owned() };
+    Ok(client.policies().list_deployments(request).await?.into_inner().deployments)
 }
 
 /// An encoder that a job makes or has made.
 pub(crate) struct Encoder {
     pub(crate) id: String,
+    pub(super) task_id: String,
     /// Whether it has more than the single step of one that is named and not read.
     pub(crate) is_trained: bool,
 }
@@ -85,37 +152,29 @@ pub(crate) async fn encoders(client: &Client, task: Option<&str>) -> Result<Vec<
     let encoder = |job: Job| {
         let Some(Spec::Pretrain(spec)) = job.spec.and_then(|spec| spec.spec) else { return None };
         let steps = from_struct(spec.settings).get("steps").and_then(serde_json::Value::as_u64);
-        Some(Encoder { id: job.result_id, is_trained: steps != Some(1) })
+        Some(Encoder { id: job.result_id, task_id: job.task_id, is_trained: steps != Some(1) })
     };
     Ok(unfailed(client, task).await?.filter_map(encoder).collect())
 }
 
 /// The policies that are there, and unless `finished` those that jobs are making.
-async fn policies(client: &Client, task: Option<&str>, finished: bool) -> Result<Vec<String>> {
+async fn policies(client: &Client, tasks: &Tasks, finished: bool) -> Result<Vec<Entry>> {
     let mut found = Vec::new();
-    for task in tasks(client, task).await? {
+    for task in tasks.ids() {
         let reply = client.policies().list_policies(ListPoliciesRequest { task }).await?.into_inner();
-        found.extend(reply.policies.into_iter().map(|policy| policy.id));
+        found.extend(reply.policies.into_iter().map(|policy| tasks.entry(policy.id, &policy.task_id)));
     }
     if !finished {
-        let made = results(client, task, JobKind::Train).await?;
-        found.extend(made.into_iter().filter(|id| !found.contains(id)).collect::<Vec<_>>());
+        let made = results(client, tasks, JobKind::Train).await?;
+        found.extend(made.into_iter().filter(|entry| !found.contains(entry)).collect::<Vec<_>>());
     }
     Ok(found)
 }
 
-async fn tasks(client: &Client, task: Option<&str>) -> Result<Vec<String>> {
-    if let Some(task) = task {
-        return Ok(vec![task.to_owned()]);
-    }
-    let reply = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner();
-    Ok(reply.tasks.into_iter().map(|task| task.id).collect())
-}
-
-/// The episodes of one task, or of all.
-pub(super) async fn episodes(client: &Client, task: Option<&str>, deleted: bool) -> Result<Vec<Episode>> {
+/// The episodes of these tasks.
+pub(super) async fn episodes(client: &Client, tasks: &Tasks, deleted: bool) -> Result<Vec<Episode>> {
     let mut found = Vec::new();
-    for task in tasks(client, task).await? {
+    for task in tasks.ids() {
         let request = ListEpisodesRequest { task, page_size: PAGE, deleted, ..ListEpisodesRequest::default() };
         found.extend(every_page(client, request).await?.episodes);
     }
@@ -150,9 +209,9 @@ async fn jobs(client: &Client, task: Option<&str>) -> Result<Vec<Job>> {
 }
 
 /// What jobs of this kind make or have made.
-async fn results(client: &Client, task: Option<&str>, kind: JobKind) -> Result<Vec<String>> {
-    let jobs = unfailed(client, task).await?;
-    Ok(jobs.filter(|job| job.kind() == kind).map(|job| job.result_id).collect())
+async fn results(client: &Client, tasks: &Tasks, kind: JobKind) -> Result<Vec<Entry>> {
+    let jobs = unfailed(client, tasks.named()).await?;
+    Ok(jobs.filter(|job| job.kind() == kind).map(|job| tasks.entry(job.result_id, &job.task_id)).collect())
 }
 
 async fn unfailed(client: &Client, task: Option<&str>) -> Result<impl Iterator<Item = Job>> {

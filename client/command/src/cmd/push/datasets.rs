@@ -116,7 +116,8 @@ enum Choice {
     New(TaskSpec, bool),
 }
 
-/// The task that was named, that of the dataset's name, or the one that the dataset fits; if it fits none, a new one.
+/// The task that was named, that of the dataset's environment or name, or the one that the dataset fits; if it fits none,
+/// a new one.
 ///
 /// # Errors
 /// If no episode of the dataset can be used for a new one, or the task that was found has another rate or instruction.
@@ -133,16 +134,30 @@ async fn choose(
         let draft = |error| Failure::message(format!("{error}; `gleaner task draft {path} > task.toml` drafts it"));
         return known.map(Choice::Known).map_err(draft);
     }
-    let spec = of_description(&dataset.description, dataset.name()).spec;
-    if let Some(known) = tasks.iter().find(|known| known.spec.name == spec.name) {
+    let find = |name: &str| tasks.iter().find(|known| known.spec.name == name);
+    let mut spec = of_description(&dataset.description, dataset.task_name()).spec;
+    let mut named = find(&spec.name);
+    let own = dataset.name();
+    if spec.name != own {
+        // Files of one environment differ in their observations, and a task has those of the first.
+        if let Some(known) = named
+            && trial(dataset, std::slice::from_ref(known), &spec).await?.is_empty()
+        {
+            same_rate(dataset, &known.spec)?;
+            spec.name.clone_from(&own);
+            named = None;
+        }
+        named = named.or_else(|| find(&own));
+    }
+    if let Some(known) = named {
         same_rate(dataset, &known.spec)?;
         same_instruction(&dataset.path, &spec, &known.spec)?;
+        let name = known.spec.name.clone();
         context.output.note(format_args!(
-            "{path} is added to the existing task {}, which has its name and {} episodes already",
-            spec.name,
+            "{path} is added to the existing task {name}, which has its name and {} episodes already",
             known.episodes.unwrap_or_default()
         ));
-        return Ok(Choice::Known(spec.name));
+        return Ok(Choice::Known(name));
     }
     let mut fitting = trial(dataset, tasks, &spec).await?;
     // Two tasks of one robot have equal features.

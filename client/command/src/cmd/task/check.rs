@@ -13,7 +13,7 @@ use crate::alike::Alike;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::inspector::{Inspected, Inspector};
-use crate::intake::{self, Intake};
+use crate::intake::{self, Intake, Opened};
 use crate::table::Column::{Left, Right};
 use crate::table::table;
 use crate::words;
@@ -41,7 +41,11 @@ impl CheckArgs {
         };
         let inspector = Inspector::find()?;
         let mut reports = inspector.check(&recordings, &spec).await?;
-        for intake in Intake::open_all(&datasets, &Assumed { rate_hz: self.rate, ..Assumed::default() }).await? {
+        let assumed = Assumed { rate_hz: self.rate, ..Assumed::default() };
+        let Opened { intakes, skipped, refused } = Intake::open_all(context, &datasets, &assumed).await?;
+        intake::note(context, &skipped);
+        reports.extend(refused.into_iter().map(|(path, why)| (path, Err(why))));
+        for intake in intakes {
             for number in 0..intake.description.episodes {
                 let report = match intake.episode(number).await? {
                     Ok(episode) => inspector.check(std::slice::from_ref(&episode.recording), &spec).await?.pop(),

@@ -38,17 +38,24 @@ pub(crate) struct DraftArgs {
 impl DraftArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let (datasets, others) = intake::split(&self.paths);
-        match (datasets.as_slice(), others.first()) {
-            ([], _) => {}
-            ([one], None) => {
-                let intake = Intake::open(one, &Assumed { rate_hz: self.rate, ..Assumed::default() }).await?;
-                let name = self.name.clone().unwrap_or_else(|| intake.name());
-                return show(context, &of_description(&intake.description, name), &one.display().to_string());
+        if let Some(first) = datasets.first() {
+            let alone = |path: &Path| {
+                let problem = format!("{} is a dataset of another program; draft a task from it alone", path.display());
+                Err(Failure::message(problem))
+            };
+            if !others.is_empty() {
+                return alone(&first.path);
             }
-            ([one, ..], _) => {
-                let problem = format!("{} is a dataset of another program; draft a task from it alone", one.display());
-                return Err(Failure::message(problem));
-            }
+            let assumed = Assumed { rate_hz: self.rate, ..Assumed::default() };
+            let opened = Intake::open_all(context, &datasets, &assumed).await?;
+            opened.note(context);
+            return match opened.intakes.as_slice() {
+                [intake] => {
+                    let name = self.name.clone().unwrap_or_else(|| intake.task_name());
+                    show(context, &of_description(&intake.description, name), &intake.path.display().to_string())
+                }
+                _ => alone(&first.path),
+            };
         }
         let recordings = intake::recordings(context, &self.paths)?;
         let surveys = Inspector::find()?.survey(&recordings, None).await?;
