@@ -21,6 +21,7 @@ use tokio_tungstenite::{
 
 use super::{
     Shared,
+    keepalive::Counted,
     session::{self, Wanted},
 };
 use crate::{
@@ -71,7 +72,8 @@ async fn respond(mut request: Request<Incoming>, shared: Arc<Shared>, state: Con
         match upgraded.await {
             Ok(io) => {
                 let limits = WebSocketConfig::default().max_message_size(Some(most)).max_frame_size(Some(most));
-                let socket = WebSocketStream::from_raw_socket(TokioIo::new(io), Role::Server, Some(limits)).await;
+                let stream = Counted::new(TokioIo::new(io));
+                let socket = WebSocketStream::from_raw_socket(stream, Role::Server, Some(limits)).await;
                 session::run(socket, wanted, &shared.services).await;
             }
             Err(error) => tracing::debug!(%error, "a connection of openpi was not upgraded"),

@@ -3,7 +3,10 @@
 //! Knows HTTP, sockets and sessions; the content of messages is in `gleaner-openpi`. Must not know tensors or SQL.
 
 mod http;
+mod keepalive;
 mod session;
+#[cfg(test)]
+mod tests;
 
 use std::{sync::Arc, time::Duration};
 

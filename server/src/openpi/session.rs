@@ -4,7 +4,7 @@
 
 use std::time::Instant;
 
-use futures::{SinkExt as _, StreamExt as _};
+use futures::SinkExt as _;
 use gleaner_edge::Call;
 use gleaner_openpi::{Metadata, Reply, Request};
 use tokio::{
@@ -20,7 +20,10 @@ use tokio_tungstenite::{
     },
 };
 
-use super::READ_WITHIN;
+use super::{
+    READ_WITHIN,
+    keepalive::{self, Counted},
+};
 use crate::{
     access::{self, Caller},
     domain::{
@@ -45,7 +48,7 @@ pub(super) struct Wanted {
 }
 
 /// Serves a client until it leaves. A failure is one text message before the close, as by openpi's own server.
-pub(super) async fn run<S>(mut socket: WebSocketStream<S>, wanted: Wanted, services: &Services)
+pub(super) async fn run<S>(mut socket: WebSocketStream<Counted<S>>, wanted: Wanted, services: &Services)
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
@@ -60,7 +63,7 @@ where
     let _ = tokio::time::timeout(READ_WITHIN, socket.close(Some(frame))).await;
 }
 
-async fn serve<S>(socket: &mut WebSocketStream<S>, wanted: &Wanted, services: &Services) -> Result<()>
+async fn serve<S>(socket: &mut WebSocketStream<Counted<S>>, wanted: &Wanted, services: &Services) -> Result<()>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
@@ -69,10 +72,11 @@ where
         Metadata { deployment: &wanted.deployment, policy_id: episode.policy_id.as_str(), task: &wanted.task.spec };
     send(socket, Message::binary(gleaner_openpi::metadata(&metadata))).await?;
     let mut token_end = wanted.caller.token_end();
+    let limit = services.config.connections.limits().keepalive_timeout;
     let mut previous_ms = None;
     loop {
         let message = tokio::select! {
-            message = socket.next() => message,
+            message = keepalive::next(socket, limit) => message?,
             () = ended(&mut token_end) => return Err(Error::unauthenticated("the token was revoked or has expired")),
             output = episode.outputs.recv() => match output {
                 // Not an answer: the server is about to stop, and the episode goes on until then.
@@ -83,13 +87,12 @@ where
         };
         let begun = Instant::now();
         let message = match message {
-            Some(Ok(Message::Binary(message))) => message,
-            Some(Ok(Message::Text(_))) => {
+            Some(Message::Binary(message)) => message,
+            Some(Message::Text(_)) => {
                 return Err(Error::invalid("message", "is text; send msgpack as a binary message"));
             }
-            Some(Ok(Message::Ping(_) | Message::Pong(_) | Message::Frame(_))) => continue,
-            Some(Ok(Message::Close(_))) | None => return episode.close().await,
-            Some(Err(error)) => return Err(Error::invalid("message", error)),
+            Some(Message::Ping(_) | Message::Pong(_) | Message::Frame(_)) => continue,
+            Some(Message::Close(_)) | None => return episode.close().await,
         };
         let Request { reset, cameras, proprioception } = gleaner_openpi::request(&message, &wanted.task.spec)?;
         if reset && episode.steps > 0 {
