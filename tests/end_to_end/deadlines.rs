@@ -7,7 +7,9 @@ use crate::support::{
     api::Api,
     lab,
     robot::{Robot, observe, start_sim},
+    server::TestServer,
     shared::{NAME, shared},
+    wait::within,
 };
 
 #[tokio::test]
@@ -51,10 +53,10 @@ async fn observation_with_an_earlier_stamp_is_rejected() {
     assert!(error.message().starts_with("observation.stamp_ns: "), "{error}");
 }
 
-/// On a server of its own, which stops with an open session.
+/// On servers of its own, which stop with an open session: one while the robot acts and closes, one until the drain ends.
 #[tokio::test]
 async fn deployments_roll_back_and_sessions_drain() {
-    let (mut server, mut api, _) = lab::with_episodes(&["--drain-seconds", "2"]).await;
+    let (mut server, mut api, _) = lab::with_episodes(&["--drain-seconds", "3600"]).await;
     let encoder = api.succeed(lab::TASK, lab::pretrain(2)).await.result_id;
     let mut policies = Vec::new();
     for steps in [1, 2] {
@@ -76,8 +78,19 @@ async fn deployments_roll_back_and_sessions_drain() {
         let SessionReply::Draining(draining) = robot.receive().await.unwrap() else { panic!("not draining") };
         assert!(draining.close_time.is_some());
         robot.act(observe(&start_sim())).await.unwrap();
+        assert_eq!(robot.close().await.observations, 1);
+        robot.expect_end().await;
+    };
+    let (stopped, ()) = within("the server stops", async { tokio::join!(server.stop(), drained) }).await;
+    assert!(stopped, "a stop with a session open is a success");
+
+    let mut server = TestServer::start_over(server.data_dir(), &["--drain-seconds", "1"]).await;
+    let mut api = Api::connect(&server).await;
+    let mut robot = Robot::open(&mut api, "arm@prod").await.unwrap();
+    let drained = async {
+        let SessionReply::Draining(_) = robot.receive().await.unwrap() else { panic!("not draining") };
         assert_eq!(robot.receive().await.unwrap_err().code(), Code::Unavailable, "the session ends with a status");
     };
     let (stopped, ()) = tokio::join!(server.stop(), drained);
-    assert!(stopped, "a stop with a session open is a success");
+    assert!(stopped, "a stop that ends a session is a success");
 }

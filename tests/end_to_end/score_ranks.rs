@@ -5,6 +5,7 @@ use serde_json::json;
 
 use crate::support::{
     api::Api,
+    files::forget_features,
     lab,
     process::{Signal, signal_rank_1},
     scores::digest,
@@ -70,6 +71,8 @@ async fn run_whose_process_is_killed_in_the_middle_is_repeated_with_the_same_byt
     assert_eq!(expected.attempt, 1);
     let expected = digest(&mut api, &expected.result_id).await;
     for sent in [Signal::KILL, Signal::STOP] {
+        // Kept features would end the run before the signal.
+        forget_features(server.data_dir());
         let job = api.submit(lab::TASK, score()).await.unwrap();
         api.watch_until(&job.id, |job| job.message == "scoring").await;
         signal_rank_1(server.pid(), sent);

@@ -14,7 +14,10 @@ use crate::support::{api::Api, lab, server::TestServer, slurm::Cluster, wait::un
 
 /// A server with episodes whose jobs run on the cluster.
 async fn with_episodes(cluster: &Cluster) -> (TestServer, Api, Vec<Episode>) {
-    let flags = cluster.flags();
+    with_flags(&cluster.flags()).await
+}
+
+async fn with_flags(flags: &[String]) -> (TestServer, Api, Vec<Episode>) {
     lab::with_episodes(&flags.iter().map(String::as_str).collect::<Vec<_>>()).await
 }
 
@@ -63,7 +66,7 @@ async fn job_on_slurm_equals_a_local_one() {
 async fn job_resumes_on_another_node_after_its_node_is_killed() {
     const STEPS: u32 = 40;
     let Some(mut cluster) = Cluster::start(2).await else { return };
-    let (_server, mut api, _) = with_episodes(&cluster).await;
+    let (_server, mut api, _) = with_flags(&cluster.flags_for_lost_nodes()).await;
     let expected = api.succeed(lab::TASK, lab::pretrain(STEPS)).await;
     let killed = api.submit(lab::TASK, lab::pretrain(STEPS)).await.unwrap();
     let running = api.watch_until(&killed.id, |job| job.done >= 7 && !job.node.is_empty()).await;

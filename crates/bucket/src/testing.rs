@@ -3,7 +3,7 @@
 
 use std::{
     io::{Read as _, Result, Write as _},
-    net::{TcpListener, TcpStream},
+    net::{SocketAddr, TcpStream},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::atomic::{AtomicU64, Ordering},
@@ -11,6 +11,7 @@ use std::{
 };
 
 use gleaner_core::{Secret, error};
+use tokio::net::TcpSocket;
 
 use crate::{Bucket, BucketConfig};
 
@@ -30,6 +31,8 @@ const START: Duration = Duration::from_secs(120);
 pub struct TestStore {
     /// Ends on drop.
     moto: Option<Child>,
+    /// Keeps the port of moto from other programs.
+    _port: Option<TcpSocket>,
     endpoint: String,
     /// Begins every prefix.
     folder: String,
@@ -46,7 +49,7 @@ impl TestStore {
         let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let number = STORES.fetch_add(1, Ordering::Relaxed);
         let folder = format!("{}-{}-{number}/", std::process::id(), since.as_millis());
-        Ok(Some(Self { moto: None, endpoint, folder }))
+        Ok(Some(Self { moto: None, _port: None, endpoint, folder }))
     }
 
     /// Moto, for tests that stop the server. `None` where it is not installed.
@@ -56,9 +59,13 @@ impl TestStore {
     pub fn moto() -> Result<Option<Self>> {
         let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/moto/bin/moto_server");
         let program = if here.is_file() { here } else { PathBuf::from("moto_server") };
-        let address = format!("127.0.0.1:{}", TcpListener::bind("127.0.0.1:0")?.local_addr()?.port());
+        // It does not listen, and so leaves the port to moto, which also sets SO_REUSEADDR.
+        let port = TcpSocket::new_v4()?;
+        port.set_reuseaddr(true)?;
+        port.bind(SocketAddr::from(([127, 0, 0, 1], 0)))?;
+        let address = port.local_addr()?;
         let started = Command::new(program)
-            .args(["-H", "127.0.0.1", "-p", address.rsplit(':').next().unwrap_or_default()])
+            .args(["-H", "127.0.0.1", "-p", &address.port().to_string()])
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn();
@@ -67,12 +74,13 @@ impl TestStore {
             std::io::stderr().write_all(b"SKIPPED: moto is not installed (make moto)\n")?;
             return Ok(None);
         };
-        let mut store = Self { moto: Some(process), endpoint: format!("http://{address}"), folder: String::new() };
+        let (endpoint, folder) = (format!("http://{address}"), String::new());
+        let mut store = Self { moto: Some(process), _port: Some(port), endpoint, folder };
         let begun = Instant::now();
         let request =
             format!("PUT /{BUCKET} HTTP/1.1\r\nHost: {address}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
         let ask = || -> std::io::Result<String> {
-            let mut stream = TcpStream::connect(&address)?;
+            let mut stream = TcpStream::connect(address)?;
             stream.write_all(request.as_bytes())?;
             let mut answer = String::new();
             stream.read_to_string(&mut answer)?;

@@ -13,13 +13,16 @@ use std::{
 };
 
 use futures::{SinkExt as _, StreamExt as _};
-use gleaner_core::{error::Kind, remote::Protocol};
+use gleaner_core::{
+    error::Kind,
+    remote::{Protocol, RemotePolicy},
+};
 use gleaner_remote::Outgoing;
 use rmpv::Value;
-use support::{act, outgoing, policy, remote};
+use support::{act, acts, outgoing, policy, remote};
 use tokio::{
     io::AsyncWriteExt as _,
-    net::{TcpListener, TcpStream},
+    net::{TcpListener, TcpSocket, TcpStream},
 };
 use tokio_tungstenite::{
     WebSocketStream, accept_async, accept_hdr_async,
@@ -100,7 +103,11 @@ fn state(request: &Value) -> Vec<u8> {
 
 /// The error of the first observation.
 async fn refusal(address: &str) -> (Kind, String) {
-    let remote = remote(policy(Protocol::Openpi, address), outgoing());
+    refusal_of(policy(Protocol::Openpi, address), address).await
+}
+
+async fn refusal_of(policy: RemotePolicy, address: &str) -> (Kind, String) {
+    let remote = remote(policy, outgoing());
     let error = act(&mut remote.episode(), 1.0).await.unwrap_err();
     assert!(error.message().contains(address), "{error} names no address");
     (error.kind(), error.message().to_owned())
@@ -177,7 +184,8 @@ async fn a_server_that_sends_without_end_or_not_at_all_is_left_in_time() {
         )
         .await;
     for address in [silent, pings] {
-        let (kind, message) = refusal(&address).await;
+        let limited = RemotePolicy { answer_within_ms: 500, ..policy(Protocol::Openpi, &address) };
+        let (kind, message) = refusal_of(limited, &address).await;
         assert_eq!(kind, Kind::Unavailable, "{message}");
         assert!(message.contains("no answer within 500 ms"), "{message}");
     }
@@ -262,10 +270,10 @@ async fn a_token_is_an_api_key_and_is_never_in_an_error() {
 /// A dead server costs one attempt, and a robot no time; when it is back, sessions resume.
 #[tokio::test]
 async fn a_session_resumes_when_its_server_is_back() {
-    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let port = listener.local_addr().unwrap().port();
-    drop(listener);
-    let address = format!("ws://127.0.0.1:{port}");
+    // Connections are refused until it listens, and no other program gets its port.
+    let socket = TcpSocket::new_v4().unwrap();
+    socket.bind(([127, 0, 0, 1], 0).into()).unwrap();
+    let address = format!("ws://{}", socket.local_addr().unwrap());
     let remote = remote(policy(Protocol::Openpi, &address), outgoing());
     let mut episode = remote.episode();
     for _ in 0..3 {
@@ -273,7 +281,7 @@ async fn a_session_resumes_when_its_server_is_back() {
         assert_eq!(error.kind(), Kind::Unavailable);
         assert!(error.message().contains(&address) && error.message().contains("start it"), "{error}");
     }
-    let listener = TcpListener::bind(("127.0.0.1", port)).await.unwrap();
+    let listener = socket.listen(16).unwrap();
     let seen = Arc::new(AtomicUsize::new(0));
     let count = Arc::clone(&seen);
     tokio::spawn(async move {
@@ -285,14 +293,7 @@ async fn a_session_resumes_when_its_server_is_back() {
             socket.send(actions(array("<f4", &[2], floats(&[7.0, 8.0])))).await.unwrap();
         }
     });
-    let mut attempts = tokio::time::interval(std::time::Duration::from_millis(20));
-    let answer = loop {
-        attempts.tick().await;
-        if let Ok(actions) = act(&mut episode, 1.0).await {
-            break actions;
-        }
-    };
-    assert_eq!(answer, [[7.0, 8.0]]);
+    assert_eq!(acts(&mut episode, 1.0).await, [[7.0, 8.0]]);
     assert_eq!(seen.load(SeqCst), 1);
     assert_eq!(act(&mut episode, 1.0).await.unwrap_err().kind(), Kind::Unavailable, "the connection ended");
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use gleaner_proto::v1::*;
 use rand::RngExt as _;
 
-use super::{losses, with_episodes};
+use super::{losses, with_flags};
 use crate::support::{api::Api, crash::Settings, lab, slurm::Cluster};
 
 const STEPS: u32 = 30;
@@ -58,7 +58,7 @@ async fn every_job_ends_once_under_random_kills() {
     let settings = Settings::read();
     let (kills, mut dice) = (settings.slurm_kills, settings.random(7));
     let Some(mut cluster) = Cluster::start(3).await else { return };
-    let (mut server, mut api, episodes) = with_episodes(&cluster).await;
+    let (mut server, mut api, episodes) = with_flags(&cluster.flags_for_lost_nodes()).await;
     let expected = api.succeed(lab::TASK, lab::pretrain(STEPS)).await;
     let expected_losses = losses(&mut api, &expected.id).await;
     let (mut open, mut results): (Vec<Open>, _) = (Vec::new(), vec![expected.result_id]);

@@ -4,7 +4,7 @@ use gleaner_proto::v1::*;
 use serde_json::json;
 
 use super::losses;
-use crate::support::{api::Api, lab, scores::digest, server::TestServer, slurm::Cluster};
+use crate::support::{api::Api, files::forget_features, lab, scores::digest, server::TestServer, slurm::Cluster};
 
 #[tokio::test]
 async fn training_over_two_nodes_equals_a_local_one_and_resumes_after_a_node_is_killed() {
@@ -19,7 +19,7 @@ async fn training_over_two_nodes_equals_a_local_one_and_resumes_after_a_node_is_
     let local = api.succeed(lab::TASK, lab::pretrain(STEPS)).await;
     assert!(server.stop().await);
 
-    let flags = cluster.flags();
+    let flags = cluster.flags_for_lost_nodes();
     let flags: Vec<&str> = flags.iter().map(String::as_str).chain(two).collect();
     let server = TestServer::start_over(&data, &flags).await;
     let mut api = Api::connect(&server).await;
@@ -53,7 +53,7 @@ async fn score_run_over_nodes_gives_the_bytes_of_a_local_one_also_after_a_node_i
     let expected = digest(&mut api, &local).await;
     for ranks in ["1", "2", "3"] {
         assert!(server.stop().await);
-        let flags = [cluster.flags(), ["--score-ranks", ranks].map(str::to_owned).to_vec()].concat();
+        let flags = [cluster.flags_for_lost_nodes(), ["--score-ranks", ranks].map(str::to_owned).to_vec()].concat();
         server = TestServer::start_over(&data, &flags.iter().map(String::as_str).collect::<Vec<_>>()).await;
         api = Api::connect(&server).await;
         let job = api.succeed(lab::TASK, score()).await;
@@ -61,6 +61,8 @@ async fn score_run_over_nodes_gives_the_bytes_of_a_local_one_also_after_a_node_i
         assert_eq!((job.engine.as_str(), job.attempt), ("slurm", 1), "{job:?}");
         assert_eq!(job.node.contains(&format!("1-{ranks}")), ranks != "1", "{job:?}");
     }
+    // Kept features would end the run before its node is killed.
+    forget_features(&data);
     let killed = api.submit(lab::TASK, score()).await.unwrap();
     let running = api.watch_until(&killed.id, |job| job.message == "scoring").await;
     cluster.kill_node("node3").await;

@@ -126,13 +126,18 @@ impl Api {
 
     /// The recording of an episode.
     pub async fn download(&mut self, episode: &str) -> Vec<u8> {
+        self.try_download(episode).await.unwrap()
+    }
+
+    /// Like [`Self::download`], with the error of the server.
+    pub async fn try_download(&mut self, episode: &str) -> Result<Vec<u8>, Status> {
         let request = DownloadEpisodeRequest { episode_id: episode.to_owned(), accept_url: false };
-        let mut chunks = self.episodes.download_episode(request).await.unwrap().into_inner();
+        let mut chunks = self.episodes.download_episode(request).await?.into_inner();
         let mut bytes = Vec::new();
-        while let Some(chunk) = chunks.message().await.unwrap() {
+        while let Some(chunk) = chunks.message().await? {
             bytes.extend_from_slice(&chunk.data);
         }
-        bytes
+        Ok(bytes)
     }
 
     /// Labels an episode.

@@ -81,3 +81,11 @@ pub fn blob_folders(data: &Path) -> Vec<PathBuf> {
     let folders = data.join("blobs").read_dir().unwrap().map(|entry| entry.unwrap().path());
     folders.filter(|path| path.is_dir() && path.file_name().is_some_and(|name| name.len() == 2)).collect()
 }
+
+/// Removes the kept features of episodes, which spare score runs the encoding, from a data folder.
+pub fn forget_features(data: &Path) {
+    let features = files(&data.join("cache")).into_iter();
+    let features = features.filter(|file| file.extension().is_some_and(|extension| extension == "features"));
+    let removed = features.map(|file| std::fs::remove_file(file).unwrap()).count();
+    assert!(removed > 0, "no features are kept");
+}

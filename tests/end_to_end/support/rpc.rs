@@ -1,7 +1,5 @@
 //! Calls of any rpc by its path with any bytes as its messages, which no generated client can make.
 
-use std::time::Duration;
-
 use bytes::{Buf as _, BufMut as _};
 use futures::Stream;
 use tonic::{
@@ -12,10 +10,7 @@ use tonic::{
     transport::{Certificate, Channel, ClientTlsConfig},
 };
 
-use super::secure::SecureServer;
-
-/// The longest wait for an error; a stream that is still open then was accepted.
-const ACCEPTED: Duration = Duration::from_secs(3);
+use super::{secure::SecureServer, wait::within};
 
 /// Passes bytes through.
 #[derive(Clone, Copy)]
@@ -63,7 +58,7 @@ pub async fn connect(server: &SecureServer) -> Channel {
     Channel::from_shared(server.running.url.clone()).unwrap().tls_config(tls).unwrap().connect().await.unwrap()
 }
 
-/// Calls an rpc with one message; returns the code of its status, which is `Ok` also for an accepted stream that is idle.
+/// Calls an rpc with one message; returns the code of its status.
 pub async fn call(channel: &Channel, path: &'static str, token: Option<&str>, message: Vec<u8>) -> Code {
     call_with(channel, path, token, tokio_stream::iter([message])).await
 }
@@ -86,8 +81,8 @@ pub async fn call_with(
         while responses.message().await?.is_some() {}
         Ok::<(), Status>(())
     };
-    match tokio::time::timeout(ACCEPTED, calling).await {
-        Ok(Ok(())) | Err(_) => Code::Ok,
-        Ok(Err(status)) => status.code(),
+    match within("the call ends", calling).await {
+        Ok(()) => Code::Ok,
+        Err(status) => status.code(),
     }
 }

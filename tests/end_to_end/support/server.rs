@@ -40,6 +40,14 @@ impl TestServer {
         Self { _own: Some(own), ..server }
     }
 
+    /// Like [`Self::start_with`]. `None` if the server ends before it listens.
+    pub async fn try_start_with(flags: &[&str]) -> Option<Self> {
+        let own = own_folder();
+        let running = Running::try_start(&mut serve(own.path(), flags, ANY_PORT)).await?;
+        let flags = flags.iter().map(|&flag| flag.to_owned()).collect();
+        Some(Self { data: own.path().to_owned(), _own: Some(own), flags, running })
+    }
+
     /// Starts a server over a data folder that stays.
     pub async fn start_over(data: &Path, flags: &[&str]) -> Self {
         let command = serve(data, flags, ANY_PORT);

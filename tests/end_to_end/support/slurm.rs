@@ -5,7 +5,6 @@
 use std::{
     collections::BTreeMap,
     fs,
-    net::TcpListener,
     os::unix::fs::PermissionsExt as _,
     path::{Path, PathBuf},
     process::Stdio,
@@ -14,6 +13,7 @@ use std::{
 
 use tempfile::TempDir;
 use tokio::{
+    net::TcpSocket,
     process::{Child, Command},
     task::JoinSet,
 };
@@ -34,6 +34,7 @@ pub struct Cluster {
     nodes: BTreeMap<String, Child>,
     /// The port for workers of the server that uses it.
     worker_port: u16,
+    _ports: Vec<TcpSocket>,
     /// Returns drained nodes to service; ends on drop.
     _operator: JoinSet<()>,
 }
@@ -59,7 +60,8 @@ impl Cluster {
             return None;
         }
         let folder = tempfile::Builder::new().prefix("slurm").tempdir().unwrap();
-        let ports = free_ports(nodes + 2);
+        let held = held_ports(nodes + 2);
+        let ports: Vec<u16> = held.iter().map(|socket| socket.local_addr().unwrap().port()).collect();
         let names: Vec<String> = (1..=nodes).map(|number| format!("node{number}")).collect();
         configure(folder.path(), &names, &ports);
         let munge = munge(folder.path());
@@ -69,17 +71,27 @@ impl Cluster {
         let nodes = names.iter().map(|name| (name.clone(), node(folder.path(), name))).collect();
         let mut operator = JoinSet::new();
         operator.spawn(resume_drained(folder.path().join("bin"), names.clone()));
-        let cluster = Self { folder, _munge: munge, controller, nodes, worker_port: ports[0], _operator: operator };
+        let (worker_port, _ports) = (ports[0], held);
+        let cluster = Self { folder, _munge: munge, controller, nodes, worker_port, _ports, _operator: operator };
         cluster.until_idle(&names).await;
         Some(cluster)
     }
 
-    /// The flags of a server that runs its jobs here.
+    /// The flags of a server that runs its jobs here. On a busy machine a worker may be silent for a while.
     pub fn flags(&self) -> Vec<String> {
+        self.flags_with_silence("60")
+    }
+
+    /// As [`Self::flags`], for tests that kill nodes and wait until the server notices.
+    pub fn flags_for_lost_nodes(&self) -> Vec<String> {
+        self.flags_with_silence("8")
+    }
+
+    fn flags_with_silence(&self, seconds: &str) -> Vec<String> {
         let listen = format!("127.0.0.1:{}", self.worker_port);
         let bin = self.bin().display().to_string();
         let flags = ["--engine", "slurm", "--worker-listen", &listen, "--slurm-bin", &bin, "--slurm-poll-seconds", "1"];
-        let limits = ["--worker-silence-seconds", "8", "--workers", "4"];
+        let limits = ["--worker-silence-seconds", seconds, "--workers", "4"];
         flags.iter().chain(&limits).map(|&flag| flag.to_owned()).collect()
     }
 
@@ -196,10 +208,16 @@ async fn resume_drained(bin: PathBuf, names: Vec<String>) {
     }
 }
 
-/// Ports that no program uses now.
-fn free_ports(count: usize) -> Vec<u16> {
-    let listeners: Vec<TcpListener> = (0..count).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
-    listeners.iter().map(|listener| listener.local_addr().unwrap().port()).collect()
+/// Ports that the system gives to no other program while their sockets are open. A program that names one, and sets
+/// SO_REUSEADDR as all of these do, listens on it: the sockets do not listen themselves.
+fn held_ports(count: usize) -> Vec<TcpSocket> {
+    let held = |_| {
+        let socket = TcpSocket::new_v4().unwrap();
+        socket.set_reuseaddr(true).unwrap();
+        socket.bind(([127, 0, 0, 1], 0).into()).unwrap();
+        socket
+    };
+    (0..count).map(held).collect()
 }
 
 /// Writes the configuration, the key and the commands. The first port is the server's, the second the controller's.
@@ -218,7 +236,7 @@ fn configure(folder: &Path, names: &[String], ports: &[u16]) {
          ProctrackType=proctrack/linuxproc\nTaskPlugin=task/none\nMpiDefault=none\n\
          JobAcctGatherType=jobacct_gather/none\nSelectType=select/cons_tres\nSelectTypeParameters=CR_CPU\n\
          SchedulerParameters=batch_sched_delay=0,bf_interval=2\nSlurmdParameters=config_overrides\n\
-         ReturnToService=2\nSlurmdTimeout=10\nKillWait=5\nPreemptType=preempt/partition_prio\nPreemptMode=CANCEL\n\
+         ReturnToService=2\nSlurmdTimeout=10\nKillWait=30\nPreemptType=preempt/partition_prio\nPreemptMode=CANCEL\n\
          PartitionName=all Nodes=ALL Default=YES PriorityTier=10 State=UP\n\
          PartitionName=low Nodes=ALL PriorityTier=1 State=UP\n",
         ports[1]

@@ -23,6 +23,10 @@ type Ended = (usize, std::io::Result<ExitStatus>);
 impl Ranks {
     /// Waits for the end of rank 0 or for the failure of another rank, and kills the rest.
     pub(super) async fn ended(&mut self) -> End {
+        self.ended_and_settled(SETTLE).await
+    }
+
+    async fn ended_and_settled(&mut self, settle: Duration) -> End {
         let (first, mut failed) = match next(&mut self.0, None).await {
             (0, status) => (Some(status), None),
             // Of the others only the first failure counts: an ended process is ready at each further look.
@@ -30,7 +34,7 @@ impl Ranks {
         };
         let without_failure = first.as_ref().is_some_and(|status| status.as_ref().is_ok_and(ExitStatus::success));
         if failed.is_none() && !without_failure && self.0.len() > 1 {
-            failed = tokio::time::timeout(SETTLE, next(&mut self.0, Some(0))).await.ok();
+            failed = tokio::time::timeout(settle, next(&mut self.0, Some(0))).await.ok();
         }
         self.kill().await;
         match (first, failed) {
@@ -146,11 +150,16 @@ mod tests {
         let mut three = ranks(&[WAITS, "kill -9 $$", WAITS]);
         assert_eq!(three.ended().await, lost);
         assert!(three.0.iter_mut().all(|child| child.try_wait().unwrap().is_some()), "a process is left");
-        // A rank that fails after the first does not keep the others from being ended.
+        // A rank that fails after the first does not keep the others from being ended. It fails once the first has closed
+        // the pipe between them, and half a second has passed.
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe").display().to_string();
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
         let failed = End::Stopped("rank 1: the worker ended with code 3 and without a result".to_owned());
-        let both = tokio::spawn(async move { ranks(&[WAITS, "exit 3", "sleep 0.5; exit 4"]).ended().await });
-        assert_eq!(tokio::time::timeout(GRACE * 4, both).await.expect("the attempt does not end").unwrap(), failed);
-        // Rank 0 notices at once, and its end may be seen first.
-        assert_eq!(ranks(&["exit 1", "kill -9 $$"]).ended().await, lost);
+        let (first, second) = (format!("exec 3> {pipe}; exit 3"), format!("cat {pipe}; sleep 0.5; exit 4"));
+        let both = tokio::spawn(async move { ranks(&[WAITS, &first, &second]).ended().await });
+        assert_eq!(tokio::time::timeout(GRACE * 12, both).await.expect("the attempt does not end").unwrap(), failed);
+        // Rank 0 notices at once, and its end may be seen first: on a busy machine, long before that of rank 1.
+        assert_eq!(ranks(&["exit 1", "kill -9 $$"]).ended_and_settled(GRACE * 12).await, lost);
     }
 }
