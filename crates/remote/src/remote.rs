@@ -52,8 +52,8 @@ struct Call {
     first_of_all: bool,
 }
 
-/// One session with a policy. Its state on the other server ends with it, or with a failed call: the next one begins
-/// again.
+/// One session with a policy. Its state on the other server ends with it, with a failed call, or with a connection of
+/// openpi's protocol: the next call begins again.
 #[derive(Debug)]
 pub struct Episode {
     remote: Arc<Remote>,
@@ -191,7 +191,8 @@ impl Episode {
                 Ok(actions)
             }
             State::Openpi(socket) => {
-                let mut socket = match socket {
+                // A connection that was lost between observations is replaced, and costs no step.
+                let mut socket = match socket.filter(|socket| !socket.is_lost()) {
                     Some(socket) => socket,
                     None => {
                         let opening = Socket::open(&remote.address, &remote.outgoing, &remote.actions);

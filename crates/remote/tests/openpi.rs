@@ -19,13 +19,14 @@ use gleaner_core::{
 };
 use gleaner_remote::Outgoing;
 use rmpv::Value;
-use support::{act, acts, outgoing, policy, remote};
-use tokio::{
-    io::AsyncWriteExt as _,
-    net::{TcpListener, TcpSocket, TcpStream},
+use support::{
+    act, acts,
+    openpi::{Socket, actions, array, floats, listen, packed, state},
+    outgoing, policy, remote,
 };
+use tokio::{io::AsyncWriteExt as _, net::TcpSocket};
 use tokio_tungstenite::{
-    WebSocketStream, accept_async, accept_hdr_async,
+    accept_async, accept_hdr_async,
     tungstenite::{
         Message,
         handshake::server::{ErrorResponse, Request, Response},
@@ -35,20 +36,6 @@ use tokio_tungstenite::{
         },
     },
 };
-
-type Socket = WebSocketStream<TcpStream>;
-
-/// Listens, and has `serve` handle each connection.
-async fn listen<F: Future<Output = ()> + Send + 'static>(serve: impl Fn(TcpStream) -> F + Send + 'static) -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let address = format!("ws://{}/arm@prod", listener.local_addr().unwrap());
-    tokio::spawn(async move {
-        while let Ok((stream, _)) = listener.accept().await {
-            tokio::spawn(serve(stream));
-        }
-    });
-    address
-}
 
 /// A server that describes itself, and has `answer` reply.
 async fn answering<F: Future<Output = ()> + Send + 'static>(
@@ -61,44 +48,6 @@ async fn answering<F: Future<Output = ()> + Send + 'static>(
         answer(socket, rmpv::decode::read_value(&mut &request[..]).unwrap()).await;
     })
     .await
-}
-
-fn packed(value: &Value) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    rmpv::encode::write_value(&mut bytes, value).unwrap();
-    bytes
-}
-
-/// An array as numpy's packers write it.
-fn array(dtype: &str, shape: &[usize], data: Vec<u8>) -> Value {
-    let key = |name: &str| Value::Binary(name.as_bytes().to_vec());
-    Value::Map(vec![
-        (key("__ndarray__"), Value::Boolean(true)),
-        (key("data"), Value::Binary(data)),
-        (key("dtype"), dtype.into()),
-        (key("shape"), Value::Array(shape.iter().map(|size| (*size).into()).collect())),
-    ])
-}
-
-fn actions(value: Value) -> Message {
-    Message::binary(packed(&Value::Map(vec![("actions".into(), value)])))
-}
-
-fn floats(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|value| value.to_le_bytes()).collect()
-}
-
-/// The state of a request, as the server received it.
-fn state(request: &Value) -> Vec<u8> {
-    let entry = |value: &Value, name: &str| {
-        let found = value
-            .as_map()
-            .unwrap()
-            .iter()
-            .find(|(key, _)| key.as_str() == Some(name) || key.as_slice() == Some(name.as_bytes()));
-        found.unwrap_or_else(|| panic!("{name} is missing in {value}")).1.clone()
-    };
-    entry(&entry(request, "observation/state"), "data").as_slice().unwrap().to_vec()
 }
 
 /// The error of the first observation.
@@ -291,6 +240,8 @@ async fn a_session_resumes_when_its_server_is_back() {
             socket.send(Message::binary(packed(&Value::Map(vec![])))).await.unwrap();
             let Some(Ok(Message::Binary(_))) = socket.next().await else { continue };
             socket.send(actions(array("<f4", &[2], floats(&[7.0, 8.0])))).await.unwrap();
+            // It ends the connection instead of an answer.
+            let _ = socket.next().await;
         }
     });
     assert_eq!(acts(&mut episode, 1.0).await, [[7.0, 8.0]]);

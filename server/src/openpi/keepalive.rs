@@ -49,6 +49,8 @@ where
     let (mut received, mut silent) = (socket.get_ref().received, 0);
     loop {
         let replied = tokio::select! {
+            // Bytes that have arrived count before the tick that was due meanwhile.
+            biased;
             message = socket.next() => match message.transpose().map_err(|error| Error::invalid("message", error))? {
                 Some(Message::Ping(_) | Message::Pong(_) | Message::Frame(_)) => {
                     ticks.reset();

@@ -143,16 +143,19 @@ async fn session_of_a_client_that_answers_no_ping_ends_and_that_of_a_slow_client
         loop {
             attempts.tick().await;
             let is_over = sessions(&services).iter().all(|id| !both.contains(id) || *id == slow_session);
-            if is_over && let Some(next) = connect(address).await {
-                return next;
+            if is_over && let Some(mut next) = connect(address).await {
+                // Its session would end too if it were not read meanwhile.
+                return tokio::select! {
+                    () = answer_pings(&mut next) => unreachable!(),
+                    ended = services.store.audit(Millis(0), 100) => ended.unwrap(),
+                };
             }
         }
     };
-    let _next = tokio::select! {
+    let ended = tokio::select! {
         () = answer_pings(&mut slow) => unreachable!(),
-        next = tokio::time::timeout(BOUND, freed) => next.expect("the place of the lost client is free"),
+        ended = tokio::time::timeout(BOUND, freed) => ended.expect("the place of the lost client is free"),
     };
-    let ended = services.store.audit(Millis(0), 100).await.unwrap();
     let ended: Vec<&str> = ended.iter().map(|entry| entry.outcome.as_str()).collect();
     assert_eq!(ended, ["Late"]);
     assert_eq!(act(&mut slow).await, [0.5]);

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, missing_docs, reason = "each test uses a part")]
 
+pub(crate) mod openpi;
 pub(crate) mod scripted;
 
 use std::{sync::Arc, time::Duration};
