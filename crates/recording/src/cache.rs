@@ -1,7 +1,7 @@
 //! The frame cache: a decoded episode as one file, of which any step is read without the others.
 //!
 //! Layout, all little-endian: a head (`layout.rs`), one row a step (stamp, proprioception, action, the place of each
-//! image of the step, a checksum), then the pictures, each compressed without loss (`codec.rs`), by itself or as its
+//! image of the step, a checksum), then the pictures, each compressed without loss (`codec.rs`), alone or as its
 //! difference to an earlier one that is, so that any picture is read with one other at most. A picture that several steps
 //! use is there once. A cache is derived from a recording and can be made again at any time: each part has a checksum, so
 //! that damage is found where it is read.
@@ -159,7 +159,7 @@ impl FrameCache {
         damaged(&self.path, &format!("the checksum of step {step} is wrong"))
     }
 
-    /// Fills the pixels of a picture. `key` is the last one of its stream that was packed by itself.
+    /// Fills the pixels of a picture. `key` is the last one of its stream that was packed alone.
     fn picture(
         &self,
         file: &File,
@@ -195,6 +195,9 @@ impl FrameCache {
     fn packed(&self, file: &File, place: Place, picture: &Picture) -> Result<Vec<u8>, RecordingError> {
         if place.length as usize > packed_bound(picture.bytes) {
             return Err(damaged(&self.path, "a picture is larger than any of its size"));
+        }
+        if place.offset.checked_add(place.length.into()).is_none_or(|end| end > self.head.file_bytes) {
+            return Err(damaged(&self.path, "a picture is outside of the file"));
         }
         let mut packed = vec![0; place.length as usize];
         self.read(file, &mut packed, place.offset)?;

@@ -12,7 +12,7 @@ use super::layout::Place;
 
 /// The fastest level: higher ones gain less than 1 % on pictures.
 const LEVEL: i32 = 1;
-/// The first byte of a packed picture: by itself, or as a difference, which the place of its key follows.
+/// The first byte of a packed picture: alone, or as a difference, which the place of its key follows.
 const ALONE: u8 = 0;
 const DIFFERENCE: u8 = 1;
 
@@ -21,11 +21,11 @@ pub(super) fn packed_bound(bytes: usize) -> usize {
     1 + Place::BYTES + zstd::zstd_safe::compress_bound(bytes)
 }
 
-/// The last picture of a stream that was packed by itself. Later ones are packed as their difference to it.
+/// The last picture of a stream that was packed alone. Later ones are packed as their difference to it.
 pub(super) struct Key {
     place: Place,
     pixels: Vec<u8>,
-    /// The smallest difference so far, packed bytes, and by how much the others exceed it.
+    /// The smallest difference so far, packed bytes, and the sum of what each exceeded the smallest one before it by.
     least: usize,
     excess: usize,
 }
@@ -60,7 +60,7 @@ pub(super) struct Packer {
 /// A packed picture.
 pub(super) struct Packed<'a> {
     pub(super) bytes: &'a [u8],
-    /// Whether it is packed by itself, so that later ones can have it as their key.
+    /// Whether it is packed alone, so that later ones can have it as their key.
     pub(super) is_key: bool,
 }
 
@@ -107,7 +107,7 @@ impl Unpacker {
         Ok(Self(Decompressor::new()?))
     }
 
-    /// The place of the picture's key and the rest of the packed bytes; no key if it is packed by itself.
+    /// The place of the picture's key and the rest of the packed bytes; no key if it is packed alone.
     ///
     /// # Errors
     /// The reason why `packed` is no picture.
@@ -220,7 +220,7 @@ mod tests {
         let mut key = Key::new(Place { offset: 0, length: 1000, crc: 0 }, &[]);
         let served = [300, 200, 600, 700, 900, 200].map(|difference| key.serves(difference, 1000));
         assert_eq!(served, [true, true, true, true, false, true], "least 200; 400, 900, then 1600 more");
-        assert!(!key.serves(300, 300), "a picture by itself is read alone");
+        assert!(!key.serves(300, 300), "what is no smaller is packed alone");
     }
 
     #[test]
