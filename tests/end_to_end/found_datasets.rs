@@ -41,19 +41,28 @@ async fn files_of_other_programs_do_not_stop_a_push() {
     std::fs::copy(fixture("robomimic.hdf5"), at("lift/ph/low_dim_v15.hdf5")).unwrap();
     weights(&at("lift/weights.h5"));
     let whole = std::fs::read(fixture("robomimic.hdf5")).unwrap();
-    std::fs::write(at("lift/cut.hdf5"), &whole[..whole.len() / 2]).unwrap();
+    let damaged: [(&str, &[u8]); 3] =
+        [("cut.hdf5", &whole[..whole.len() / 2]), ("empty.hdf5", &[]), ("notes.hdf5", b"none")];
+    let damaged = damaged.map(|(name, bytes)| (at("lift").join(name), bytes));
+    for (file, bytes) in &damaged {
+        std::fs::write(file, bytes).unwrap();
+    }
 
     let pushed = gleaner(server.url(), &["push", text(folder.path())]).await;
     let message = pushed.text();
     assert!(!pushed.success && message.contains("2 recordings pushed"), "a damaged dataset is an error: {message}");
-    assert!(message.contains("1 of 3 recordings were rejected"), "{message}");
+    assert!(message.contains("3 of 5 recordings were rejected"), "{message}");
     let line = |begin: String| message.lines().filter(|line| line.starts_with(&begin)).collect::<Vec<_>>();
     let skipped = line(format!("skipped: {}: ", text(&at("lift/weights.h5"))));
     assert!(skipped.len() == 1 && skipped[0].contains("it is no HDF5 file of robomimic"), "{message}");
-    let rejected = line(format!("rejected: {}: the file is cut", text(&at("lift/cut.hdf5"))));
-    assert_eq!(rejected.len(), 1, "{message}");
+    assert_eq!(line("skipped: ".to_owned()).len(), 1, "{message}");
+    for ((file, _), why) in damaged.iter().zip(["the file is cut", "", ""]) {
+        assert_eq!(line(format!("rejected: {}: {why}", text(file))).len(), 1, "{message}");
+    }
 
-    std::fs::remove_file(at("lift/cut.hdf5")).unwrap();
+    for (file, _) in &damaged {
+        std::fs::remove_file(file).unwrap();
+    }
     let again = json(server.url(), &["push", text(folder.path())]).await;
     assert_eq!(cohorts(&again), ["lift_ph_low_dim_v15"; 2], "{again}");
     assert!(again["episodes"].as_array().unwrap().iter().all(|entry| entry["existed"] == true), "{again}");
@@ -76,7 +85,8 @@ async fn a_folder_with_files_of_other_programs_alone_is_refused() {
     for command in ["push", "inspect"] {
         let refused = gleaner(NOWHERE, &[command, text(folder.path())]).await;
         let message = refused.errors;
-        assert!(!refused.success && message.contains("cannot be used (2), such as "), "{command}: {message}");
+        let first = format!("cannot be used (2), such as {}: ", text(&folder.path().join("notes.hdf5")));
+        assert!(!refused.success && message.contains(&first), "{command}: {message}");
         for file in ["model.h5", "notes.hdf5"] {
             assert_eq!(message.lines().filter(|line| line.contains(file)).count(), 1, "{command}: {message}");
         }
@@ -100,4 +110,29 @@ async fn a_dataset_in_the_cache_of_the_hub_has_the_name_of_its_repository() {
     // A task that is named takes it in any case.
     let named = gleaner(server.url(), &["push", text(&commit), "--task", "absent"]).await;
     assert!(!named.success && named.errors.contains("no task \"absent\""), "{}", named.errors);
+}
+
+#[tokio::test]
+async fn files_of_one_environment_are_pushed_to_the_task_that_the_push_creates() {
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    let folder = tempfile::tempdir().unwrap();
+    let [one, two] = ["one.hdf5", "two.hdf5"].map(|name| folder.path().join(name));
+    for file in [&one, &two] {
+        std::fs::copy(fixture("robomimic.hdf5"), file).unwrap();
+    }
+    // The recordings of the two are the same.
+    let words = ["push", text(&one), text(&two), "--cohort", "lift", "--jobs", "1"];
+    let pushed = gleaner(server.url(), &words).await;
+    let message = pushed.text();
+    assert!(pushed.success && message.contains("created task Lift"), "{message}");
+    let added = format!("{} is added to the task Lift that this push creates, which has the name of", text(&two));
+    assert!(message.contains(&added) && !message.contains("existing task"), "{message}");
+    let again = gleaner(server.url(), &words).await;
+    let message = again.text();
+    assert!(again.success, "{message}");
+    for file in [&one, &two] {
+        let added =
+            format!("{} is added to the existing task Lift, which has the name of its environment and 2", text(file));
+        assert!(message.contains(&added), "{message}");
+    }
 }

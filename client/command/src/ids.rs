@@ -50,7 +50,7 @@ pub(crate) struct Incomplete {
     ids: Vec<Given>,
     /// The task that the command line names.
     task: Option<String>,
-    /// Whether the command has `--task`.
+    /// Whether the command takes `--task` beside ids.
     limits: bool,
 }
 
@@ -95,7 +95,9 @@ pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
     }
     found.sort_by_key(|given| given.index);
     let task = inner.try_get_one::<String>("task");
-    Incomplete { ids: found, limits: task.is_ok(), task: task.ok().flatten().cloned() }
+    // `label` has it for the rows of --from, in place of ids.
+    let limits = task.is_ok() && command != "label";
+    Incomplete { ids: found, limits, task: task.ok().flatten().cloned() }
 }
 
 /// The arguments of a command line, by its definition, with full ids.

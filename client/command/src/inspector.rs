@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use futures::StreamExt as _;
 use gleaner_client::{ClientError, whole_recording};
-use gleaner_inspector::{Assumed, Converted, Description, Order, RecordingsConfig, Verdict};
+use gleaner_inspector::{Assumed, Converted, Described, Order, RecordingsConfig, Verdict};
 use gleaner_recording::{CutEpisode, Cuts, Limits, Report, Survey, TaskSpec};
 use rustix::process::Signal;
 use tempfile::TempDir;
@@ -96,16 +96,16 @@ impl Inspector {
         .await
     }
 
-    /// What a dataset of another program holds, or why it cannot be read.
+    /// What a dataset of another program holds, or the class of a file that is none, or why the path cannot be read.
     pub(crate) async fn describe(
         &self,
         dataset: &Path,
         assumed: &Assumed,
-    ) -> Result<std::result::Result<Description, String>> {
+    ) -> Result<std::result::Result<Described, String>> {
         let folder = tempfile::tempdir()?;
         let order = Order { describe: true, ..assuming(basic_order(dataset, &folder, None)?, assumed) };
         Ok(self.verdict(&order).await?.and_then(|verdict| {
-            if let Verdict::Described(description) = verdict { Ok(description) } else { Err(refusal(verdict)) }
+            if let Verdict::Described(described) = verdict { Ok(described) } else { Err(refusal(verdict)) }
         }))
     }
 

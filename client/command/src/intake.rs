@@ -7,16 +7,13 @@ mod name;
 use std::path::{Path, PathBuf};
 
 use gleaner_client::{Skipped, find_recordings, is_dataset};
-use gleaner_inspector::{Assumed, Converted, Description};
+use gleaner_inspector::{Assumed, Converted, Described, Description};
 use gleaner_recording::printable;
 use tempfile::TempDir;
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
-
-/// In the refusal of a file that is not of robomimic (`crates/formats`), such as one of another program in HDF5.
-const OTHER_PROGRAM: &str = "no HDF5 file of robomimic";
 
 /// A path that is a dataset of another program by its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -105,13 +102,6 @@ fn below(folder: &Path, datasets: &mut Vec<PathBuf>) {
 }
 
 impl Intake {
-    /// Reads the description of a dataset, or returns why it cannot be read.
-    async fn open(inspector: &Inspector, path: &Path, assumed: &Assumed) -> Result<std::result::Result<Self, String>> {
-        let described = inspector.describe(path, assumed).await?;
-        let (assumed, inspector) = (assumed.clone(), inspector.clone());
-        Ok(described.map(|description| Self { path: path.to_owned(), description, assumed, inspector }))
-    }
-
     /// Opens each dataset. A file that a search has found and that cannot be read does not keep the others from being read.
     ///
     /// # Errors
@@ -122,11 +112,12 @@ impl Intake {
             return Ok(opened);
         }
         let inspector = Inspector::find()?;
-        for Candidate { path, searched } in candidates {
-            match Self::open(&inspector, path, assumed).await? {
-                Ok(intake) => opened.intakes.push(intake),
-                Err(why) if *searched && path.is_file() => opened.refuse(path, &why),
-                Err(why) => return Err(problem(path, &why)),
+        for candidate in candidates {
+            let path = &candidate.path;
+            let described = inspector.describe(path, assumed).await?;
+            if let Some(description) = opened.sorted(candidate, described)? {
+                let (assumed, inspector) = (assumed.clone(), inspector.clone());
+                opened.intakes.push(Self { path: path.clone(), description, assumed, inspector });
             }
         }
         if opened.intakes.is_empty() {
@@ -142,7 +133,7 @@ impl Intake {
 
     /// The name of a task for it: that of its environment if it states one, else its own.
     pub(crate) fn task_name(&self) -> String {
-        name::of_task(&self.path, &self.description.spec.name)
+        name::of_task(&self.path, self.description.environment.as_deref())
     }
 
     /// What it holds, in some lines.
@@ -182,13 +173,23 @@ impl Intake {
 }
 
 impl Opened {
-    fn refuse(&mut self, path: &Path, why: &str) {
-        let why = reason(path, why).to_owned();
-        if why.contains(OTHER_PROGRAM) {
-            self.skipped.push(Skipped { path: path.to_owned(), reason: why });
-        } else {
-            self.refused.push((path.to_owned(), why));
+    /// The description of a dataset. A file that a search found and that has none is skipped if it is of another program,
+    /// else refused.
+    fn sorted(
+        &mut self,
+        Candidate { path, searched }: &Candidate,
+        described: std::result::Result<Described, String>,
+    ) -> Result<Option<Description>> {
+        let found = *searched && path.is_file();
+        match described {
+            Ok(Described::Dataset(description)) => return Ok(Some(*description)),
+            Ok(Described::OtherProgram(why)) if found => {
+                self.skipped.push(Skipped { path: path.clone(), reason: reason(path, &why).to_owned() });
+            }
+            Err(why) if found => self.refused.push((path.clone(), reason(path, &why).to_owned())),
+            Ok(Described::OtherProgram(why)) | Err(why) => return Err(problem(path, &why)),
         }
+        Ok(None)
     }
 
     /// Notes the files that are not used.
@@ -254,13 +255,27 @@ mod tests {
 
     #[test]
     fn files_of_other_programs_are_skipped_and_damaged_ones_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let [other, cut] = ["w.h5", "y.hdf5"].map(|name| folder.path().join(name));
+        for file in [&other, &cut] {
+            std::fs::write(file, "").unwrap();
+        }
         let mut opened = Opened::default();
-        opened.refuse(Path::new("x/w.h5"), "x/w.h5: no `data`; it is no HDF5 file of robomimic, or is damaged or cut");
-        opened.refuse(Path::new("x/y.hdf5"), "x/y.hdf5: the file is cut: it states 9 bytes; copy it again");
-        let skipped = "no `data`; it is no HDF5 file of robomimic, or is damaged or cut";
-        assert_eq!(opened.skipped, [Skipped { path: "x/w.h5".into(), reason: skipped.into() }]);
-        let refused = "the file is cut: it states 9 bytes; copy it again";
-        assert_eq!(opened.refused, [(PathBuf::from("x/y.hdf5"), refused.to_owned())]);
+        let mut sorted = |path: &PathBuf, searched, other_program: bool| {
+            let why = format!("{}: no HDF5 file of robomimic", path.display());
+            let described = if other_program { Ok(Described::OtherProgram(why)) } else { Err(why) };
+            opened.sorted(&Candidate { path: path.clone(), searched }, described)
+        };
+        // The class decides, and not the text.
+        assert!(sorted(&other, true, true).unwrap().is_none() && sorted(&cut, true, false).unwrap().is_none());
+        for (path, searched, other_program) in [(&other, false, true), (&cut, false, false), (&other, false, false)] {
+            assert!(sorted(path, searched, other_program).is_err());
+        }
+        // A folder of LeRobot.
+        assert!(sorted(&folder.path().to_owned(), true, false).is_err());
+        let reason = "no HDF5 file of robomimic".to_owned();
+        assert_eq!(opened.skipped, [Skipped { path: other, reason: reason.clone() }]);
+        assert_eq!(opened.refused, [(cut, reason)]);
         assert_eq!(problem(Path::new("x/y"), "x/y: cut").to_string(), "x/y: cut");
         assert_eq!(problem(Path::new("x/y"), "cut").to_string(), "x/y: cut");
     }

@@ -49,19 +49,39 @@ pub struct Assumed {
     pub success_column: Option<String>,
 }
 
+/// Why a path has no description.
+#[derive(Debug, thiserror::Error)]
+pub enum Undescribed {
+    /// A sound file of another program, with what it lacks.
+    #[error("{0}")]
+    OtherProgram(String),
+    /// A dataset that cannot be used, or a file that is damaged.
+    #[error(transparent)]
+    Problem(#[from] Problem),
+}
+
+impl From<Undescribed> for Problem {
+    fn from(error: Undescribed) -> Self {
+        match error {
+            Undescribed::OtherProgram(lack) => Self::Unfit(lack),
+            Undescribed::Problem(problem) => problem,
+        }
+    }
+}
+
 /// Returns what a dataset holds.
 ///
 /// # Errors
-/// [`Problem::Unfit`] with the fault of the dataset and the fix; [`Problem::Io`].
-pub fn describe(path: &Path, assumed: &Assumed) -> Result<Description, Problem> {
-    guarded(path, || open(path, assumed)?.description())
+/// [`Undescribed::OtherProgram`]; [`Problem::Unfit`] with the fault of the dataset and the fix; [`Problem::Io`].
+pub fn describe(path: &Path, assumed: &Assumed) -> Result<Description, Undescribed> {
+    guarded(path, || Ok(open(path, assumed)?.description()?))
 }
 
 /// Writes one episode of a dataset, by its number from 0, as a recording to `out`. After an error there is no file. Of
 /// the tables, the parts that the episode needs are read: [`describe`] checks all of them.
 ///
 /// # Errors
-/// Like [`describe`].
+/// Like [`describe`], with a file of another program as [`Problem::Unfit`].
 pub fn convert(path: &Path, assumed: &Assumed, episode: u64, out: &Path) -> Result<Converted, Problem> {
     let converted = guarded(path, || {
         let dataset = open(path, assumed)?;
@@ -85,15 +105,15 @@ fn no_success_column(name: &str, known: &[&str]) -> String {
     format!("{name:?} is not a column with one number or flag a step; --success-column can be one of: {known}")
 }
 
-fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, Problem> {
-    if path.is_dir() { lerobot::open(path, assumed) } else { robomimic::open(path, assumed) }
+fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, Undescribed> {
+    if path.is_dir() { Ok(lerobot::open(path, assumed)?) } else { robomimic::open(path, assumed) }
 }
 
 /// Readers of parquet, MP4 and HDF5 may panic on damage.
-fn guarded<T>(path: &Path, work: impl FnOnce() -> Result<T, Problem>) -> Result<T, Problem> {
+fn guarded<T, E: From<Problem>>(path: &Path, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
     let damaged = |_| {
         let problem = "a file of it is damaged, and its reader failed; copy or download the dataset again";
-        Err(Problem::Unfit(format!("{}: {problem}", path.display())))
+        Err(Problem::Unfit(format!("{}: {problem}", path.display())).into())
     };
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(damaged)
 }

@@ -6,7 +6,7 @@ use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
 use gleaner_formats::Problem;
-use gleaner_formats::import::{self, Assumed, Converted, Description};
+use gleaner_formats::import::{self, Assumed, Converted, Description, Undescribed};
 use gleaner_recording::{
     CutEpisode, Cuts, ImageThreads, Kept, RecordingError, Report, Survey, TaskSpec, TimeRange, cache_episode, cut,
     decoded_pixels, extract, salvage, summarize, survey,
@@ -27,8 +27,8 @@ pub enum Verdict {
     Salvaged(u64),
     /// What the recording holds.
     Surveyed(Survey),
-    /// What a dataset of another program holds.
-    Described(Description),
+    /// What a dataset of another program holds, or the class of a file that is none.
+    Described(Described),
     /// An episode of a dataset of another program is written as a recording.
     Converted(Converted),
     /// The recording is cut into these episodes.
@@ -41,6 +41,16 @@ pub enum Verdict {
     Full(String),
     /// The inspection failed for another reason outside the recording.
     Fault(String),
+}
+
+/// A path with data of another program.
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Described {
+    /// A dataset that can be converted.
+    Dataset(Box<Description>),
+    /// A sound file of a program whose data cannot be converted, with what it lacks.
+    OtherProgram(String),
 }
 
 /// Inspects, salvages or surveys one recording under limits on this process. Any written verdict is a success.
@@ -69,7 +79,11 @@ fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> 
     let path = &order.recording;
     let assumed = Assumed { rate_hz: order.rate_hz, success_column: order.success_column.clone() };
     if order.describe {
-        return Ok(import::describe(path, &assumed).map(Verdict::Described).or_else(import_failure));
+        return Ok(match import::describe(path, &assumed) {
+            Ok(description) => Ok(Verdict::Described(Described::Dataset(Box::new(description)))),
+            Err(Undescribed::OtherProgram(lack)) => Ok(Verdict::Described(Described::OtherProgram(lack))),
+            Err(Undescribed::Problem(problem)) => import_failure(problem),
+        });
     }
     if let Some(episode) = order.convert {
         let converted = import::convert(path, &assumed, episode, &order.frames);

@@ -13,7 +13,7 @@ mod recordings;
 
 pub use error::InspectError;
 pub use gleaner_formats::import::{Assumed, Converted, Description, FieldOrigin, LeftOut};
-pub use inspect::{Verdict, inspect};
+pub use inspect::{Described, Verdict, inspect};
 pub use limits::apply as apply_limits;
 pub use order::{Order, most_written};
 pub use recordings::RecordingsConfig;

@@ -138,21 +138,23 @@ fn chosen(episode: &Episode, runs: &[ScoreRun], found: Option<usize>) -> String 
                 1 => "the score run of the task lacks".to_owned(),
                 many => format!("the {many} score runs of the task lack"),
             };
-            let why = missing_because(episode, newest);
+            let why = missing_because(episode, newest, runs.len() == 1);
             format!("{lack} the episode, because {why}; the recording has no scores (`gleaner score` makes a new run)")
         }
     }
 }
 
-fn missing_because(episode: &Episode, newest: &ScoreRun) -> &'static str {
+/// `only`: whether the task has one run.
+fn missing_because(episode: &Episode, newest: &ScoreRun, only: bool) -> String {
     let [pushed, scored] = [&episode.create_time, &newest.create_time].map(|time| words::timestamp(time.as_ref()));
     if pushed.zip(scored).is_some_and(|(pushed, scored)| pushed > scored) {
-        return "it was pushed later";
+        return "it was pushed later".to_owned();
     }
     if episode.outcome() == Outcome::Unknown {
-        return "its outcome is unknown, and snapshots by outcome leave it out";
+        return "its outcome is unknown, and snapshots by outcome leave it out".to_owned();
     }
-    "their snapshots leave it out, or it is an expert without scores (the only one of a snapshot, or of imported scores)"
+    let snapshots = if only { "the snapshot of the run leaves" } else { "the snapshots of the runs leave" };
+    format!("{snapshots} it out, or it is an expert without scores (the only one of a snapshot, or of imported scores)")
 }
 
 impl Viewer {
@@ -250,6 +252,18 @@ mod tests {
             let note = chosen(&episode, &runs, None);
             assert!(note.starts_with("the 3 score runs of the task lack the episode") && note.contains(why), "{note}");
         }
-        assert!(chosen(&failed, &runs[..1], None).starts_with("the score run of the task lacks"));
+        for (runs, begin) in [
+            (
+                &runs[..1],
+                "the score run of the task lacks the episode, because the snapshot of the run leaves it out, or",
+            ),
+            (
+                &runs[..2],
+                "the 2 score runs of the task lack the episode, because the snapshots of the runs leave it out, or",
+            ),
+        ] {
+            let note = chosen(&failed, runs, None);
+            assert!(note.starts_with(begin), "{note}");
+        }
     }
 }

@@ -109,6 +109,7 @@ mod tests {
             episodes: 2,
             steps: 20,
             rate_stated: true,
+            environment: None,
             spec,
             fields: vec![field("observation.state", None), field("action", Some(range))],
             cameras: vec!["observation.images.top, video".into()],

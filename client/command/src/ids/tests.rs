@@ -103,6 +103,7 @@ fn an_id_without_its_place_is_refused() {
 fn commands_with_a_task_limit_the_search() {
     let limits = |line: &str| incomplete(&Cli::command().try_get_matches_from(line.split(' ')).unwrap()).limits;
     assert!(limits("gleaner score --encoder latest") && limits("gleaner evaluate --policy latest"));
+    assert!(!limits("gleaner label a.mcap --outcome success"));
     assert!(!limits("gleaner episode latest") && !limits("gleaner deploy a --policy latest"));
 }
 

@@ -3,8 +3,6 @@
 use std::ffi::OsStr;
 use std::path::{Component, Path};
 
-/// The name of a description's task where the dataset states none (`crates/formats`).
-const UNNAMED: &str = "dataset";
 /// The name of the file of a robomimic export (`crates/formats`), without its ending.
 const EXPORTED: &str = "dataset";
 /// Words of the files and folders that robomimic and robosuite publish and write: `lift/ph/low_dim_v15.hdf5`.
@@ -31,9 +29,9 @@ pub(super) fn of(path: &Path) -> String {
     of_path(&named, is_folder)
 }
 
-/// The name of a task of a dataset: the one that the dataset states, or its own.
-pub(super) fn of_task(path: &Path, stated: &str) -> String {
-    if stated == UNNAMED { of(path) } else { plain(stated) }
+/// The name of a task of a dataset: that of the environment if the dataset states one, or its own.
+pub(super) fn of_task(path: &Path, environment: Option<&str>) -> String {
+    environment.map_or_else(|| of(path), plain)
 }
 
 fn of_path(path: &Path, is_folder: bool) -> String {
@@ -151,7 +149,8 @@ mod tests {
         assert_eq!(of(&commit.join("image.hdf5")), "lift_image");
         assert_eq!(of(&commit), "lift");
         // The environment that the file states comes first.
-        assert_eq!(of_task(&commit.join("image.hdf5"), "Nut Assembly"), "Nut_Assembly");
-        assert_eq!(of_task(&commit.join("image.hdf5"), "dataset"), "lift_image");
+        assert_eq!(of_task(&commit.join("image.hdf5"), Some("Nut Assembly")), "Nut_Assembly");
+        assert_eq!(of_task(&commit.join("image.hdf5"), Some("dataset")), "dataset");
+        assert_eq!(of_task(&commit.join("image.hdf5"), None), "lift_image");
     }
 }

@@ -14,7 +14,10 @@ pub struct Description {
     pub steps: u64,
     /// Whether the dataset states its rate; else the rate of the task is a guess.
     pub rate_stated: bool,
-    /// A task that its recordings fit, with pictures of the recorded size.
+    /// The name of the environment, if the dataset states one; it may have any characters.
+    #[serde(default)]
+    pub environment: Option<String>,
+    /// A task that its recordings fit, with pictures of the recorded size. Its name is the same for every dataset.
     pub spec: TaskSpec,
     /// Where each field of the task comes from: those of the proprioception, then those of the action.
     pub fields: Vec<FieldOrigin>,

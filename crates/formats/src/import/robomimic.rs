@@ -8,9 +8,9 @@ mod entries;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use gleaner_core::{CameraSpec, TaskSpec, ValueRange};
+use gleaner_core::{CameraSpec, ValueRange};
 use gleaner_recording::{CameraMessage, ImageRef, PixelFormat};
-use hdf5_pure::{AttrValue, File, Group};
+use hdf5_pure::{AttrValue, Error, File, Group};
 use serde_json::{Value, json};
 
 use self::demo::Demo;
@@ -18,7 +18,7 @@ use self::entries::{Entry, Kind};
 use super::description::{Description, empty_task};
 use super::fields::{Stated, Vector, fields, identifier};
 use super::recorder::{Recorder, with_mapping};
-use super::{Assumed, Dataset, no_success_column};
+use super::{Assumed, Dataset, Undescribed, no_success_column};
 use crate::problem::Problem;
 
 /// Steps a second where the file does not state them: those of robosuite's tasks.
@@ -28,8 +28,6 @@ const RATES: std::ops::RangeInclusive<f64> = 0.01..=10_000.0;
 const DATA: &str = "data";
 /// How the names of demonstrations begin.
 const DEMO: &str = "demo_";
-/// The most characters of the name of an environment.
-const NAME: usize = 100;
 
 struct Robomimic {
     path: PathBuf,
@@ -49,30 +47,27 @@ struct Robomimic {
 }
 
 /// Opens a file.
-pub(super) fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, Problem> {
-    let damaged = |error| unfit(path, &format!("{error}; it is no HDF5 file of robomimic, or is damaged or cut"));
-    let file = File::open_streaming(path).map_err(damaged)?;
+pub(super) fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, Undescribed> {
+    let damaged = damaged(path);
+    let file = File::open_streaming(path).map_err(&damaged)?;
     if file.file_size() < file.superblock().eof_address {
         let problem = format!("the file is cut: it states {} bytes; copy it again", file.superblock().eof_address);
-        return Err(unfit(path, &problem));
+        return Err(unfit(path, &problem).into());
     }
-    let data = file.group(DATA).map_err(damaged)?;
-    let attrs = data.attrs().map_err(damaged)?;
-    let groups = data.groups().map_err(damaged)?;
+    let data = data_group(path, &file)?;
+    let groups = data.groups().map_err(&damaged)?;
     let mut demos: Vec<String> = groups.iter().filter(|name| name.starts_with(DEMO)).cloned().collect();
     demos.sort_by_key(|name| (name.rsplit('_').next().and_then(|number| number.parse::<u64>().ok()), name.clone()));
-    if let (Some(other), []) = (groups.first(), demos.as_slice()) {
-        let problem = format!("its group `data` has {other:?} and no {DEMO}N; it is no HDF5 file of robomimic");
-        return Err(unfit(path, &problem));
-    }
     let Some(first) = demos.first() else {
-        return Err(unfit(path, "the group `data` has no demonstrations; record some"));
+        let other = groups.first().map(|name| format!("{name:?} and ")).unwrap_or_default();
+        return Err(other_program(path, &format!("its group `{DATA}` has {other}no {DEMO}N")));
     };
+    let attrs = data.attrs().map_err(&damaged)?;
     let first = Demo::open(path, &file, first)?;
     let stated = stated_rate(&attrs);
     let rate = assumed.rate_hz.or(stated).unwrap_or(RATE);
     if !RATES.contains(&rate) {
-        return Err(unfit(path, &format!("the rate is {rate} Hz, and from 0.01 to 10000 are read; add --rate")));
+        return Err(unfit(path, &format!("the rate is {rate} Hz, and from 0.01 to 10000 are read; add --rate")).into());
     }
     let steps = demos.iter().map(|demo| steps(&data, demo)).try_fold(0_u64, |sum, steps| Some(sum + steps?));
     let steps = steps.ok_or_else(|| unfit(path, "a demonstration has no `actions`; remove it"))?;
@@ -83,7 +78,7 @@ pub(super) fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, P
         let known = first.single_columns()?;
         if !known.contains(column) {
             let known: Vec<&str> = known.iter().map(String::as_str).collect();
-            return Err(unfit(path, &no_success_column(column, &known)));
+            return Err(unfit(path, &no_success_column(column, &known)).into());
         }
     }
     let mut opened = Robomimic {
@@ -98,7 +93,8 @@ pub(super) fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, P
             episodes: u64::try_from(demos.len()).unwrap_or(u64::MAX),
             steps,
             rate_stated: assumed.rate_hz.or(stated).is_some(),
-            spec: named(empty_task(rate), &attrs),
+            environment: environment_name(&attrs),
+            spec: empty_task(rate),
             fields: Vec::new(),
             cameras: Vec::new(),
             left_out: Vec::new(),
@@ -234,12 +230,10 @@ fn stated_rate(attrs: &std::collections::HashMap<String, AttrValue>) -> Option<f
     own.or_else(environment)
 }
 
-/// The task with the name of the environment, as a name of a task may be, if the file states it.
-fn named(task: TaskSpec, attrs: &std::collections::HashMap<String, AttrValue>) -> TaskSpec {
-    let environment = environment_of(attrs).unwrap_or_default();
-    let plain = |c: char| if c.is_ascii_alphanumeric() || "_-.".contains(c) { c } else { '_' };
-    let name: String = environment["env_name"].as_str().unwrap_or_default().chars().take(NAME).map(plain).collect();
-    if name.is_empty() { task } else { TaskSpec { name, ..task } }
+/// The name of the environment, if the file states one.
+fn environment_name(attrs: &std::collections::HashMap<String, AttrValue>) -> Option<String> {
+    let environment = environment_of(attrs)?;
+    environment["env_name"].as_str().filter(|name| !name.is_empty()).map(str::to_owned)
 }
 
 /// What the file states of its environment.
@@ -267,6 +261,28 @@ fn texts(attrs: &std::collections::HashMap<String, AttrValue>) -> BTreeMap<Strin
         other => other.as_str().map_or_else(|| format!("{other:?}"), str::to_owned),
     };
     attrs.iter().map(|(name, value)| (name.clone(), text(value))).collect()
+}
+
+/// The group with the demonstrations. A file without it is of another program if its root can be read.
+fn data_group(path: &Path, file: &File) -> Result<Group, Undescribed> {
+    let error = match file.group(DATA) {
+        Ok(data) => return Ok(data),
+        Err(error) => error,
+    };
+    let groups = file.root().groups().map_err(damaged(path))?;
+    if groups.iter().any(|name| name == DATA) {
+        return Err(damaged(path)(error).into());
+    }
+    Err(other_program(path, &format!("it has no group `{DATA}`")))
+}
+
+fn other_program(path: &Path, lack: &str) -> Undescribed {
+    Undescribed::OtherProgram(format!("{}: {lack}; it is no HDF5 file of robomimic", path.display()))
+}
+
+/// Wraps an error of reading the file, for `map_err`.
+fn damaged(path: &Path) -> impl Fn(Error) -> Problem {
+    move |error| unfit(path, &format!("{error}; the file is damaged or cut, or not in HDF5: copy it again"))
 }
 
 fn unfit(path: &Path, problem: &str) -> Problem {

@@ -75,7 +75,7 @@ fn a_dataset_describes_its_task() {
 
     let description = describe(&fixture("robomimic.hdf5"), &Assumed::default()).unwrap();
     assert_eq!((description.episodes, description.steps, description.spec.rate_hz), (2, 21, 10.0));
-    assert_eq!(description.spec.name, "Lift", "of its environment");
+    assert_eq!(description.environment.as_deref(), Some("Lift"));
     assert_eq!(names(&description.spec.proprioception), ["object", "robot0_eef_pos"]);
     assert_eq!(
         describe(&fixture("robomimic.hdf5"), &Assumed { rate_hz: Some(5.0), ..Assumed::default() })
@@ -216,7 +216,32 @@ fn a_file_without_demonstrations_of_robomimic_is_of_another_program() {
             bytes[at..at + 4].copy_from_slice(b"item");
         }
     }
-    std::fs::write(&path, bytes).unwrap();
-    let refused = describe(&path, &Assumed::default()).unwrap_err().to_string();
-    assert!(refused.contains("\"item_0\"") && refused.contains("no HDF5 file of robomimic"), "{refused}");
+    for (name, lack) in [("data\0", "\"item_0\" and no demo_N"), ("dato\0", "no group `data`")] {
+        let at = bytes.windows(5).position(|window| window == b"data\0").unwrap();
+        bytes[at..at + 5].copy_from_slice(name.as_bytes());
+        std::fs::write(&path, &bytes).unwrap();
+        let error = describe(&path, &Assumed::default()).unwrap_err();
+        let Undescribed::OtherProgram(refused) = &error else { panic!("{name}: {error}") };
+        assert!(refused.contains(lack) && refused.contains("no HDF5 file of robomimic"), "{refused}");
+        let refused = convert(&path, &Assumed::default(), 0, &folder.path().join("out.mcap")).unwrap_err().to_string();
+        assert_eq!(refused, error.to_string());
+    }
+}
+
+#[test]
+fn a_damaged_file_is_not_one_of_another_program() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.hdf5");
+    let whole = std::fs::read(fixture("robomimic.hdf5")).unwrap();
+    let without = |part: &[u8]| {
+        let at = whole.windows(part.len()).position(|window| window == part).unwrap();
+        [&whole[..at], &vec![b'?'; part.len()], &whole[at + part.len()..]].concat()
+    };
+    let mut damaged = vec![Vec::new(), b"none".to_vec(), without(b"\x89HDF"), without(b"TREE"), without(b"SNOD")];
+    damaged.extend((0..20).map(|part| whole[..whole.len() * part / 20].to_vec()));
+    for (case, bytes) in damaged.iter().enumerate() {
+        std::fs::write(&path, bytes).unwrap();
+        let error = describe(&path, &Assumed::default()).unwrap_err();
+        assert!(matches!(error, Undescribed::Problem(Problem::Unfit(_))), "{case}: {error}");
+    }
 }

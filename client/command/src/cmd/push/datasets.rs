@@ -152,12 +152,9 @@ async fn choose(
     if let Some(known) = named {
         same_rate(dataset, &known.spec)?;
         same_instruction(&dataset.path, &spec, &known.spec)?;
-        let name = known.spec.name.clone();
-        context.output.note(format_args!(
-            "{path} is added to the existing task {name}, which has its name and {} episodes already",
-            known.episodes.unwrap_or_default()
-        ));
-        return Ok(Choice::Known(name));
+        let of_environment = dataset.description.environment.is_some() && known.spec.name == dataset.task_name();
+        context.output.note(known.addition(&dataset.path, of_environment));
+        return Ok(Choice::Known(known.spec.name.clone()));
     }
     let mut fitting = trial(dataset, tasks, &spec).await?;
     // Two tasks of one robot have equal features.

@@ -68,6 +68,7 @@ impl Features {
                 episodes: 0,
                 steps: 0,
                 rate_stated: true,
+                environment: None,
                 spec: empty_task(info.fps),
                 fields: Vec::new(),
                 cameras: Vec::new(),

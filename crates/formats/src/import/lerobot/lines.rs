@@ -25,7 +25,8 @@ pub(super) fn rows(path: &Path) -> Result<Vec<Cells>, Problem> {
     lines.map(row).collect()
 }
 
-/// The objects with a number, under this name. Where the numbers do not rise, every line is read.
+/// The objects with a number, under this name: all of them where the numbers rise. Where the bisection meets numbers that
+/// do not rise, or several lines with the number, every line is read.
 pub(super) fn rows_with(path: &Path, name: &str, number: i64) -> Result<Vec<Cells>, Problem> {
     if let Some(row) = bisected(path, name, number)? {
         return Ok(vec![row]);
@@ -33,12 +34,13 @@ pub(super) fn rows_with(path: &Path, name: &str, number: i64) -> Result<Vec<Cell
     Ok(rows(path)?.into_iter().filter(|row| numbered(row, name) == Some(number)).collect())
 }
 
-/// The object with a number, if the numbers rise up to it.
+/// The object with a number, if the numbers rise up to it and the next line has a higher one.
 fn bisected(path: &Path, name: &str, number: i64) -> Result<Option<Cells>, Problem> {
     let file = File::open(path).map_err(unopened(path))?;
     let (mut low, mut high) = (0, file.metadata().map_err(Problem::io(path))?.len());
     let mut reader = BufReader::new(file);
-    // The line begins from `low` on and before `high`.
+    let mut first = None;
+    // The first line with the number begins from `low` on and before `high`, or is `first`.
     while low < high {
         let middle = low.midpoint(high);
         let (begin, line) = line_from(&mut reader, middle).map_err(Problem::io(path))?;
@@ -48,13 +50,20 @@ fn bisected(path: &Path, name: &str, number: i64) -> Result<Option<Cells>, Probl
         }
         let Ok(row) = serde_json::from_slice::<Cells>(&line) else { return Ok(None) };
         match numbered(&row, name).map(|found| found.cmp(&number)) {
-            Some(Ordering::Equal) => return Ok(Some(row)),
+            Some(Ordering::Equal) => {
+                first = Some((row, begin.saturating_add(line.len() as u64)));
+                high = middle;
+            }
             Some(Ordering::Less) => low = begin.saturating_add(line.len() as u64),
             Some(Ordering::Greater) => high = middle,
             None => return Ok(None),
         }
     }
-    Ok(None)
+    let Some((row, end)) = first else { return Ok(None) };
+    let (_, next) = line_from(&mut reader, end).map_err(Problem::io(path))?;
+    let higher = |next: Cells| numbered(&next, name).is_some_and(|found| found > number);
+    let alone = next.is_empty() || serde_json::from_slice(&next).is_ok_and(higher);
+    Ok(alone.then_some(row))
 }
 
 /// The first line that begins at a byte or after it, with its first byte.
@@ -100,6 +109,23 @@ mod tests {
             assert_eq!(rows_with(lines.path(), "n", -1).unwrap(), []);
         }
         assert_eq!(rows_with(file(0..0).path(), "n", 0).unwrap(), []);
+    }
+
+    #[test]
+    fn every_line_with_a_number_is_found() {
+        for count in [1, 2, 3, 50] {
+            for twice in 0..count {
+                for times in [2, 3, 20] {
+                    let copies = |number: i64| std::iter::repeat_n(number, if number == twice { times } else { 1 });
+                    let lines = file((0..count).flat_map(copies));
+                    let found = |number| rows_with(lines.path(), "n", number).unwrap().len();
+                    assert_eq!(found(twice), times, "{twice} of {count}");
+                    for number in (0..count).filter(|number| *number != twice) {
+                        assert_eq!(found(number), 1, "{number} of {count}, {twice} {times} times");
+                    }
+                }
+            }
+        }
     }
 
     #[test]

@@ -79,7 +79,8 @@ pub(super) fn read(folder: &Path, info: &Info, features: &Features) -> Result<Ve
 }
 
 /// The place of one episode with its data file, if one row of the tables, and a row of that file, has its number. Parts of
-/// the tables without the number are not decoded. `read` names the fault where there is no place.
+/// the tables without the number are not decoded; lines are taken to be in the order of their numbers, with those of one
+/// number side by side. `read` names the fault where there is no place.
 pub(super) fn find(
     folder: &Path,
     info: &Info,

@@ -56,7 +56,7 @@ impl Copy {
         let described = describe(&self.path(), &Assumed::default()).map(|_| ());
         let converted = convert(&self.path(), &Assumed::default(), 0, &out).map(|_| ());
         assert!(!out.exists());
-        described.and(converted).unwrap_err().to_string()
+        described.and(converted.map_err(Undescribed::from)).unwrap_err().to_string()
     }
 }
 

@@ -231,4 +231,18 @@ fn an_episode_that_tables_lack_or_have_twice_is_an_error() {
     fs::copy(few.path().join(EPISODES), many.path().join("meta/episodes/chunk-000/file-001.parquet")).unwrap();
     let error = converted(many.path(), 3).unwrap_err();
     assert!(error.contains("or has it twice"), "{error}");
+
+    let lines = Made { version: "v2.1", ..MADE }.write();
+    let path = lines.path().join("meta/episodes.jsonl");
+    let text = fs::read_to_string(&path).unwrap();
+    for number in [0, 3, 11] {
+        MADE.data(&lines.path().join(format!("data/episode_{number:06}.parquet")), number..number + 1);
+        let number = number.unsigned_abs();
+        fs::write(&path, &text).unwrap();
+        converted(lines.path(), number).unwrap();
+        let twice = text.lines().zip(0..).flat_map(|(line, at)| vec![line; if at == number { 2 } else { 1 }]);
+        fs::write(&path, twice.map(|line| format!("{line}\n")).collect::<String>()).unwrap();
+        let error = converted(lines.path(), number).unwrap_err();
+        assert!(error.contains("or has it twice"), "{number}: {error}");
+    }
 }

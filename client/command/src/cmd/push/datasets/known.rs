@@ -25,6 +25,18 @@ impl Known {
         let episodes = task.success_count + task.failure_count + task.unknown_count;
         Some(Self { spec: spec_from_proto(task.spec?).ok()?, episodes: Some(episodes) })
     }
+
+    /// The note that a dataset is added to the task of its name, or of that of its environment.
+    pub(super) fn addition(&self, path: &Path, of_environment: bool) -> String {
+        let (path, name) = (path.display(), &self.spec.name);
+        let its = if of_environment { "the name of its environment" } else { "its name" };
+        match self.episodes {
+            Some(episodes) => {
+                format!("{path} is added to the existing task {name}, which has {its} and {episodes} episodes already")
+            }
+            None => format!("{path} is added to the task {name} that this push creates, which has {its}"),
+        }
+    }
 }
 
 pub(super) fn near(rate: f64, other: f64) -> bool {
@@ -95,6 +107,20 @@ mod tests {
         for part in ["x/kitchen", "\"stack the cups\"", "\"wash up\": add --task kitchen to add", "--name NAME"] {
             assert!(named.contains(part), "{part}: {named}");
         }
+    }
+
+    #[test]
+    fn the_note_on_an_addition_names_the_task_and_its_reason() {
+        let note = |episodes, of_environment| {
+            Known { spec: spec("Lift", ""), episodes }.addition(Path::new("x/b.hdf5"), of_environment)
+        };
+        let existing = "x/b.hdf5 is added to the existing task Lift, which has its name and 2 episodes already";
+        assert_eq!(note(Some(2), false), existing);
+        assert_eq!(note(Some(2), true), existing.replace("its name", "the name of its environment"));
+        let created =
+            "x/b.hdf5 is added to the task Lift that this push creates, which has the name of its environment";
+        assert_eq!(note(None, true), created);
+        assert_eq!(note(None, false), created.replace("the name of its environment", "its name"));
     }
 
     #[test]
