@@ -83,10 +83,10 @@ impl Windows {
         self.index.view([-1, length]).narrow(1, length - keep, keep).flatten(0, 1)
     }
 
-    /// These elements of a step (o, m, a) in all steps but the last of each marked window, `[W, L, 3]`; `None` when no
-    /// window is marked, or windows have a single step.
+    /// These elements of a step (o, m, a) in all steps but the last of each marked window, `[W, L, 3]`; `None` when
+    /// windows have a single step.
     pub(crate) fn past_of(&self, marked: &[bool], elements: [bool; 3]) -> Option<Tensor> {
-        if self.length < 2 || !marked.contains(&true) {
+        if self.length < 2 {
             return None;
         }
         let past = self.length - 1;

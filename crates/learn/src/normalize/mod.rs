@@ -5,35 +5,33 @@ mod cameras;
 mod features;
 mod frames;
 mod moments;
+mod range;
 mod sample;
+mod standard;
 
 pub(crate) use cameras::target_size;
 pub(crate) use features::FeatureScale;
+pub(crate) use range::Ranges;
 pub(crate) use sample::Sample;
+pub(crate) use standard::Standard;
 
 use std::collections::BTreeMap;
 
 use gleaner_core::ImageEncoder;
-use tch::{Device, Kind, Tensor};
+use tch::{Device, Tensor};
 
 use crate::batch::int;
 use crate::error::LearnError;
 use crate::shape::{CameraShape, TaskShape};
 use cameras::CameraStandard;
 use frames::Lookup;
-use moments::{Held, Moments};
+use moments::Moments;
 
 /// A deviation below this part of the values' magnitude is rounding noise: the dimension is constant.
 const CONSTANT: f64 = 1e-6;
 
 /// The name of the held actions in a checkpoint.
 const HELD: &str = "statistics.action.held";
-
-/// `(x - mean) / deviation`, and back.
-pub(crate) struct Standard {
-    mean: Tensor,
-    deviation: Tensor,
-}
 
 /// All statistics of a data set.
 pub(crate) struct Statistics {
@@ -47,65 +45,11 @@ pub(crate) struct Statistics {
     pub(crate) cameras: Vec<CameraStandard>,
 }
 
-impl Standard {
-    /// The same statistics for another thread.
-    pub(crate) fn shared(&self) -> Self {
-        Self { mean: self.mean.shallow_clone(), deviation: self.deviation.shallow_clone() }
-    }
-
-    /// Standardises `x`.
-    pub(crate) fn apply(&self, x: &Tensor) -> Tensor {
-        (x - &self.mean) / &self.deviation
-    }
-
-    /// 1 for each value that varies and 0 for a constant one, whose deviation was set to exactly 1.
-    pub(crate) fn varies(&self) -> Tensor {
-        self.deviation.ne(1.0).to_kind(Kind::Float)
-    }
-
-    /// Back to physical units.
-    pub(crate) fn invert(&self, x: &Tensor) -> Tensor {
-        x * &self.deviation + &self.mean
-    }
-
-    /// Statistics from doubles. Where the deviation is noise relative to `size`, it becomes 1, so that a constant
-    /// dimension is only centred and its scale is unchanged.
-    fn new(mean: &Tensor, deviation: &Tensor, size: &Tensor, device: Device) -> Self {
-        let noise = (size.abs() + 1.0) * CONSTANT;
-        let deviation = deviation.where_self(&deviation.gt_tensor(&noise), &deviation.ones_like());
-        Self {
-            mean: mean.to_kind(Kind::Float).to_device(device),
-            deviation: deviation.to_kind(Kind::Float).to_device(device),
-        }
-    }
-
-    /// Statistics per dimension of rows of `width` values.
-    pub(crate) fn of_rows<'a>(rows: impl Iterator<Item = &'a [f32]>, width: usize, device: Device) -> Self {
-        let mut moments = Moments::new(width);
-        rows.for_each(|row| moments.add(row));
-        moments.standard(device)
-    }
-
-    fn name_into(&self, prefix: &str, named: &mut Vec<(String, Tensor)>) {
-        named.push((format!("{prefix}.mean"), self.mean.shallow_clone()));
-        named.push((format!("{prefix}.deviation"), self.deviation.shallow_clone()));
-    }
-
-    fn from_named(
-        prefix: &str,
-        sizes: [&[i64]; 2],
-        named: &BTreeMap<String, Tensor>,
-        device: Device,
-    ) -> Result<Self, LearnError> {
-        let take = |name: &str, size: &[i64]| {
-            let name = format!("{prefix}.{name}");
-            match named.get(&name) {
-                Some(tensor) if tensor.size() == size => Ok(tensor.to_device(device)),
-                _ => Err(LearnError::Checkpoint(format!("`{name}` is missing or does not have size {size:?}"))),
-            }
-        };
-        Ok(Self { mean: take("mean", sizes[0])?, deviation: take("deviation", sizes[1])? })
-    }
+/// Per dimension whether its values differ (1 or 0), and their value where they do not, `[2, A]`.
+fn held_actions(ranges: &Ranges, device: Device) -> Tensor {
+    let each = ranges.middles().map(|(middle, half)| if half.is_some() { (1f32, 0.0) } else { (0.0, middle) });
+    let (moves, value): (Vec<f32>, Vec<f32>) = each.unzip();
+    Tensor::from_slice2(&[moves, value]).to_device(device)
 }
 
 impl Statistics {
@@ -120,14 +64,14 @@ impl Statistics {
         device: Device,
     ) -> Result<Self, LearnError> {
         let (mut m, mut a, mut held) =
-            (Moments::new(shape.proprioception), Moments::new(shape.action), Held::default());
+            (Moments::new(shape.proprioception), Moments::new(shape.action), Ranges::new(shape.action));
         sample.each(&mut |proprioception, action| {
             m.add(proprioception);
             a.add(action);
             held.add(action);
         })?;
         Ok(Self {
-            held: held.tensor(shape.action, device),
+            held: held_actions(&held, device),
             proprioception: m.standard(device),
             action: a.standard(device),
             cameras: cameras::measure(shape, sample, target, device)?,
@@ -148,14 +92,18 @@ impl Statistics {
     /// # Errors
     /// [`LearnError::Steps`].
     pub(crate) fn holding(self, shape: &TaskShape, sample: &Sample<'_>) -> Result<Self, LearnError> {
-        let mut held = Held::default();
-        sample.each(&mut |_, action| held.add(action))?;
-        Ok(Self { held: held.tensor(shape.action, self.held.device()), ..self })
+        let held = held_actions(&Ranges::of_actions(shape, sample)?, self.held.device());
+        Ok(Self { held, ..self })
+    }
+
+    /// Per dimension of a, `[A]`: 1 where it changed, and 0 where [`Statistics::actions`] keeps its value.
+    pub(crate) fn moves(&self) -> Tensor {
+        self.held.get(0)
     }
 
     /// Predicted actions `[…, A]` in physical units. A dimension that never changed keeps its value.
     pub(crate) fn actions(&self, standardised: &Tensor) -> Tensor {
-        self.action.invert(standardised) * self.held.get(0) + self.held.get(1)
+        self.action.invert(standardised) * self.moves() + self.held.get(1)
     }
 
     /// Standardises images, per camera `[N, C, H, W]`, for the image encoder.
@@ -259,18 +207,6 @@ mod tests {
         let episode = Trajectory { id: "e".to_owned(), source: Arc::<Counted>::clone(&counted) };
         Statistics::measure(&crate::toy::shape(), &Sample::every(&[&episode]), 8, Device::Cpu).unwrap();
         assert_eq!(counted.1.load(Ordering::Relaxed), 6);
-    }
-
-    #[test]
-    fn a_constant_dimension_is_centred_and_keeps_its_scale() {
-        let data = [1.0f32, 0.1, 3.0, 0.1];
-        let standard = Standard::of_rows(data.chunks(2), 2, Device::Cpu);
-        let data = rows(&data, 2, Device::Cpu);
-        assert_eq!(values(&standard.apply(&data)), [-1.0, 0.0, 1.0, 0.0]);
-        let off = rows(&[2.0, 0.6], 2, Device::Cpu);
-        assert_eq!(values(&standard.apply(&off)), [0.0, 0.5]);
-        let back = standard.invert(&standard.apply(&data));
-        assert_eq!(values(&back), values(&data));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Means and deviations of rows of numbers, and values that never change, in one pass over the rows.
+//! Means and deviations of rows of numbers, in one pass over the rows.
 
 use tch::{Device, Tensor};
 
@@ -33,31 +33,6 @@ impl Moments {
         let [mean, squares] = [self.mean, self.squares].map(|values| Tensor::from_slice(&values));
         let deviation = (squares / self.count.max(1.0)).sqrt();
         Standard::new(&mean, &deviation, &mean, device)
-    }
-}
-
-/// Which dimensions change, and the values of the others.
-#[derive(Default)]
-pub(super) struct Held {
-    first: Option<Vec<f32>>,
-    moves: Vec<bool>,
-}
-
-impl Held {
-    pub(super) fn add(&mut self, row: &[f32]) {
-        let Some(first) = &self.first else {
-            (self.first, self.moves) = (Some(row.to_vec()), vec![false; row.len()]);
-            return;
-        };
-        self.moves.iter_mut().zip(first.iter().zip(row)).for_each(|(moves, (first, now))| *moves |= first != now);
-    }
-
-    /// Per dimension whether the rows differ (1 or 0), and their value where they do not, `[2, width]`.
-    pub(super) fn tensor(self, width: usize, device: Device) -> Tensor {
-        let value = self.first.unwrap_or_else(|| vec![0.0; width]);
-        let each = (0..width).map(|at| if self.moves.get(at) == Some(&true) { (1f32, 0.0) } else { (0.0, value[at]) });
-        let (moves, value): (Vec<f32>, Vec<f32>) = each.unzip();
-        Tensor::from_slice2(&[moves, value]).to_device(device)
     }
 }
 

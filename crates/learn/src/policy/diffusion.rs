@@ -21,7 +21,7 @@ use super::observer;
 use crate::batch::int;
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
-use crate::normalize::{Sample, Statistics};
+use crate::normalize::{Ranges, Sample, Statistics};
 use crate::shape::TaskShape;
 
 pub(super) const KIND: PolicyKind = PolicyKind {
@@ -44,8 +44,6 @@ gleaner_core::settings! {
     }
 }
 
-/// A range below this part of the values' magnitude is rounding noise: the value is constant.
-const CONSTANT: f32 = 1e-6;
 /// The name of the ranges in a checkpoint.
 const RANGE: &str = "statistics.action.range";
 
@@ -68,19 +66,9 @@ fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device)
 /// Per action value the middle and half the width of its range in the sample, `[2, A]`; a constant value has the half
 /// width 1.
 fn range(shape: &TaskShape, sample: &Sample<'_>) -> Result<Tensor, LearnError> {
-    let (mut least, mut most) = (vec![f32::INFINITY; shape.action], vec![f32::NEG_INFINITY; shape.action]);
-    sample.each(&mut |_, action| {
-        for ((least, most), value) in least.iter_mut().zip(&mut most).zip(action) {
-            (*least, *most) = (least.min(*value), most.max(*value));
-        }
-    })?;
-    let middle: Vec<f32> = least.iter().zip(&most).map(|(least, most)| least / 2.0 + most / 2.0).collect();
-    let varies = |half: f32, middle: f32| half > CONSTANT * (1.0 + middle.abs());
-    let half = least.iter().zip(&most).zip(&middle).map(|((least, most), middle)| {
-        let half = most / 2.0 - least / 2.0;
-        if varies(half, *middle) { half } else { 1.0 }
-    });
-    let half: Vec<f32> = half.collect();
+    let ranges = Ranges::of_actions(shape, sample)?;
+    let (middle, half): (Vec<f32>, Vec<f32>) =
+        ranges.middles().map(|(middle, half)| (middle, half.unwrap_or(1.0))).unzip();
     Ok(Tensor::from_slice2(&[middle, half]))
 }
 

@@ -37,6 +37,11 @@ impl HistorySpec {
     /// Of a policy whose history is never hidden, or that has none.
     pub(super) const SHOWN: Self = Self { history_dropout: 0.0, hidden_history: HiddenHistory::Steps };
 
+    /// Whether the history is hidden of every window in training, so that a policy never acts with it either.
+    pub(super) fn always_hides(self) -> bool {
+        self.history_dropout >= 1.0
+    }
+
     /// What training hides of each window, by the chance of these settings. `windows` are those in `range` of the `count`
     /// windows of the whole batch. As [`HistorySpec::hidden`].
     pub(super) fn hide(
@@ -50,11 +55,17 @@ impl HistorySpec {
             return None;
         }
         let hides: Vec<bool> = (0..count).map(|_| rng.random_bool(self.history_dropout)).collect();
-        self.hidden(windows, &hides[range.clone()])
+        // Also where no window is marked: what stands in for a hidden step then has a gradient in each step, of zeros, and
+        // its moments decay alike in a run and in one that is resumed.
+        self.mask(windows, &hides[range.clone()])
     }
 
     /// What is hidden of each marked window, `[W, L, 3]`. `None` if no window is marked, or windows have no past.
     pub(super) fn hidden(self, windows: &Windows, marked: &[bool]) -> Option<Tensor> {
+        marked.contains(&true).then(|| self.mask(windows, marked)).flatten()
+    }
+
+    fn mask(self, windows: &Windows, marked: &[bool]) -> Option<Tensor> {
         // o, m and a of a step.
         let elements = match self.hidden_history {
             HiddenHistory::Steps => [true, true, true],
@@ -88,6 +99,9 @@ mod tests {
             assert!((70..130).contains(&count), "{count} of 400");
         }
         let steps = HiddenHistory::Steps;
+        let rarely = settings(1e-9, steps).hide(&windows, &(0..400), 400, &mut rng).unwrap();
+        assert!(!values(&rarely.to_kind(tch::Kind::Float)).contains(&1.0), "a mask without marks");
+        assert!(settings(0.5, steps).hidden(&windows, &[false; 400]).is_none());
         assert!(settings(0.0, steps).hide(&windows, &(0..400), 400, &mut rng).is_none());
         let single = Windows::in_order(vec![true; 4], 1, tch::Device::Cpu);
         assert!(settings(1.0, steps).hide(&single, &(0..4), 4, &mut rng).is_none());

@@ -93,7 +93,7 @@ impl Policy {
     }
 
     fn hides_history(&self) -> bool {
-        self.hides_history || self.model.history().history_dropout >= 1.0
+        self.hides_history || self.model.history().always_hides()
     }
 
     /// What the policy looks at in `episodes`: the share of its action that each input explains, as a training reports

@@ -82,7 +82,7 @@ pub(super) fn shares(
     let base = act(&ours.images, &ours.proprioception, &ours.action);
     let share = |changed: Tensor| {
         let variance = base.var_dim([0i64].as_slice(), false, false);
-        let moving = variance.gt(STILL).to_kind(Kind::Double);
+        let moving = variance.gt(STILL).to_kind(Kind::Double) * policy.info().statistics.moves();
         let change = (changed - &base).square().mean_dim([0i64].as_slice(), false, Kind::Double);
         let each = change / (variance.clamp_min(STILL) * 2.0) * &moving;
         each.sum(Kind::Double).double_value(&[]) / moving.sum(Kind::Double).double_value(&[]).max(1.0)
@@ -168,6 +168,17 @@ mod tests {
             }
             let remembers = kind_of(kind).needs.history;
             assert_eq!(found.contains_key("share_history"), remembers, "{kind}");
+        }
+    }
+
+    #[test]
+    fn action_values_that_are_held_explain_nothing() {
+        let still = |expert: &Trajectory| expert.changed(|arrays| arrays.action.fill(0.25));
+        let experts: Vec<Trajectory> = toy::experts(4, 9).iter().map(still).collect();
+        let data: Vec<&Trajectory> = experts.iter().collect();
+        for kind in forms() {
+            let found = of(kind, &data);
+            assert!(found.values().all(|share| *share == 0.0), "{kind}: every action is served as 0.25: {found:?}");
         }
     }
 

@@ -154,18 +154,20 @@ impl<'a> Sources<'a> {
             metrics.extend(loss.map(|loss| (LOSS_VALIDATION, loss)));
         }
         if done == spec.optim.steps {
-            metrics.extend(shares(policy, &self.experts, false, spec.run.seed)?);
+            metrics.extend(shares(policy, &self.experts, policy.history().always_hides(), spec.run.seed)?);
         }
         Ok(metrics)
     }
 
     /// The mean loss on the experts that are held out, without changes to their inputs and with the same random parts
-    /// every time; `None` if none is.
+    /// every time, and with their history unless training never shows one; `None` if no expert is held out.
     fn loss_validation(&self, policy: &dyn PolicyModel, seed: u64) -> Result<Option<f64>, LearnError> {
         let mut rng = generator(seed, Purpose::Validation, 1);
         validation::mean(&self.held_out.segments, |_, chunk| {
             let (batch, wanted) = self.held_out.collect(&policy.info().form(), chunk)?;
-            Ok(mean_loss(policy, batch, None, &wanted, &mut rng).0.double_value(&[]))
+            let history = policy.history();
+            let hidden = history.hidden(&batch.windows, &vec![history.always_hides(); chunk.len()]);
+            Ok(mean_loss(policy, batch, hidden, &wanted, &mut rng).0.double_value(&[]))
         })
     }
 

@@ -16,6 +16,8 @@ const NEIGHBOURS: usize = 10;
 /// Lower bound of a local scale, as a part of the mean one: experts recorded twice must not make all other distances
 /// infinite.
 const LEAST: f64 = 1e-3;
+/// Lower bound where all experts are copies of one recording: w divided by it is finite.
+const SMALLEST: f64 = 1e-12;
 
 /// w of every segment of `episode`, relative to the local scale of its match. `local` has one scale for each expert, in
 /// the given order, and step; without scales or matches the result is w itself.
@@ -39,7 +41,7 @@ impl Spread {
     pub(super) fn new(experts: &[Features], metric: Metric, alone: &[&[f64]]) -> Self {
         let distances: Vec<f64> = alone.iter().flat_map(|w| w.iter().map(|w| -w)).collect();
         #[expect(clippy::cast_precision_loss, reason = "far fewer segments than 2^52")]
-        let least = (LEAST * distances.iter().sum::<f64>() / distances.len().max(1) as f64).max(f64::MIN_POSITIVE);
+        let least = (LEAST * distances.iter().sum::<f64>() / distances.len().max(1) as f64).max(SMALLEST);
         Self { neighbours: Neighbours::new(experts, metric), distances, least }
     }
 
@@ -105,5 +107,11 @@ mod tests {
         let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
         let spread = Spread::new(&twice, metric(Similarity::LastL2, [1.0; 3]), &alone);
         assert!((0..alone.len()).flat_map(|expert| spread.around(expert)).all(|mean| mean > 0.0));
+        let copies = vec![line()[0].clone(); 3];
+        let alone = self::alone(&copies);
+        let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
+        let spread = Spread::new(&copies, metric(Similarity::LastL2, [1.0; 3]), &alone);
+        let far = -1000.0 / spread.around(0)[0];
+        assert!(far.is_finite() && far < 0.0, "{far}");
     }
 }

@@ -63,6 +63,29 @@ fn with_any_switch_a_run_resumes_exactly_and_its_checkpoint_round_trips() {
 }
 
 #[test]
+fn a_run_whose_batches_hide_a_history_rarely_resumes_exactly() {
+    let mut spec = spec("tf_bc", 10);
+    spec.policy = spec.policy.with(Family::Policy, "history_dropout", 0.05).unwrap();
+    spec.run.checkpoint_every = 1;
+    let (result, straight) = train(&spec, None);
+    for (step, unfinished) in &straight.checkpoints {
+        assert!(train(&spec, Some(unfinished)).0 == result, "resumed from step {step}");
+    }
+}
+
+#[test]
+fn a_history_that_is_always_hidden_explains_no_action() {
+    let mut spec = spec("tf_bc", 2);
+    spec.policy = spec.policy.with(Family::Policy, "history_dropout", 1.0).unwrap();
+    let (result, straight) = train(&spec, None);
+    assert_eq!(straight.metric("share_history"), [0.0]);
+    let served = Policy::load(&result).unwrap().shares(&toy::experts(4, 12), spec.run.seed).unwrap();
+    let served: BTreeMap<_, _> = served.into_iter().collect();
+    assert_eq!(served["share_history"], 0.0);
+    assert!(served["share_images"] > 0.0);
+}
+
+#[test]
 fn with_a_residual_encoder_the_loss_falls_and_a_run_resumes_exactly() {
     for kind in ["bc", "tf_bc"] {
         let mut spec = spec(kind, 30);
