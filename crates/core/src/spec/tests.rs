@@ -86,6 +86,14 @@ fn specs_of_earlier_versions_are_read() {
     }
     let bc = TrainSpec::default();
     assert_eq!((bc.policy.name.as_str(), bc.augmentation().unwrap().shift_pixels), ("bc", 2));
+    let history = |spec: &TrainSpec| ["action_token", "history_dropout"].map(|name| spec.policy.settings[name].clone());
+    let tf_bc: TrainSpec = serde_json::from_value(json!({"policy": "tf_bc", "steps": 9})).unwrap();
+    assert_eq!(
+        (history(&tf_bc), tf_bc.augmentation()),
+        ([json!("proprioception"), json!(0.5)], Ok(Augmentation::default()))
+    );
+    let tf_bc = TrainSpec::from_values(&values(json!({"policy": "tf_bc"}))).unwrap();
+    assert_eq!((history(&tf_bc), tf_bc.augmentation()), ([json!("image"), json!(0.9)], bc.augmentation()));
     let score: ScoreSpec = serde_json::from_value(json!({
         "scorer": "ssdf", "similarity": "last_cosine", "feature_scale": "plain", "yardstick": "none",
         "normaliser": "min_max", "modality_scale": [1.0, 0.5, 2.0], "seed": 3, "device": "cpu", "threads": null,

@@ -2,11 +2,12 @@
 //! data. The comparison with it shows the value of pretraining.
 
 use gleaner_core::kinds::Needs;
-use gleaner_core::{Augmentation, Group as _, ImageWeightsSpec, ModelSpec};
+use gleaner_core::{ActionToken, Group as _, ImageWeightsSpec, ModelSpec, Setting};
 
 use super::finetune::{self, CausalTransformer};
 use super::hiding::HistorySpec;
 use super::kind::{NewPolicy, PolicyInit, PolicyKind};
+use super::observer;
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
 use crate::model::Network;
@@ -16,13 +17,20 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     title: "TF-BC",
     about: "The transformer of finetune from scratch, without pretraining.",
     needs: Needs { encoder: false, history: true, images: true, all_episodes: false },
-    settings: || {
-        [ModelSpec::schema(), ImageWeightsSpec::schema(), HistorySpec::schema(), Augmentation::schema()].concat()
-    },
+    settings,
     model,
     init,
     load: finetune::load,
 };
+
+/// Without these defaults a transformer from scratch does not look: it continues its past and copies exact positions
+/// (docs/decisions/0060-a-transformer-from-scratch-looks.md).
+fn settings() -> Vec<Setting> {
+    let model = ModelSpec { action_token: ActionToken::Image, ..ModelSpec::default() };
+    let history = HistorySpec { history_dropout: 0.9, ..HistorySpec::default() };
+    let inputs = observer::augmentation().as_defaults();
+    [model.as_defaults(), ImageWeightsSpec::schema(), history.as_defaults(), inputs].concat()
+}
 
 fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
     Ok(from.chosen().read()?)
