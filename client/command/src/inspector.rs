@@ -96,7 +96,7 @@ impl Inspector {
         .await
     }
 
-    /// What a dataset of another program holds, or the class of a file that is none, or why the path cannot be read.
+    /// What a dataset of another program holds, or that the file is of another program, or why the path cannot be read.
     pub(crate) async fn describe(
         &self,
         dataset: &Path,

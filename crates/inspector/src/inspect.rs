@@ -27,7 +27,7 @@ pub enum Verdict {
     Salvaged(u64),
     /// What the recording holds.
     Surveyed(Survey),
-    /// What a dataset of another program holds, or the class of a file that is none.
+    /// What a dataset of another program holds, or that the file is of another program.
     Described(Described),
     /// An episode of a dataset of another program is written as a recording.
     Converted(Converted),

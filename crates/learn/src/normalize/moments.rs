@@ -36,6 +36,15 @@ impl Moments {
     }
 }
 
+impl Standard {
+    /// Statistics per dimension of rows of `width` values.
+    pub(crate) fn of_rows<'a>(rows: impl Iterator<Item = &'a [f32]>, width: usize, device: Device) -> Self {
+        let mut moments = Moments::new(width);
+        rows.for_each(|row| moments.add(row));
+        moments.standard(device)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use tch::{Device, Kind, Tensor};
 
 use super::CONSTANT;
-use super::moments::Moments;
 use crate::error::LearnError;
 
 /// `(x - mean) / deviation`, and back.
@@ -46,13 +45,6 @@ impl Standard {
             mean: mean.to_kind(Kind::Float).to_device(device),
             deviation: next.where_self(&varies, &deviation.ones_like()).to_device(device),
         }
-    }
-
-    /// Statistics per dimension of rows of `width` values.
-    pub(crate) fn of_rows<'a>(rows: impl Iterator<Item = &'a [f32]>, width: usize, device: Device) -> Self {
-        let mut moments = Moments::new(width);
-        rows.for_each(|row| moments.add(row));
-        moments.standard(device)
     }
 
     pub(super) fn name_into(&self, prefix: &str, named: &mut Vec<(String, Tensor)>) {

@@ -220,7 +220,7 @@ mod tests {
         let mut key = Key::new(Place { offset: 0, length: 1000, crc: 0 }, &[]);
         let served = [300, 200, 600, 700, 900, 200].map(|difference| key.serves(difference, 1000));
         assert_eq!(served, [true, true, true, true, false, true], "least 200; 400, 900, then 1600 more");
-        assert!(!key.serves(300, 300), "what is no smaller is packed alone");
+        assert!(!key.serves(300, 300), "equal sizes are packed alone");
     }
 
     #[test]
