@@ -18,11 +18,11 @@ pub(super) fn pretrain(values: Values) -> Values {
 /// A training's settings in today's form. Those without a policy are of the one that was the default.
 pub(super) fn train(mut values: Values) -> Values {
     values.entry(Family::Policy.as_str()).or_insert_with(|| "finetune".into());
-    used(Family::Weighting, used(Family::Policy, of_policies(complete(flat(values)))))
+    used(Family::Weighting, used(Family::Policy, of_training(complete(flat(values)))))
 }
 
-/// Adds the settings of policies that earlier versions lacked, with the values they used.
-fn of_policies(mut values: Values) -> Values {
+/// Adds the settings of policies and weightings that earlier versions lacked, with the values they used.
+fn of_training(mut values: Values) -> Values {
     for (name, value) in [
         ("chunk_length", json!(10)),
         ("execute_length", json!(5)),
@@ -30,6 +30,7 @@ fn of_policies(mut values: Values) -> Values {
         ("chunk_execution", json!("ensembled")),
         ("prediction", json!("noise")),
         ("history_dropout", json!(0.5)),
+        ("lambda", json!(0.1)),
     ] {
         values.entry(name).or_insert(value);
     }

@@ -92,7 +92,9 @@ fn specs_of_earlier_versions_are_read() {
         (history(&tf_bc), tf_bc.augmentation()),
         ([json!("proprioception"), json!(0.5)], Ok(Augmentation::default()))
     );
+    assert_eq!(tf_bc.weighting.settings["lambda"], json!(0.1));
     let tf_bc = TrainSpec::from_values(&values(json!({"policy": "tf_bc"}))).unwrap();
+    assert_eq!(tf_bc.weighting.settings["lambda"], json!(0.3));
     assert_eq!((history(&tf_bc), tf_bc.augmentation()), ([json!("image"), json!(0.9)], bc.augmentation()));
     let score: ScoreSpec = serde_json::from_value(json!({
         "scorer": "ssdf", "similarity": "last_cosine", "feature_scale": "plain", "yardstick": "none",

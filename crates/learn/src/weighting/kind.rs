@@ -33,9 +33,9 @@ gleaner_core::settings! {
     /// The settings of a weighting that adds the loss of kept segments to that of experts.
     #[derive(Copy)]
     pub(super) struct Added {
-        /// Weight of the loss of kept imperfect segments relative to that of experts (the paper's λ; 0: they are
+        /// Weight of the loss of kept imperfect segments relative to that of experts (λ; the paper has 0.1; 0: they are
         /// ignored). Higher values rely more on gleaned data.
-        pub(super) lambda: f64 = 0.1, number_in(0.0, 1e6);
+        pub(super) lambda: f64 = 0.3, number_in(0.0, 1e6);
     }
 }
 
