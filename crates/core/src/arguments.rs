@@ -276,6 +276,6 @@ mod tests {
     fn help_names_defaults_and_the_kinds_that_have_a_setting() {
         use clap::CommandFactory;
         let help = Line::<Train>::command().render_long_help().to_string();
-        assert!(help.contains("[default: 0.1]") && help.contains("Only for act."), "{help}");
+        assert!(help.contains("[default: 0.3]") && help.contains("Only for act."), "{help}");
     }
 }

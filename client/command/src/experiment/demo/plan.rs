@@ -131,8 +131,8 @@ mod tests {
         assert_eq!(sent(1), (to_struct(&pretraining), None));
         assert_eq!(sent(3), (to_struct(&scoring), None));
         assert_eq!(sent(5), (to_struct(&training), Some(Data::DatasetId("input".into()))));
-        // Without gleaned segments λ has no effect; left out, it is the default, which the demo's is.
-        assert_eq!(training.remove("lambda"), Some(TrainSpec::default().weighting.settings["lambda"].clone()));
+        // Without gleaned segments λ has no effect, and is left out.
+        assert_eq!(training.remove("lambda"), Some(json!(0.1)));
         assert_eq!(training.remove("weighting"), Some("quality".into()));
         assert_eq!(sent(2), (to_struct(&training), Some(Data::ExpertsOf("input".into()))));
         assert_eq!(graph.stages[4].work, Work::Dataset { selection: Selection::beta(0.5) });
