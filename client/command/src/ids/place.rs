@@ -145,7 +145,7 @@ mod tests {
     }
 
     /// Every value of the innermost command, by clap's numbers and by ours.
-    fn both(command: &Command, line: &str) -> (Vec<(usize, String)>, Vec<(usize, String)>) {
+    fn both(command: &Command, line: &str) -> [Vec<(usize, String)>; 2] {
         let words: Vec<OsString> = line.split(' ').map(OsString::from).collect();
         let matches = command.clone().try_get_matches_from(&words).unwrap_or_else(|error| panic!("{line}: {error}"));
         let mut inner: &ArgMatches = &matches;
@@ -168,7 +168,7 @@ mod tests {
         theirs.sort();
         let text = |place: &Place| words[place.word].to_str().unwrap()[place.bytes.clone()].to_owned();
         let ours = places(command.clone(), &words).iter().map(|place| (place.index, text(place))).collect();
-        (theirs, ours)
+        [theirs, ours]
     }
 
     #[test]
@@ -192,7 +192,7 @@ mod tests {
             "x run a --name  b",
             "x run a -n= b --name= c",
         ] {
-            let (theirs, ours) = both(&small(), line);
+            let [theirs, ours] = both(&small(), line);
             assert_eq!(ours, theirs, "{line}");
             assert!(!ours.is_empty(), "{line}");
         }
@@ -201,7 +201,7 @@ mod tests {
     #[test]
     fn an_option_before_the_command_is_not_counted_in_it() {
         for line in ["x --server run run a", "x -s=run run a", "x -qsrun start a", "x --server=run -q run a"] {
-            let (theirs, ours) = both(&small(), line);
+            let [theirs, ours] = both(&small(), line);
             assert_eq!((&ours, ours.as_slice()), (&theirs, [(1, "a".to_owned())].as_slice()), "{line}");
         }
     }
@@ -221,7 +221,7 @@ mod tests {
             "gleaner train --dataset=ds_1 --task t --policy act --chunk-length 4 --preset small --key mine",
             "gleaner open latest --in foxglove --scores latest --beta 0.5 --out a.mcap",
         ] {
-            let (theirs, ours) = both(&Cli::command(), line);
+            let [theirs, ours] = both(&Cli::command(), line);
             assert_eq!(ours, theirs, "{line}");
         }
     }

@@ -50,7 +50,7 @@ mod tests {
     fn a_range_of_rounding_noise_is_a_constant() {
         let mut ranges = Ranges::new(4);
         let noisy = 0.25f32;
-        for row in [[-1.0, 7.0, noisy, 1000.0], [3.0, 7.0, noisy.next_up(), 1000.000_1]] {
+        for row in [[-1.0, 7.0, noisy, 1000.0], [3.0, 7.0, noisy.next_up(), 1000.0f32.next_up()]] {
             ranges.add(&row);
         }
         let found: Vec<_> = ranges.middles().collect();
