@@ -12,6 +12,9 @@ use gleaner_proto::v1::*;
 
 use crate::support::{api::Api, lab, server::TestServer, slurm::Cluster, wait::until};
 
+/// More steps than a test lasts.
+const ENDLESS: u32 = 1_000_000;
+
 /// A server with episodes whose jobs run on the cluster.
 async fn with_episodes(cluster: &Cluster) -> (TestServer, Api, Vec<Episode>) {
     with_flags(&cluster.flags()).await
@@ -25,6 +28,27 @@ async fn with_flags(flags: &[String]) -> (TestServer, Api, Vec<Episode>) {
 async fn losses(api: &mut Api, job: &str) -> Vec<(u64, f64)> {
     let by_step: std::collections::BTreeMap<u64, f64> = api.metric(job, "loss").await.into_iter().collect();
     by_step.into_iter().collect()
+}
+
+/// Waits until a job runs again after Slurm has ended `first` in this state, without a lost step or attempt, and cancels it.
+async fn resumes_whole(cluster: &Cluster, api: &mut Api, first: &Job, state: &str) {
+    let mut furthest = 0;
+    let resumed = api
+        .watch_until(&first.id, |job| {
+            let again = job.engine_id != first.engine_id && !job.engine_id.is_empty() && job.done > furthest;
+            furthest = furthest.max(job.done);
+            again
+        })
+        .await;
+    assert_eq!((resumed.state(), resumed.attempt), (JobState::Running, 1), "{}", resumed.error);
+    let ended = cluster.jobs().await.into_iter().find(|job| job.id == first.engine_id);
+    assert_eq!(ended.map(|job| job.state).as_deref(), Some(state));
+    let steps: Vec<u64> = api.metric(&first.id, "loss").await.into_iter().map(|(step, _)| step).collect();
+    assert!(steps.len() as u64 >= resumed.done);
+    assert_eq!(steps, (1..=steps.len() as u64).collect::<Vec<_>>(), "no step is lost or repeated");
+    api.jobs.cancel_job(CancelJobRequest { job_id: first.id.clone() }).await.unwrap();
+    assert_eq!(api.watch(&first.id).await.state(), JobState::Cancelled);
+    cluster.until_empty().await;
 }
 
 async fn job(api: &mut Api, id: &str) -> GetJobResponse {

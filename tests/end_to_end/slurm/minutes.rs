@@ -5,13 +5,11 @@ use std::time::{Duration, Instant};
 
 use gleaner_proto::v1::*;
 
-use super::with_episodes;
-use crate::support::{api::Api, crash::Settings, lab, skipped::skipped, slurm::Cluster};
+use super::{ENDLESS, resumes_whole, with_episodes};
+use crate::support::{crash::Settings, lab, skipped::skipped, slurm::Cluster};
 
 /// Kills of the shortest long form.
 const LONG: usize = 20;
-/// More steps than a test lasts.
-const ENDLESS: u32 = 1_000_000;
 
 /// A cluster of one node, in the long form of the crash tests.
 async fn start() -> Option<Cluster> {
@@ -20,13 +18,6 @@ async fn start() -> Option<Cluster> {
         return None;
     }
     Cluster::start(1).await
-}
-
-/// Ends a job and waits until Slurm lists it no more.
-async fn cancel(cluster: &Cluster, api: &mut Api, job: &str) {
-    api.jobs.cancel_job(CancelJobRequest { job_id: job.to_owned() }).await.unwrap();
-    assert_eq!(api.watch(job).await.state(), JobState::Cancelled);
-    cluster.until_empty().await;
 }
 
 /// The shortest limit that Slurm has is a minute.
@@ -38,21 +29,7 @@ async fn job_beyond_its_time_limit_resumes_without_losing_a_step_or_an_attempt()
     let (_server, mut api, _) = lab::with_episodes(&flags).await;
     let id = api.submit(lab::TASK, lab::pretrain(ENDLESS)).await.unwrap().id;
     let first = api.watch_until(&id, |job| job.done >= 1 && !job.engine_id.is_empty()).await;
-    let mut furthest = 0;
-    let resumed = api
-        .watch_until(&id, |job| {
-            let again = job.engine_id != first.engine_id && !job.engine_id.is_empty() && job.done > furthest;
-            furthest = furthest.max(job.done);
-            again
-        })
-        .await;
-    assert_eq!((resumed.state(), resumed.attempt), (JobState::Running, 1), "{}", resumed.error);
-    let ended = cluster.jobs().await.into_iter().find(|job| job.id == first.engine_id);
-    assert_eq!(ended.map(|job| job.state).as_deref(), Some("TIMEOUT"));
-    let steps: Vec<u64> = api.metric(&id, "loss").await.into_iter().map(|(step, _)| step).collect();
-    assert!(steps.len() as u64 >= resumed.done);
-    assert_eq!(steps, (1..=steps.len() as u64).collect::<Vec<_>>(), "no step is lost or repeated");
-    cancel(&cluster, &mut api, &id).await;
+    resumes_whole(&cluster, &mut api, &first, "TIMEOUT").await;
 }
 
 #[tokio::test]

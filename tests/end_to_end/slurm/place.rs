@@ -4,6 +4,7 @@ use gleaner_bucket::testing::TestStore;
 use gleaner_client::UploadLabel;
 use gleaner_proto::v1::*;
 
+use super::{ENDLESS, resumes_whole};
 use crate::support::{
     api::Api,
     blob_store,
@@ -83,26 +84,10 @@ async fn preempted_job_loses_no_step_and_no_attempt() {
     let flags = [cluster.flags(), vec!["--slurm-options".to_owned(), "--partition=low".to_owned()]].concat();
     let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
     let (_server, mut api, _) = lab::with_episodes(&flags).await;
-    let id = api.submit(lab::TASK, lab::pretrain(1_000_000)).await.unwrap().id;
+    let id = api.submit(lab::TASK, lab::pretrain(ENDLESS)).await.unwrap().id;
     let first = api.watch_until(&id, |job| job.done >= 5 && !job.engine_id.is_empty()).await;
     cluster.preempt().await;
-    let mut furthest = 0;
-    let resumed = api
-        .watch_until(&id, |job| {
-            let again = job.engine_id != first.engine_id && !job.engine_id.is_empty() && job.done > furthest;
-            furthest = furthest.max(job.done);
-            again
-        })
-        .await;
-    assert_eq!((resumed.state(), resumed.attempt), (JobState::Running, 1), "{}", resumed.error);
-    let ended = cluster.jobs().await.into_iter().find(|job| job.id == first.engine_id);
-    assert_eq!(ended.map(|job| job.state).as_deref(), Some("PREEMPTED"));
-    let steps: Vec<u64> = api.metric(&id, "loss").await.into_iter().map(|(step, _)| step).collect();
-    assert!(steps.len() as u64 >= resumed.done);
-    assert_eq!(steps, (1..=steps.len() as u64).collect::<Vec<_>>(), "no step is lost or repeated");
-    api.jobs.cancel_job(CancelJobRequest { job_id: id.clone() }).await.unwrap();
-    assert_eq!(api.watch(&id).await.state(), JobState::Cancelled);
-    cluster.until_empty().await;
+    resumes_whole(&cluster, &mut api, &first, "PREEMPTED").await;
 }
 
 /// The job stays in the queue with the reason, and the server serves.
