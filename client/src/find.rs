@@ -31,8 +31,9 @@ pub struct Skipped {
 }
 
 /// Finds recordings: a file stands for itself, a folder for every regular file `*.mcap` below it. In a folder, what
-/// cannot be sent (FIFOs, sockets, devices, links that lead nowhere, folders that cannot be read) is skipped, and so are
-/// datasets of other programs beside recordings. A folder whose `metadata.yaml` lists several parts (rosbag2) stands for one recording.
+/// cannot be sent (FIFOs, sockets, devices, links that lead nowhere, folders that cannot be read) is skipped, and so is what
+/// may be a dataset of another program by its name, beside recordings. A folder whose `metadata.yaml` lists several parts
+/// (rosbag2) stands for one recording.
 ///
 /// # Errors
 /// [`ClientError::Io`] for a path that is not there; [`ClientError::Invalid`] for a path that is neither a regular file
@@ -56,8 +57,9 @@ pub fn find_recordings(paths: &[PathBuf]) -> Result<Found> {
     Ok(Found { recordings: search.recordings.into_iter().collect(), skipped: search.skipped })
 }
 
-/// Why a dataset of another program beside recordings is skipped.
-const DATASET: &str = "is a dataset of another program; give it by its own path";
+/// Why a dataset of another program beside recordings is skipped. Names alone do not decide whether it is one: an HDF5 file
+/// can have the weights of a network, and its contents are read in a process with limits only.
+const DATASET: &str = "may be a dataset of another program; give it by its own path";
 
 #[derive(Default)]
 struct Search {

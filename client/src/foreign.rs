@@ -19,7 +19,8 @@ const INFO: &str = "meta/info.json";
 /// Endings of HDF5 files.
 const ENDINGS: [&str; 2] = ["hdf5", "h5"];
 
-/// Whether a path is a dataset of another program: a folder with `meta/info.json`, or an HDF5 file.
+/// Whether a path may be a dataset of another program, by its name: a folder with `meta/info.json`, or a file with an ending
+/// of HDF5, whatever it contains.
 #[must_use]
 pub fn is_dataset(path: &Path) -> bool {
     let ending = path.extension().is_some_and(|ending| ENDINGS.iter().any(|known| ending == *known));

@@ -3,6 +3,8 @@
 //!
 //! Recordings may be damaged or hostile, so this process does not parse them. Must not know a server.
 
+mod datasets;
+
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
@@ -10,7 +12,7 @@ use std::time::Duration;
 
 use futures::StreamExt as _;
 use gleaner_client::{ClientError, whole_recording};
-use gleaner_inspector::{Assumed, Converted, Described, Order, RecordingsConfig, Verdict};
+use gleaner_inspector::{Order, RecordingsConfig, Verdict};
 use gleaner_recording::{CutEpisode, Cuts, Limits, Report, Survey, TaskSpec};
 use rustix::process::Signal;
 use tempfile::TempDir;
@@ -94,35 +96,6 @@ impl Inspector {
             },
         )
         .await
-    }
-
-    /// What a dataset of another program holds, or that the file is of another program, or why the path cannot be read.
-    pub(crate) async fn describe(
-        &self,
-        dataset: &Path,
-        assumed: &Assumed,
-    ) -> Result<std::result::Result<Described, String>> {
-        let folder = tempfile::tempdir()?;
-        let order = Order { describe: true, ..assuming(basic_order(dataset, &folder, None)?, assumed) };
-        Ok(self.verdict(&order).await?.and_then(|verdict| {
-            if let Verdict::Described(described) = verdict { Ok(described) } else { Err(refusal(verdict)) }
-        }))
-    }
-
-    /// Writes one episode of a dataset of another program as a recording to `out`; returns why it cannot be used.
-    pub(crate) async fn convert(
-        &self,
-        dataset: &Path,
-        assumed: &Assumed,
-        episode: u64,
-        out: &Path,
-    ) -> Result<std::result::Result<Converted, String>> {
-        let folder = tempfile::tempdir()?;
-        let basic = assuming(basic_order(dataset, &folder, None)?, assumed);
-        let order = Order { convert: Some(episode), frames: out.to_owned(), ..basic };
-        Ok(self.verdict(&order).await?.and_then(|verdict| {
-            if let Verdict::Converted(converted) = verdict { Ok(converted) } else { Err(refusal(verdict)) }
-        }))
     }
 
     /// Cuts a recording into files of a folder, one for each episode.
@@ -237,12 +210,6 @@ fn refusal(verdict: Verdict) -> String {
         | Verdict::Cut(_)
         | Verdict::Extracted => UNEXPECTED.to_owned(),
     }
-}
-
-/// The order with what a person states of the dataset.
-fn assuming(order: Order, assumed: &Assumed) -> Order {
-    let Assumed { rate_hz, success_column } = assumed.clone();
-    Order { rate_hz, success_column, ..order }
 }
 
 fn basic_order(recording: &Path, folder: &TempDir, spec: Option<&TaskSpec>) -> Result<Order> {

@@ -3,17 +3,18 @@
 //! This process does not parse them: `gleaner-inspector` does. Must not know a server.
 
 mod name;
+mod walk;
 
 use std::path::{Path, PathBuf};
 
 use gleaner_client::{Skipped, find_recordings, is_dataset};
-use gleaner_inspector::{Assumed, Converted, Described, Description};
+use gleaner_inspector::{Assumed, Described, Description};
 use gleaner_recording::printable;
-use tempfile::TempDir;
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
+pub(crate) use walk::{Conversion, Episode};
 
 /// A path that is a dataset of another program by its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,14 +41,6 @@ pub(crate) struct Intake {
     pub(crate) description: Description,
     assumed: Assumed,
     inspector: Inspector,
-}
-
-/// An episode as a recording, which is there as long as this is.
-#[derive(Debug)]
-pub(crate) struct Episode {
-    pub(crate) recording: PathBuf,
-    pub(crate) converted: Converted,
-    _folder: TempDir,
 }
 
 /// Splits paths into datasets of other programs and the rest. A folder without recordings stands for the datasets in it.
@@ -161,14 +154,6 @@ impl Intake {
 
     fn stem(&self, episode: u64) -> String {
         format!("{}_{episode:06}", self.name())
-    }
-
-    /// Makes the recording of an episode, or returns why it cannot be used.
-    pub(crate) async fn episode(&self, episode: u64) -> Result<std::result::Result<Episode, String>> {
-        let folder = tempfile::tempdir()?;
-        let recording = folder.path().join(format!("{}.mcap", self.stem(episode)));
-        let converted = self.inspector.convert(&self.path, &self.assumed, episode, &recording).await?;
-        Ok(converted.map(|converted| Episode { recording, converted, _folder: folder }))
     }
 }
 

@@ -1,9 +1,10 @@
 //! Datasets of other programs as recordings: a dataset in, one MCAP recording for each episode out.
 //!
 //! [`describe`] returns what a dataset holds, with a task that its recordings fit; [`convert`] writes the recording of one
-//! episode. A format is one file here, or a folder, and a line in `open`. Datasets are untrusted: both functions run in a
-//! process with limits, and damage is an error. Memory follows an episode's numbers and one picture, not the dataset. The
-//! same episode gives the same bytes wherever the dataset lies.
+//! episode, and [`convert_run`] those of neighbouring episodes, for which what they share is read once. A format is one file
+//! here, or a folder, and a line in `open`. Datasets are untrusted: these functions run in a process with limits, and damage
+//! is an error. Memory follows an episode's numbers and one picture, not the dataset. The same episode gives the same bytes
+//! wherever the dataset lies, and whichever episodes are converted with it.
 
 mod description;
 mod fields;
@@ -11,12 +12,15 @@ mod lerobot;
 mod mp4;
 mod recorder;
 mod robomimic;
+mod run;
 
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 pub use description::{Converted, Description, FieldOrigin, LeftOut};
 use recorder::Recorder;
+pub use run::{convert_run, run_file};
 
 use crate::problem::Problem;
 
@@ -31,12 +35,13 @@ trait Dataset {
     /// [`Problem::Unfit`] with the first fault, or the first file that is missing.
     fn description(&self) -> Result<Description, Problem>;
 
-    /// Begins the recording of an episode, by its number from 0, at `out`, and writes its steps. Returns the recording and
-    /// whether the episode succeeded, if the dataset states it.
+    /// Begins the recording of the first of these episodes, by their numbers from 0, at `out`, and writes its steps. Returns
+    /// the recording and whether the episode succeeded, if the dataset states it. The others are recorded next: what they
+    /// have in common may be read now and kept.
     ///
     /// # Errors
-    /// [`Problem`] with the file, the place in it and the fix.
-    fn record(&self, episode: u64, out: &Path) -> Result<(Recorder, Option<bool>), Problem>;
+    /// [`Problem`] with the file, the place in it and the fix, of the first episode alone.
+    fn record(&mut self, episodes: Range<u64>, out: &Path) -> Result<(Recorder, Option<bool>), Problem>;
 }
 
 /// What a person states of a dataset.
@@ -83,20 +88,11 @@ pub fn describe(path: &Path, assumed: &Assumed) -> Result<Description, Undescrib
 /// # Errors
 /// Like [`describe`], with a file of another program as [`Problem::Unfit`].
 pub fn convert(path: &Path, assumed: &Assumed, episode: u64, out: &Path) -> Result<Converted, Problem> {
-    let converted = guarded(path, || {
-        let dataset = open(path, assumed)?;
-        let episodes = dataset.episodes();
-        if episode >= episodes {
-            return Err(Problem::Unfit(format!("there is no episode {episode}: the dataset has {episodes}")));
-        }
-        let (recorder, success) = dataset.record(episode, out)?;
-        Ok(Converted { steps: recorder.finish()?, success })
-    });
-    if converted.is_err() {
-        // The cause is the first error; a file that was never made is no second one.
+    let opened = guarded(path, || open(path, assumed).map_err(Problem::from));
+    let mut dataset = opened.inspect_err(|_| {
         std::fs::remove_file(out).ok();
-    }
-    converted
+    })?;
+    run::record(path, dataset.as_mut(), episode..episode.saturating_add(1), out)
 }
 
 /// The error of a column that cannot state the outcome, with those that can.
@@ -111,11 +107,13 @@ fn open(path: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>, Undescribed>
 
 /// Readers of parquet, MP4 and HDF5 may panic on damage.
 fn guarded<T, E: From<Problem>>(path: &Path, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
-    let damaged = |_| {
-        let problem = "a file of it is damaged, and its reader failed; copy or download the dataset again";
-        Err(Problem::Unfit(format!("{}: {problem}", path.display())).into())
-    };
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(damaged)
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err(panicked(path).into()))
+}
+
+/// The error of a dataset whose reader panicked.
+fn panicked(path: &Path) -> Problem {
+    let problem = "a file of it is damaged, and its reader failed; copy or download the dataset again";
+    Problem::Unfit(format!("{}: {problem}", path.display()))
 }
 
 #[cfg(test)]

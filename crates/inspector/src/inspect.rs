@@ -4,6 +4,7 @@
 
 use std::io::{ErrorKind, Write as _};
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use gleaner_formats::Problem;
 use gleaner_formats::import::{self, Assumed, Converted, Description, Undescribed};
@@ -17,6 +18,11 @@ use crate::{InspectError, Order, limits};
 /// The part of an inspection's memory that messages and pictures under way may take is one over this.
 const UNDER_WAY: u64 = 8;
 
+/// Bytes of recordings after which a run of converted episodes ends: they lie on the disk until they are sent.
+const RUN_BYTES: u64 = 64 << 20;
+/// The part of an inspection's time after which it ends is one over this, so that no run is killed for its length.
+const RUN_TIME: u64 = 4;
+
 /// The result of an inspection.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -29,8 +35,9 @@ pub enum Verdict {
     Surveyed(Survey),
     /// What a dataset of another program holds, or that the file is of another program.
     Described(Described),
-    /// An episode of a dataset of another program is written as a recording.
-    Converted(Converted),
+    /// Episodes of a dataset of another program, the first of those ordered: each is written as a recording, or cannot be
+    /// used, with the reason and the fix.
+    Converted(Vec<Result<Converted, String>>),
     /// The recording is cut into these episodes.
     Cut(Vec<CutEpisode>),
     /// A copy of the recording with scores is written.
@@ -85,9 +92,13 @@ fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> 
             Err(Undescribed::Problem(problem)) => import_failure(problem),
         });
     }
-    if let Some(episode) = order.convert {
-        let converted = import::convert(path, &assumed, episode, &order.frames);
-        return Ok(converted.map(Verdict::Converted).or_else(import_failure));
+    if let Some(episodes) = order.convert.clone() {
+        let (begun, most) = (Instant::now(), Duration::from_secs(order.seconds / RUN_TIME));
+        let enough = |bytes| bytes >= RUN_BYTES || begun.elapsed() >= most;
+        let converted = import::convert_run(path, &assumed, episodes, &order.frames, enough);
+        let each =
+            |results: Vec<Result<_, Problem>>| results.into_iter().map(|result| result.map_err(reason)).collect();
+        return Ok(converted.map(each).map(Verdict::Converted).or_else(import_failure));
     }
     if let Some(topic) = &order.cut {
         return Ok(cut(path, Cuts::Topic(topic), &order.limits.limits(), &order.frames).map(Verdict::Cut));
@@ -129,10 +140,20 @@ fn grant_time_for_pictures(order: &Order, spec: &TaskSpec) -> Result<(), Inspect
 
 /// A dataset's own faults are a verdict; a failed file operation is the error of a recording.
 fn import_failure(problem: Problem) -> Result<Verdict, RecordingError> {
+    file_failure(problem).map(Verdict::Refused)
+}
+
+/// Why an episode cannot be used.
+fn reason(problem: Problem) -> String {
+    file_failure(problem).unwrap_or_else(|error| error.to_string())
+}
+
+/// The text of a dataset's own fault, or the error of a failed file operation.
+fn file_failure(problem: Problem) -> Result<String, RecordingError> {
     match problem {
         Problem::Io { path, source } => Err(RecordingError::Io { path, source }),
         Problem::Recording { source: error @ RecordingError::Io { .. }, .. } => Err(error),
-        Problem::Recording { .. } | Problem::Unfit(_) | Problem::Input(_) => Ok(Verdict::Refused(problem.to_string())),
+        Problem::Recording { .. } | Problem::Unfit(_) | Problem::Input(_) => Ok(problem.to_string()),
     }
 }
 

@@ -12,7 +12,7 @@ mod order;
 mod recordings;
 
 pub use error::InspectError;
-pub use gleaner_formats::import::{Assumed, Converted, Description, FieldOrigin, LeftOut};
+pub use gleaner_formats::import::{Assumed, Converted, Description, FieldOrigin, LeftOut, run_file};
 pub use inspect::{Described, Verdict, inspect};
 pub use limits::apply as apply_limits;
 pub use order::{Order, most_written};

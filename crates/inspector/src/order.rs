@@ -1,6 +1,6 @@
 //! The arguments of an inspection: one definition for the server and for the program.
 
-use std::{ffi::OsString, path::PathBuf};
+use std::{ffi::OsString, ops::Range, path::PathBuf};
 
 use clap::Args;
 
@@ -33,10 +33,10 @@ pub struct Order {
     /// The recording is a dataset of another program: report what it holds; the spec is not read and no frames are written.
     #[arg(long, conflicts_with_all = ["salvage", "survey"])]
     pub describe: bool,
-    /// The recording is a dataset of another program: write one episode of it, by its number from 0, to the file of frames,
-    /// as a recording; the spec is not read.
-    #[arg(long, value_name = "N", conflicts_with_all = ["salvage", "survey", "describe"])]
-    pub convert: Option<u64>,
+    /// The recording is a dataset of another program: write episodes of it, by their numbers from 0, into the folder of
+    /// frames, as recordings: the first ones of these, at least one; the spec is not read.
+    #[arg(long, value_name = "FIRST..END", value_parser = range, conflicts_with_all = ["salvage", "survey", "describe"])]
+    pub convert: Option<Range<u64>>,
     /// Cut the recording into episodes at the messages of this topic, into the folder of frames; the spec is not read.
     #[arg(long, value_name = "TOPIC", conflicts_with_all = ["salvage", "survey", "describe", "convert"])]
     pub cut: Option<String>,
@@ -132,7 +132,7 @@ impl Order {
         let modes = [(*survey, "--survey"), (*describe, "--describe")];
         let modes = modes.into_iter().filter(|(set, _)| *set).map(|(_, flag)| flag.into());
         let values = [
-            ("--convert", convert.map(|number| number.to_string())),
+            ("--convert", convert.as_ref().map(|episodes| format!("{}..{}", episodes.start, episodes.end))),
             ("--cut", cut.clone()),
             ("--success-column", success_column.clone()),
             ("--rate-hz", rate_hz.map(|rate| rate.to_string())),
@@ -140,6 +140,12 @@ impl Order {
         let values = values.into_iter().filter_map(|(flag, value)| Some([flag.into(), value?.into()])).flatten();
         paths.chain(modes).chain(values).chain(numbers).chain(limits.flags().into_iter().map(Into::into)).collect()
     }
+}
+
+/// Reads a range of numbers.
+fn range(text: &str) -> Result<Range<u64>, String> {
+    let ends = text.split_once("..").and_then(|(first, end)| Some(first.parse().ok()?..end.parse().ok()?));
+    ends.ok_or_else(|| "expected two numbers such as 3..7".to_owned())
 }
 
 #[cfg(test)]
@@ -196,7 +202,7 @@ mod tests {
         let salvage = Order { salvage: Some("repaired".into()), ..order.clone() };
         let survey = Order { survey: true, pictures: Some("p".into()), ..order.clone() };
         let describe = Order { describe: true, rate_hz: Some(12.5), ..order.clone() };
-        let convert = Order { convert: Some(3), success_column: Some("next success".into()), ..order.clone() };
+        let convert = Order { convert: Some(3..7), success_column: Some("next success".into()), ..order.clone() };
         let extract = Order { extract: Some("kept.json".into()), ..order.clone() };
         let ranges = Order { cut_ranges: Some("a/ranges.json".into()), ..order.clone() };
         let cut = Order { cut: Some("/episode marker".into()), ..order.clone() };

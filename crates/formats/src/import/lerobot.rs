@@ -8,11 +8,13 @@ mod info;
 mod lines;
 mod places;
 mod rows;
+mod run;
 mod tables;
 mod tasks;
 mod videos;
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use gleaner_recording::{CameraMessage, ImageRef, PixelFormat};
@@ -21,9 +23,8 @@ use serde_json::{Map, Value, json};
 use self::features::{Features, Picture, Source};
 use self::info::Info;
 use self::places::Place;
-use self::rows::{Row, Rows};
-use self::tables::Table;
-use self::tasks::Texts;
+use self::rows::Row;
+use self::run::Run;
 use self::videos::Reel;
 use super::description::Description;
 use super::recorder::Recorder;
@@ -43,6 +44,7 @@ struct Lerobot {
     features: Features,
     /// The column whose last value is the outcome.
     success: String,
+    run: Run,
 }
 
 /// Opens a dataset in a folder with `meta/info.json`, which alone is read.
@@ -57,7 +59,7 @@ pub(super) fn open(folder: &Path, assumed: &Assumed) -> Result<Box<dyn Dataset>,
         }
         None => SUCCESS.to_owned(),
     };
-    Ok(Box::new(Lerobot { folder: folder.to_owned(), info, features, success }))
+    Ok(Box::new(Lerobot { folder: folder.to_owned(), info, features, success, run: Run::default() }))
 }
 
 impl Dataset for Lerobot {
@@ -85,15 +87,28 @@ impl Dataset for Lerobot {
         })
     }
 
-    fn record(&self, episode: u64, out: &Path) -> Result<(Recorder, Option<bool>), Problem> {
-        let (place, table) = &self.place(episode)?;
-        let mut reels = self.reels(place)?;
+    fn record(&mut self, episodes: Range<u64>, out: &Path) -> Result<(Recorder, Option<bool>), Problem> {
+        // A reader that panics leaves none of its state to the next episode.
+        let mut run = std::mem::take(&mut self.run);
+        let recorded = self.record_in(&mut run, &episodes, out);
+        self.run = run;
+        recorded
+    }
+}
+
+impl Lerobot {
+    fn format(&self) -> String {
+        format!("LeRobot {}", self.info.codebase_version)
+    }
+
+    fn record_in(&self, run: &mut Run, episodes: &Range<u64>, out: &Path) -> Result<(Recorder, Option<bool>), Problem> {
+        let episode = episodes.start;
+        let place = &run.place(self, episodes)?;
+        let mut reels = self.reels(run, place)?;
         let mut recorder = Recorder::create(out, episode.to_string(), &self.features.description.spec)?;
-        let mut rows = Rows::open(table, place, &self.features)?;
-        let mut tasks = Texts::new(&self.folder, &self.info);
         let (mut texts, mut success) = (Vec::new(), None);
         let mut step = 0;
-        while let Some(row) = rows.next()? {
+        while let Some(row) = run.row(self, place, step)? {
             self.check_row(&row, place, step)?;
             let stamp = recorder.step_stamp(step);
             for (picture, bytes) in self.features.stored().zip(&row.pictures) {
@@ -105,7 +120,8 @@ impl Dataset for Lerobot {
                 reel.write_to(step, &mut recorder)?;
             }
             let mut others = row.others;
-            let task = others.get("task_index").and_then(Value::as_i64).map(|index| tasks.of(index)).transpose()?;
+            let task = others.get("task_index").and_then(Value::as_i64);
+            let task = task.map(|index| run.texts.of(&self.folder, &self.info, index)).transpose()?;
             if let Some(task) = task.flatten() {
                 others.insert("task".to_owned(), json!(task));
                 if !texts.iter().any(|text| text == task) {
@@ -127,12 +143,6 @@ impl Dataset for Lerobot {
         recorder.metadata(self.metadata(place, &texts))?;
         Ok((recorder, success))
     }
-}
-
-impl Lerobot {
-    fn format(&self) -> String {
-        format!("LeRobot {}", self.info.codebase_version)
-    }
 
     /// Looks for every file that an episode needs; the error names the first that is missing.
     fn check_files(&self, places: &[Place]) -> Result<(), Problem> {
@@ -149,25 +159,14 @@ impl Lerobot {
         }
     }
 
-    /// The place of an episode with its data file: by its number, or by all tables where that is not enough.
-    fn place(&self, episode: u64) -> Result<(Place, Table), Problem> {
-        if let Some(found) = places::find(&self.folder, &self.info, &self.features, episode)? {
-            return Ok(found);
-        }
-        let places = places::read(&self.folder, &self.info, &self.features)?;
-        let place = usize::try_from(episode).ok().and_then(|at| places.into_iter().nth(at));
-        let place = place.ok_or_else(|| unfit(&self.folder, &format!("there is no episode {episode}")))?;
-        let table = Table::open(&self.folder.join(&place.data))?;
-        Ok((place, table))
-    }
-
-    fn reels(&self, place: &Place) -> Result<Vec<Reel>, Problem> {
+    fn reels(&self, run: &mut Run, place: &Place) -> Result<Vec<Reel>, Problem> {
         let of = |picture: &Picture| {
             let part = place.videos.get(&picture.feature);
             let part = part.ok_or_else(|| {
                 unfit(&self.folder, &format!("{}: episode {} has no video", picture.feature, place.episode))
             })?;
-            Reel::open(&self.folder, picture, part, place.steps, self.info.fps)
+            let film = run.film(&picture.feature, &self.folder.join(&part.path))?;
+            Reel::new(film, picture, part, (place.steps, self.info.fps))
         };
         self.features.pictures.iter().filter(|picture| picture.source == Source::Video).map(of).collect()
     }

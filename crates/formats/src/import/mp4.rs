@@ -23,9 +23,11 @@ const TOLERANCE: f64 = 1e-3;
 
 /// An opened file.
 pub(super) struct Film {
-    path: PathBuf,
+    pub(super) path: PathBuf,
     file: File,
     samples: Vec<Sample>,
+    /// For each picture, in the order in which they are shown, the time in seconds and its packet.
+    shown: Vec<(f64, usize)>,
     packaging: Packaging,
     /// (height, width).
     pub(super) size: (u32, u32),
@@ -73,7 +75,10 @@ impl Film {
             return Err(damaged(format!("it ends before its picture {}", outside.id)));
         }
         let samples = track.samples.clone();
-        Ok(Self { path: path.to_owned(), file, samples, packaging, size: (track.height.into(), track.width.into()) })
+        let mut shown: Vec<(f64, usize)> = samples.iter().map(time).zip(0..).collect();
+        shown.sort_by(|one, other| one.0.total_cmp(&other.0));
+        let size = (track.height.into(), track.width.into());
+        Ok(Self { path: path.to_owned(), file, samples, shown, packaging, size })
     }
 
     /// The format of its packets: `h264`, `h265` or `av1`.
@@ -85,11 +90,8 @@ impl Film {
     }
 
     /// The time in seconds at which a packet's picture is shown.
-    #[expect(clippy::cast_precision_loss, reason = "a video is short enough")]
     pub(super) fn time(&self, packet: usize) -> f64 {
-        self.samples
-            .get(packet)
-            .map_or(f64::NAN, |sample| sample.composition_timestamp as f64 / sample.timescale.max(1) as f64)
+        self.samples.get(packet).map_or(f64::NAN, time)
     }
 
     /// The packets of evenly spaced steps, the first at `from` seconds.
@@ -97,16 +99,14 @@ impl Film {
     /// # Errors
     /// [`Problem::Unfit`] names the first step without a picture at its time.
     pub(super) fn part(&self, from: f64, steps: usize, rate_hz: f64) -> Result<Part, Problem> {
-        let mut shown: Vec<(f64, usize)> = (0..self.samples.len()).map(|packet| (self.time(packet), packet)).collect();
-        shown.sort_by(|one, other| one.0.total_cmp(&other.0));
         // The number of steps is untrusted, so that no memory is reserved for it.
         let mut of_steps = Vec::new();
         for step in 0..steps {
             #[expect(clippy::cast_precision_loss, reason = "an episode has few steps")]
             let time = from + step as f64 / rate_hz;
-            let at = shown.partition_point(|(shown, _)| *shown < time - TOLERANCE);
-            let found = shown.get(at).filter(|(shown, _)| (shown - time).abs() <= TOLERANCE);
-            of_steps.push(found.ok_or_else(|| self.missing(step, time, rate_hz, &shown))?.1);
+            let at = self.shown.partition_point(|(shown, _)| *shown < time - TOLERANCE);
+            let found = self.shown.get(at).filter(|(shown, _)| (shown - time).abs() <= TOLERANCE);
+            of_steps.push(found.ok_or_else(|| self.missing(step, time, rate_hz))?.1);
         }
         let (first, last) = (of_steps.iter().min(), of_steps.iter().max());
         let (Some(&first), Some(&last)) = (first, last) else {
@@ -156,7 +156,8 @@ impl Film {
         Ok(out)
     }
 
-    fn missing(&self, step: usize, time: f64, rate_hz: f64, shown: &[(f64, usize)]) -> Problem {
+    fn missing(&self, step: usize, time: f64, rate_hz: f64) -> Problem {
+        let shown = &self.shown;
         let (first, last) = (shown.first(), shown.last());
         let rate = match first.zip(last).map(|(first, last)| last.0 - first.0) {
             #[expect(clippy::cast_precision_loss, reason = "a video is short enough")]
@@ -173,6 +174,12 @@ impl Film {
             ),
         )
     }
+}
+
+/// The time in seconds at which a picture is shown.
+#[expect(clippy::cast_precision_loss, reason = "a video is short enough")]
+fn time(sample: &Sample) -> f64 {
+    sample.composition_timestamp as f64 / sample.timescale.max(1) as f64
 }
 
 /// A reader of at most `left` bytes, wherever they lie.

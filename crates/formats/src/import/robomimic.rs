@@ -6,6 +6,7 @@ mod demo;
 mod entries;
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use gleaner_core::{CameraSpec, ValueRange};
@@ -182,7 +183,8 @@ impl Dataset for Robomimic {
         Ok(self.description.clone())
     }
 
-    fn record(&self, episode: u64, out: &Path) -> Result<(Recorder, Option<bool>), Problem> {
+    fn record(&mut self, episodes: Range<u64>, out: &Path) -> Result<(Recorder, Option<bool>), Problem> {
+        let episode = episodes.start;
         let name = usize::try_from(episode).ok().and_then(|at| self.demos.get(at));
         let name = name.ok_or_else(|| unfit(&self.path, &format!("there is no episode {episode}")))?;
         let demo = Demo::open(&self.path, &self.file, name)?;

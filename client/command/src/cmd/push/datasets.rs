@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::time::Instant;
 
 use futures::StreamExt as _;
-use gleaner_client::{Client, ClientError, PushItem, PushResult, Pushed, UploadLabel};
+use gleaner_client::{Client, ClientError, PushItem, PushResult, Pushed, UploadLabel, Uploaded};
 use gleaner_core::proto::task::spec_to_proto;
 use gleaner_proto::v1::{CreateTaskRequest, ListTasksRequest, Outcome};
 use gleaner_recording::TaskSpec;
@@ -18,7 +18,7 @@ use crate::context::Context;
 use crate::draft::of_description;
 use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
-use crate::intake::{Episode, Intake};
+use crate::intake::{Conversion, Episode, Intake};
 
 /// Recordings of a dataset by which a task is found: one of them may be unusable for a reason of its own.
 const TRIED: u64 = 3;
@@ -50,18 +50,23 @@ pub(super) async fn push(
     }
     let started = Instant::now();
     let all = intakes.iter().zip(&tasks);
-    let all = all.flat_map(|(intake, task)| (0..intake.description.episodes).map(move |number| (intake, number, task)));
+    let all = all.flat_map(|(intake, task)| intake.runs().map(move |run| (intake, run, task)));
     let total = intakes.iter().map(|intake| intake.description.episodes).sum();
     let bar = context.progress.count("push", total);
     let bar = &bar;
-    let pushes = all.map(|(intake, number, task)| async move {
-        let pushed = episode(args, context, client, (intake, number), task).await;
-        bar.inc(1);
-        pushed
+    let pushes = all.map(|(intake, run, task)| async move {
+        let (mut walk, mut pushed) = (intake.walk(run), Vec::new());
+        while let Some((number, made)) = walk.next().await? {
+            let result = episode(args, context, client, (intake, made), task).await;
+            pushed.push(PushResult { path: intake.place(number), result });
+            bar.inc(1);
+        }
+        Ok(pushed)
     });
-    let results: Vec<Result<PushResult>> = futures::stream::iter(pushes).buffered(args.jobs.max(1)).collect().await;
+    let results: Vec<Result<Vec<PushResult>>> =
+        futures::stream::iter(pushes).buffered(args.jobs.max(1)).collect().await;
     bar.finish_and_clear();
-    let results = results.into_iter().collect::<Result<Vec<_>>>()?;
+    let results = results.into_iter().collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
     Ok((Pushed { results, wall: started.elapsed() }, tasks.into_iter().next().unwrap_or_default()))
 }
 
@@ -69,14 +74,10 @@ async fn episode(
     args: &PushArgs,
     context: &Context,
     client: &Client,
-    (intake, number): (&Intake, u64),
+    (intake, made): (&Intake, Conversion),
     task: &str,
-) -> Result<PushResult> {
-    let path = intake.place(number);
-    let made = match intake.episode(number).await? {
-        Ok(made) => made,
-        Err(why) => return Ok(PushResult { path, result: Err(ClientError::Invalid(why)) }),
-    };
+) -> std::result::Result<Uploaded, ClientError> {
+    let made = made.map_err(ClientError::Invalid)?;
     let stated = match made.converted.success {
         Some(true) => Outcome::Success,
         Some(false) => Outcome::Failure,
@@ -90,8 +91,7 @@ async fn episode(
     let item = PushItem { path: made.recording.clone(), parts: Vec::new(), task: task.to_owned(), label };
     let pushed = client.push(vec![item], 1, |_| ()).await;
     let result = pushed.results.into_iter().next().map(|pushed| pushed.result);
-    let result = result.unwrap_or_else(|| Err(ClientError::Invalid("it was not sent; push it again".to_owned())));
-    Ok(PushResult { path, result })
+    result.unwrap_or_else(|| Err(ClientError::Invalid("it was not sent; push it again".to_owned())))
 }
 
 /// Refuses datasets of one name: they would become one task and one cohort.

@@ -46,12 +46,15 @@ impl CheckArgs {
         intake::note(context, &skipped);
         reports.extend(refused.into_iter().map(|(path, why)| (path, Err(why))));
         for intake in intakes {
-            for number in 0..intake.description.episodes {
-                let report = match intake.episode(number).await? {
-                    Ok(episode) => inspector.check(std::slice::from_ref(&episode.recording), &spec).await?.pop(),
-                    Err(why) => Some((PathBuf::new(), Err(why))),
-                };
-                reports.extend(report.map(|(_, report)| (intake.place(number), report)));
+            for run in intake.runs() {
+                let mut walk = intake.walk(run);
+                while let Some((number, made)) = walk.next().await? {
+                    let report = match made {
+                        Ok(episode) => inspector.check(std::slice::from_ref(&episode.recording), &spec).await?.pop(),
+                        Err(why) => Some((PathBuf::new(), Err(why))),
+                    };
+                    reports.extend(report.map(|(_, report)| (intake.place(number), report)));
+                }
             }
         }
         context.output.result(|| Ok(document(&reports)), || shown(&spec.name, &reports))?;

@@ -1,6 +1,7 @@
 //! Where each episode lies: its rows in a data file, and its part of each video.
 
 use std::collections::BTreeMap;
+use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -39,11 +40,12 @@ pub(super) struct VideoPart {
 const TABLES: &str = "meta/episodes";
 const LINES: &str = "meta/episodes.jsonl";
 /// The column with the numbers of episodes, also in data files.
-const NUMBER: &str = "episode_index";
+pub(super) const NUMBER: &str = "episode_index";
 
 /// The places of all episodes, by their numbers.
 pub(super) fn read(folder: &Path, info: &Info, features: &Features) -> Result<Vec<Place>, Problem> {
-    let mut rows: Vec<EpisodeRow> = rows(folder, info, features, None)?.into_iter().map(EpisodeRow).collect();
+    let rows = rows(folder, info, features, None)?;
+    let mut rows: Vec<EpisodeRow<'_>> = rows.iter().map(EpisodeRow).collect();
     rows.sort_by_key(|row| row.whole(NUMBER));
     let mut places = Vec::with_capacity(rows.len());
     for (episode, row) in rows.iter().enumerate() {
@@ -54,7 +56,7 @@ pub(super) fn read(folder: &Path, info: &Info, features: &Features) -> Result<Ve
                 &format!("meta/episodes has no episode {episode}, or has it twice; download it again"),
             ));
         }
-        places.push(place(folder, info, features, episode, row)?);
+        places.push(place(folder, info, features, episode, row.0)?);
     }
     if count(places.len()) != info.total_episodes || places.is_empty() {
         let problem = format!(
@@ -78,42 +80,50 @@ pub(super) fn read(folder: &Path, info: &Info, features: &Features) -> Result<Ve
     Ok(places)
 }
 
-/// The place of one episode with its data file, if one row of the tables, and a row of that file, has its number. Parts of
-/// the tables without the number are not decoded; lines are taken to be in the order of their numbers, with those of one
-/// number side by side. `read` names the fault where there is no place.
+/// The rows of the tables for some episodes, of each number that one row has. Parts of the tables without these numbers are
+/// not decoded; lines are taken to be in the order of their numbers, with those of one number side by side. `read` names the
+/// fault where an episode has no row here.
 pub(super) fn find(
     folder: &Path,
     info: &Info,
     features: &Features,
-    episode: u64,
-) -> Result<Option<(Place, Table)>, Problem> {
-    let Ok(number) = i64::try_from(episode) else { return Ok(None) };
-    let Ok([row]) = <[Cells; 1]>::try_from(rows(folder, info, features, Some(number))?) else { return Ok(None) };
-    let place = place(folder, info, features, episode, &EpisodeRow(row))?;
-    let table = Table::open(&folder.join(&place.data))?;
-    if !info.shares_files() {
-        return Ok(Some((place, table)));
+    episodes: &Range<u64>,
+) -> Result<BTreeMap<u64, Cells>, Problem> {
+    let number = |episode| i64::try_from(episode).ok();
+    let Some((first, last)) = number(episodes.start).zip(episodes.end.checked_sub(1).and_then(number)) else {
+        return Ok(BTreeMap::new());
+    };
+    let mut found: BTreeMap<u64, Vec<Cells>> = BTreeMap::new();
+    for row in rows(folder, info, features, Some(&(first..=last)))? {
+        if let Some(episode) = EpisodeRow(&row).whole(NUMBER) {
+            found.entry(episode).or_default().push(row);
+        }
     }
-    // Numbers that are no feature may be those of another dataset.
-    if !info.features.contains_key(NUMBER) {
-        return Ok(None);
-    }
-    let first_row = table.first_row(NUMBER, number)?;
-    Ok(first_row.map(|first_row| (Place { first_row, ..place }, table)))
+    let one = |(episode, rows)| <[Cells; 1]>::try_from(rows).ok().map(|[row]| (episode, row));
+    Ok(found.into_iter().filter_map(one).collect())
 }
 
-/// The rows of the tables of episodes: all, or those with a number.
-fn rows(folder: &Path, info: &Info, features: &Features, wanted: Option<i64>) -> Result<Vec<Cells>, Problem> {
+/// The rows of the tables of episodes: all, or those with some numbers.
+fn rows(
+    folder: &Path,
+    info: &Info,
+    features: &Features,
+    wanted: Option<&RangeInclusive<i64>>,
+) -> Result<Vec<Cells>, Problem> {
+    let (mut rows, mut length) = (Vec::new(), 0_u64);
     if !info.shares_files() {
         let path = folder.join(LINES);
-        return wanted.map_or_else(|| lines::rows(&path), |number| lines::rows_with(&path, NUMBER, number));
+        let Some(numbers) = wanted else { return lines::rows(&path) };
+        for number in numbers.clone() {
+            rows.extend(lines::rows_with(&path, NUMBER, number)?);
+        }
+        return Ok(rows);
     }
     let columns = columns(features);
-    let (mut rows, mut length) = (Vec::new(), 0_u64);
     for path in tables(&folder.join(TABLES))? {
         let table = Table::open(&path)?;
         length = length.saturating_add(table.length());
-        rows.extend(table.rows(&columns, wanted.map(|number| (NUMBER, number)))?);
+        rows.extend(table.rows(&columns, wanted.map(|numbers| (NUMBER, numbers)))?);
     }
     if wanted.is_some() && length != info.total_episodes {
         // The reader of all rows names the difference.
@@ -123,9 +133,9 @@ fn rows(folder: &Path, info: &Info, features: &Features, wanted: Option<i64>) ->
 }
 
 /// What a table of episodes states of one.
-struct EpisodeRow(Cells);
+struct EpisodeRow<'a>(&'a Cells);
 
-impl EpisodeRow {
+impl EpisodeRow<'_> {
     fn whole(&self, name: &str) -> Option<u64> {
         self.0.get(name)?.as_u64()
     }
@@ -148,7 +158,15 @@ fn columns(features: &Features) -> Vec<String> {
     columns
 }
 
-fn place(folder: &Path, info: &Info, features: &Features, episode: u64, row: &EpisodeRow) -> Result<Place, Problem> {
+/// The place of an episode by its row in the tables of episodes; its first row is counted over all data files.
+pub(super) fn place(
+    folder: &Path,
+    info: &Info,
+    features: &Features,
+    episode: u64,
+    row: &Cells,
+) -> Result<Place, Problem> {
+    let row = EpisodeRow(row);
     let filled = |template: &str, values: &[(&str, &str)]| {
         Info::fill(template, values).ok_or_else(|| {
             unfit(folder, &format!("meta/info.json: the path {template:?} is not one within the dataset; correct it"))

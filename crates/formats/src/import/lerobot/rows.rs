@@ -1,4 +1,4 @@
-//! Rows of one episode of a data file, some at a time.
+//! Rows of a data file, some at a time.
 
 use std::path::PathBuf;
 
@@ -25,37 +25,38 @@ pub(super) struct Row {
     pub(super) others: Others,
 }
 
-/// The rows of one episode.
-pub(super) struct Rows<'a> {
+/// Rows of a data file, one after the other.
+pub(super) struct Rows {
     path: PathBuf,
-    features: &'a Features,
     reader: ParquetRecordBatchReader,
     batch: Option<RecordBatch>,
     /// Rows of the batch that were returned.
     done: usize,
-    episode: u64,
-    /// Rows of the episode that were returned.
-    step: u64,
+    /// The row of the file that is returned next.
+    pub(super) at: u64,
+    /// The row of the file before which they end.
+    pub(super) end: u64,
 }
 
-impl<'a> Rows<'a> {
-    pub(super) fn open(table: &Table, place: &Place, features: &'a Features) -> Result<Self, Problem> {
+impl Rows {
+    /// Begins at a row of the file; `rows`: the most that are read.
+    pub(super) fn open(table: &Table, features: &Features, first: u64, rows: u64) -> Result<Self, Problem> {
         let names = features.stored().map(|picture| &picture.feature);
         let names = names.chain(features.state.iter().chain(&features.action).map(|(name, _)| name));
         let names: Vec<&str> = names.chain(&features.others).map(String::as_str).collect();
-        let rows = table.part(&names, place.first_row, place.steps)?;
-        let (path, episode) = (table.path.clone(), place.episode);
-        let reader = rows.with_batch_size(ROWS).build().map_err(|error| damaged(&path, &error))?;
-        Ok(Self { path, features, reader, batch: None, done: 0, episode, step: 0 })
+        let reader = table.part(&names, first, rows)?.with_batch_size(ROWS).build();
+        let reader = reader.map_err(|error| damaged(&table.path, &error))?;
+        let (path, end) = (table.path.clone(), first.saturating_add(rows));
+        Ok(Self { path, reader, batch: None, done: 0, at: first, end })
     }
 
-    /// The next row.
-    pub(super) fn next(&mut self) -> Result<Option<Row>, Problem> {
+    /// The next row, which is this step of the episode.
+    pub(super) fn next(&mut self, features: &Features, place: &Place, step: u64) -> Result<Option<Row>, Problem> {
         loop {
             if let Some(batch) = self.batch.as_ref().filter(|batch| self.done < batch.num_rows()) {
-                let row = self.row(batch, self.done)?;
+                let row = self.row(features, batch, (place.episode, step))?;
                 self.done += 1;
-                self.step += 1;
+                self.at = self.at.saturating_add(1);
                 return Ok(Some(row));
             }
             match self.reader.next().transpose().map_err(|error| damaged(&self.path, &error))? {
@@ -65,9 +66,10 @@ impl<'a> Rows<'a> {
         }
     }
 
-    fn row(&self, batch: &RecordBatch, row: usize) -> Result<Row, Problem> {
+    fn row(&self, features: &Features, batch: &RecordBatch, (episode, step): (u64, u64)) -> Result<Row, Problem> {
+        let row = self.done;
         let wrong = |name: &str, problem: &str| {
-            unfit(&self.path, &format!("{name}, step {} of episode {}: {problem}", self.step, self.episode))
+            unfit(&self.path, &format!("{name}, step {step} of episode {episode}: {problem}"))
         };
         let column = |name: &str| batch.column_by_name(name).ok_or_else(|| wrong(name, "the column is missing"));
         let vector = |features: &[(String, usize)]| {
@@ -84,16 +86,16 @@ impl<'a> Rows<'a> {
             Ok(values)
         };
         let mut pictures = Vec::new();
-        for picture in self.features.stored() {
+        for picture in features.stored() {
             let bytes = cells::picture(column(&picture.feature)?.as_ref(), row);
             let absent = "the picture's bytes are not in the table; save the dataset with embedded images";
             pictures.push(bytes.ok_or_else(|| wrong(&picture.feature, absent))?.to_vec());
         }
         let mut others = Others::new();
-        for name in self.features.others.iter().chain(&self.features.wide) {
+        for name in features.others.iter().chain(&features.wide) {
             others.insert(name.clone(), cells::json(column(name)?.as_ref(), row));
         }
-        let (state, action) = (vector(&self.features.state)?, vector(&self.features.action)?);
+        let (state, action) = (vector(&features.state)?, vector(&features.action)?);
         Ok(Row { state, action, pictures, others })
     }
 }

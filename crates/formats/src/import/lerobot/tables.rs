@@ -1,11 +1,12 @@
-//! Parquet files: where they are, their columns, and the rows in which a column has a number.
+//! Parquet files: where they are, their columns, and the rows in which a column has one of some numbers.
 //!
-//! A search skips row groups whose statistics exclude the number, because each episode of a dataset is a search in tables of
-//! all episodes.
+//! A search skips row groups whose statistics exclude the numbers, because each run of episodes is a search in tables of all
+//! episodes.
 
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Read};
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use arrow_array::RecordBatch;
@@ -17,7 +18,7 @@ use parquet::file::reader::{ChunkReader, Length};
 use parquet::file::statistics::Statistics;
 use serde_json::Value;
 
-use super::{cells, count, unfit, unopened};
+use super::{cells, unfit, unopened};
 use crate::problem::Problem;
 
 /// Rows that are decoded at once where a row has numbers and texts alone.
@@ -25,6 +26,9 @@ const TABLE_ROWS: usize = 1024;
 
 /// A row of a small table: its cells by their columns.
 pub(super) type Cells = BTreeMap<String, Value>;
+
+/// A column with some of its numbers.
+pub(super) type Wanted<'a> = (&'a str, &'a RangeInclusive<i64>);
 
 /// A reader of some columns.
 pub(super) type Builder = ParquetRecordBatchReaderBuilder<Bounded>;
@@ -84,6 +88,8 @@ pub(super) fn tables(folder: &Path) -> Result<Vec<PathBuf>, Problem> {
 pub(super) struct Table {
     pub(super) path: PathBuf,
     metadata: ArrowReaderMetadata,
+    /// The row at which each row group begins, and the number of all rows.
+    begins: Vec<u64>,
 }
 
 impl Table {
@@ -96,27 +102,34 @@ impl Table {
             .with_encoding_stats_policy(ParquetStatisticsPolicy::SkipAll)
             .with_size_stats_policy(ParquetStatisticsPolicy::SkipAll);
         let metadata = ArrowReaderMetadata::load(&file, options).map_err(|error| damaged(path, &error))?;
-        Ok(Self { path: path.to_owned(), metadata })
+        let mut begins = vec![0];
+        begins.extend(metadata.metadata().row_groups().iter().scan(0, |end: &mut u64, group| {
+            *end = end.saturating_add(length(group));
+            Some(*end)
+        }));
+        Ok(Self { path: path.to_owned(), metadata, begins })
     }
 
     /// Number of rows.
     pub(super) fn length(&self) -> u64 {
-        self.groups().map(length).fold(0, u64::saturating_add)
+        self.begins.last().copied().unwrap_or_default()
     }
 
-    /// The rows of a small table, of the columns named: all, or those in which a column has a number. A column that is not
-    /// there is absent in the rows.
-    pub(super) fn rows(&self, columns: &[String], wanted: Option<(&str, i64)>) -> Result<Vec<Cells>, Problem> {
+    /// The rows of a small table, of the columns named: all, or those in which a column has one of some numbers. A column
+    /// that is not there is absent in the rows.
+    pub(super) fn rows(&self, columns: &[String], wanted: Option<Wanted<'_>>) -> Result<Vec<Cells>, Problem> {
         let names: Vec<&str> = columns.iter().map(String::as_str).collect();
         let mut reader = self.columns(&names)?;
-        if let Some((column, number)) = wanted {
-            reader = reader.with_row_groups(self.groups_with(column, number));
+        if let Some(wanted) = wanted {
+            reader = reader.with_row_groups(self.groups_with(wanted));
         }
         let mut rows = Vec::new();
         for batch in reader.with_batch_size(TABLE_ROWS).build().map_err(|error| damaged(&self.path, &error))? {
             let batch = batch.map_err(|error| damaged(&self.path, &error))?;
             let schema = batch.schema();
-            for row in (0..batch.num_rows()).filter(|row| wanted.is_none_or(|wanted| has(&batch, *row, wanted))) {
+            for row in
+                (0..batch.num_rows()).filter(|row| wanted.is_none_or(|wanted| number(&batch, *row, wanted).is_some()))
+            {
                 let cells = schema.fields().iter().zip(batch.columns());
                 rows.push(
                     cells.map(|(field, column)| (field.name().clone(), cells::json(column.as_ref(), row))).collect(),
@@ -126,36 +139,34 @@ impl Table {
         Ok(rows)
     }
 
-    /// The first row in which a column has a number.
-    pub(super) fn first_row(&self, column: &str, number: i64) -> Result<Option<u64>, Problem> {
-        for group in self.groups_with(column, number) {
-            let reader = self.columns(&[column])?.with_row_groups(vec![group]).with_batch_size(TABLE_ROWS);
-            let mut before = self.groups().take(group).map(length).fold(0, u64::saturating_add);
-            for batch in reader.build().map_err(|error| damaged(&self.path, &error))? {
-                let batch = batch.map_err(|error| damaged(&self.path, &error))?;
-                if let Some(row) = (0..batch.num_rows()).find(|row| has(&batch, *row, (column, number))) {
-                    return Ok(Some(before.saturating_add(count(row))));
+    /// For each of some numbers the first row in which a column has it.
+    pub(super) fn first_rows(&self, wanted: Wanted<'_>) -> Result<BTreeMap<i64, u64>, Problem> {
+        let groups = self.groups_with(wanted);
+        let rows_of = |at: &usize| self.begins.get(*at).zip(self.begins.get(at + 1)).map(|(begin, end)| *begin..*end);
+        let mut places = groups.iter().filter_map(rows_of).flatten();
+        let reader = self.columns(&[wanted.0])?.with_row_groups(groups.clone()).with_batch_size(TABLE_ROWS);
+        let mut found = BTreeMap::new();
+        for batch in reader.build().map_err(|error| damaged(&self.path, &error))? {
+            let batch = batch.map_err(|error| damaged(&self.path, &error))?;
+            for (row, place) in (0..batch.num_rows()).zip(&mut places) {
+                if let Some(number) = number(&batch, row, wanted) {
+                    found.entry(number).or_insert(place);
                 }
-                before = before.saturating_add(count(batch.num_rows()));
             }
         }
-        Ok(None)
+        Ok(found)
     }
 
     /// A reader of some rows, of the columns named.
     pub(super) fn part(&self, names: &[&str], first: u64, rows: u64) -> Result<Builder, Problem> {
-        let (mut groups, mut skipped, mut begin) = (Vec::new(), 0, 0_u64);
-        for (at, group) in self.groups().enumerate() {
-            let end = begin.saturating_add(length(group));
-            if end <= first {
-                skipped = end;
-            } else if begin < first.saturating_add(rows) {
-                groups.push(at);
-            }
-            begin = end;
-        }
+        let end = first.saturating_add(rows);
+        // The last entry is no row group, but the end of all.
+        let groups = self.begins.len().saturating_sub(1);
+        let from = self.begins.partition_point(|begin| *begin <= first).saturating_sub(1);
+        let to = self.begins.partition_point(|begin| *begin < end).min(groups);
+        let skipped = self.begins.get(from).copied().unwrap_or_default();
         let size = |rows: u64| usize::try_from(rows).unwrap_or(usize::MAX);
-        let reader = self.columns(names)?.with_row_groups(groups);
+        let reader = self.columns(names)?.with_row_groups((from..to).collect());
         Ok(reader.with_offset(size(first.saturating_sub(skipped))).with_limit(size(rows)))
     }
 
@@ -171,17 +182,14 @@ impl Table {
         Ok(builder.with_projection(mask))
     }
 
-    /// The row groups in which a column may have a number: all if they have no statistics.
-    fn groups_with(&self, column: &str, number: i64) -> Vec<usize> {
+    /// The row groups in which a column may have one of some numbers: all if they have no statistics.
+    fn groups_with(&self, (column, numbers): Wanted<'_>) -> Vec<usize> {
         let leaves = self.metadata.parquet_schema().columns().iter();
         let leaf = leaves.map(|leaf| leaf.path().parts()).position(|parts| parts == [column]);
         let statistics = |group: &RowGroupMetaData| group.columns().get(leaf?)?.statistics().and_then(bounds);
-        let may = |group| statistics(group).is_none_or(|(low, high)| low > high || (low..=high).contains(&number));
-        self.groups().enumerate().filter(|(_, group)| may(group)).map(|(at, _)| at).collect()
-    }
-
-    fn groups(&self) -> impl Iterator<Item = &RowGroupMetaData> {
-        self.metadata.metadata().row_groups().iter()
+        let meet = |(low, high): (i64, i64)| low > high || (low <= *numbers.end() && high >= *numbers.start());
+        let groups = self.metadata.metadata().row_groups().iter().enumerate();
+        groups.filter(|(_, group)| statistics(group).is_none_or(meet)).map(|(at, _)| at).collect()
     }
 }
 
@@ -204,9 +212,10 @@ fn bounds(statistics: &Statistics) -> Option<(i64, i64)> {
     }
 }
 
-/// Whether a row has a number in a column.
-fn has(batch: &RecordBatch, row: usize, (column, number): (&str, i64)) -> bool {
-    batch.column_by_name(column).is_some_and(|column| cells::json(column.as_ref(), row).as_i64() == Some(number))
+/// The number that a row has in a column, if it is one of those wanted.
+fn number(batch: &RecordBatch, row: usize, (column, numbers): Wanted<'_>) -> Option<i64> {
+    let number = cells::json(batch.column_by_name(column)?.as_ref(), row).as_i64();
+    number.filter(|number| numbers.contains(number))
 }
 
 /// The error of a table that cannot be read.

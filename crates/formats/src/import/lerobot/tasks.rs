@@ -28,27 +28,27 @@ pub(super) fn read(folder: &Path, info: &Info) -> Result<BTreeMap<i64, String>, 
     Ok(rows.iter().filter_map(task).collect())
 }
 
-/// The texts of the tasks of one episode, each looked up once.
-pub(super) struct Texts<'a> {
-    folder: &'a Path,
-    info: &'a Info,
+/// The texts of the tasks of some episodes, each looked up once.
+#[derive(Default)]
+pub(super) struct Texts {
     known: BTreeMap<i64, Option<String>>,
+    table: Option<Table>,
 }
 
-impl<'a> Texts<'a> {
-    pub(super) fn new(folder: &'a Path, info: &'a Info) -> Self {
-        Self { folder, info, known: BTreeMap::new() }
-    }
-
+impl Texts {
     /// The text of a task, if it has one.
-    pub(super) fn of(&mut self, number: i64) -> Result<Option<&str>, Problem> {
+    pub(super) fn of(&mut self, folder: &Path, info: &Info, number: i64) -> Result<Option<&str>, Problem> {
         let text = match self.known.entry(number) {
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(unknown) => {
-                let rows = if self.info.shares_files() {
-                    Table::open(&self.folder.join(TABLE))?.rows(&columns(), Some((NUMBER, number)))?
+                let rows = if info.shares_files() {
+                    let table = match self.table.take() {
+                        Some(table) => table,
+                        None => Table::open(&folder.join(TABLE))?,
+                    };
+                    self.table.insert(table).rows(&columns(), Some((NUMBER, &(number..=number))))?
                 } else {
-                    lines::rows_with(&self.folder.join(LINES), NUMBER, number)?
+                    lines::rows_with(&folder.join(LINES), NUMBER, number)?
                 };
                 unknown.insert(rows.iter().filter_map(task).next_back().map(|(_, text)| text))
             }

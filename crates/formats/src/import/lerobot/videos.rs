@@ -1,6 +1,6 @@
 //! The video of one camera in one episode: its packets, in time with the steps.
 
-use std::path::Path;
+use std::rc::Rc;
 
 use gleaner_recording::CameraMessage;
 
@@ -13,7 +13,7 @@ use crate::problem::Problem;
 
 /// The packets of one camera that are not written yet.
 pub(super) struct Reel {
-    film: Film,
+    film: Rc<Film>,
     part: Part,
     camera: usize,
     /// The next packet.
@@ -22,15 +22,13 @@ pub(super) struct Reel {
 }
 
 impl Reel {
-    pub(super) fn open(
-        folder: &Path,
+    /// The reel of a part of a film.
+    pub(super) fn new(
+        film: Rc<Film>,
         picture: &Picture,
         part: &VideoPart,
-        steps: u64,
-        fps: f64,
+        (steps, fps): (u64, f64),
     ) -> Result<Self, Problem> {
-        let path = folder.join(&part.path);
-        let film = Film::open(&path)?;
         if film.size != picture.size {
             let ((height, width), (wanted_height, wanted_width)) = (film.size, picture.size);
             let problem = format!(
@@ -38,7 +36,7 @@ impl Reel {
                  correct its shape",
                 picture.feature
             );
-            return Err(unfit(&path, &problem));
+            return Err(unfit(&film.path, &problem));
         }
         let from = part.from;
         let part = film.part(from, usize::try_from(steps).unwrap_or(usize::MAX), fps)?;

@@ -1,5 +1,7 @@
 //! One episode of a LeRobot dataset with many: its conversion reads what the episode needs, and gives what all tables state.
 
+mod runs;
+
 use std::fs::{self, File};
 use std::sync::Arc;
 
@@ -19,7 +21,7 @@ const INFO: &str = "meta/info.json";
 const WHOLE: [&str; 4] = ["frame_index", "episode_index", "index", "task_index"];
 
 /// A dataset to be made.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Made {
     version: &'static str,
     episodes: i64,
@@ -196,9 +198,8 @@ fn lines_of_other_episodes_are_not_parsed() {
     }
 }
 
-#[test]
-fn an_episode_is_found_in_tables_of_any_layout() {
-    for (case, made) in [
+fn layouts() -> [(&'static str, Made); 7] {
+    [
         ("a row group each", MADE),
         ("several episodes in a row group", Made { in_group: 4, ..MADE }),
         ("one row group", Made { in_group: 100, in_file: 100, ..MADE }),
@@ -206,7 +207,12 @@ fn an_episode_is_found_in_tables_of_any_layout() {
         ("statistics of pages", Made { statistics: EnabledStatistics::Page, in_group: 4, ..MADE }),
         ("no order", Made { reversed: true, in_group: 5, ..MADE }),
         ("no numbers in data files", Made { numbered: false, in_group: 2, ..MADE }),
-    ] {
+    ]
+}
+
+#[test]
+fn an_episode_is_found_in_tables_of_any_layout() {
+    for (case, made) in layouts() {
         let dataset = made.write();
         for number in 0..12 {
             let (episode, _, result) = steps(dataset.path(), number);
