@@ -54,9 +54,13 @@ impl ActionRange {
         }
     }
 
-    /// The allowed value nearest to `value`; of a binary pair the upper one where both are equally near.
+    /// The allowed value nearest to `value`; of a binary pair the upper one where both are equally near. A number that is
+    /// not finite stays as it is: it shows a policy that has failed, which a bound in its place would hide.
     #[must_use]
     pub fn nearest(self, value: f32) -> f32 {
+        if !value.is_finite() {
+            return value;
+        }
         match self {
             Self::Free => value,
             Self::Within(minimum, maximum) => value.max(minimum).min(maximum),
@@ -128,6 +132,23 @@ mod tests {
             assert_eq!(ActionRange::new(minimum, maximum, binary), *range);
         }
         assert!(ranges.is_binary(2) && !ranges.is_binary(1) && !ranges.is_binary(6));
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_does_not_become_a_bound() {
+        let ranges = [
+            ActionRange::Free,
+            ActionRange::Within(-1.0, 1.0),
+            ActionRange::AtLeast(0.0),
+            ActionRange::AtMost(5.0),
+            ActionRange::Binary(-1.0, 1.0),
+        ];
+        for range in ranges {
+            assert!(range.nearest(f32::NAN).is_nan(), "{range:?}");
+            for infinite in [f32::INFINITY, f32::NEG_INFINITY] {
+                assert_eq!(range.nearest(infinite).to_bits(), infinite.to_bits(), "{range:?}");
+            }
+        }
     }
 
     #[test]
