@@ -99,7 +99,8 @@ pub enum InputValue {
     Proprioception,
     /// One field of it.
     Field(String),
-    /// The action executed since the observation before; zeros for the first observation of a session.
+    /// The action executed since the observation before; zeros while it is unknown, as for the first observation of a
+    /// session.
     ExecutedAction,
     /// A constant text, such as an instruction.
     Text(String),

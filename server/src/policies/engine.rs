@@ -37,7 +37,8 @@ pub(super) struct Identity {
     pub(super) queue: usize,
     /// One control step of the policy's task.
     pub(super) period: Duration,
-    /// The part of the fastest session's period for which a free model may wait for other sessions.
+    /// The part of the fastest session's period, or of a control step if that is shorter, for which a free model may wait
+    /// for other sessions.
     pub(super) wait: f64,
     /// The longest time for which the model's thread may spin for the next request.
     pub(super) spin: Duration,
@@ -85,7 +86,7 @@ impl<M: Model> Engine<M> {
         let (requests, waiting) = flume::bounded(identity.queue.max(1));
         let (ready_sender, ready) = oneshot::channel();
         let most = identity.batch.max(1);
-        let (rates, spin_wait) = (SessionRates::new(identity.wait), SpinWait::new(identity.spin));
+        let (rates, spin_wait) = (SessionRates::new(identity.wait, identity.period), SpinWait::new(identity.spin));
         let shared_rates = Arc::clone(&rates);
         let thread = std::thread::Builder::new()
             .name(format!("policy {}", identity.policy_id))
@@ -115,7 +116,7 @@ impl<M: Model> Engine<M> {
     ) -> (Arc<Self>, flume::Receiver<QueuedRequest<M::History>>) {
         let (requests, waiting) = flume::bounded(identity.queue.max(1));
         let engine = Self {
-            rates: SessionRates::new(identity.wait),
+            rates: SessionRates::new(identity.wait, identity.period),
             identity,
             shape: Arc::new(shape),
             window,

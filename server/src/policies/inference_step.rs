@@ -73,8 +73,9 @@ pub(super) async fn inference_step<M: Model>(
     reply.stages.decoded(begun.elapsed());
     let gap = skipped > 0 || (withheld && step.executed.is_none());
     step.executed = step.executed.or_else(|| given.clone());
-    // Without any answer in time yet, the robot has executed nothing that is known: the history begins again.
-    let history = history.filter(|_| step.executed.is_some());
+    // Without any answer in time yet, the robot has executed nothing that is known: the history begins again, unless the
+    // model reads one step alone. Then a chunk whose answer was late serves the steps after it.
+    let history = history.filter(|_| step.executed.is_some() || engine.window() == 1);
     // The first step of a history has no executed action before it.
     step.executed = step.executed.filter(|_| history.is_some());
     if let Some(watch) = &mut watch {

@@ -15,6 +15,8 @@ const ABSENT: u32 = 2;
 pub(super) struct SessionRates {
     /// The part of the fastest session's period for which the model may wait.
     share: f64,
+    /// The longest period of which a part is waited: callers without a session wait too, whatever rates sessions state.
+    longest: Duration,
     rates: Mutex<Rates>,
 }
 
@@ -37,8 +39,8 @@ pub(super) struct RateGuard {
 }
 
 impl SessionRates {
-    pub(super) fn new(share: f64) -> Arc<Self> {
-        Arc::new(Self { share, rates: Mutex::default() })
+    pub(super) fn new(share: f64, longest: Duration) -> Arc<Self> {
+        Arc::new(Self { share, longest, rates: Mutex::default() })
     }
 
     /// Adds a session that sends one request per period.
@@ -64,7 +66,7 @@ impl SessionRates {
         };
         let count = present().count();
         let fastest = present().map(|guard| guard.period).min()?;
-        (count > 1).then(|| (count, fastest.mul_f64(self.share)))
+        (count > 1).then(|| (count, fastest.min(self.longest).mul_f64(self.share)))
     }
 }
 
@@ -97,7 +99,7 @@ mod tests {
 
     #[test]
     fn the_wait_is_a_part_of_the_fastest_period() {
-        let rates = SessionRates::new(0.05);
+        let rates = SessionRates::new(0.05, LONG);
         assert!(rates.patience().is_none());
         let slow = present(&rates, LONG);
         assert!(rates.patience().is_none(), "a single session");
@@ -110,7 +112,7 @@ mod tests {
 
     #[test]
     fn absent_sessions_are_not_waited_for() {
-        let rates = SessionRates::new(0.05);
+        let rates = SessionRates::new(0.05, LONG);
         let _present = present(&rates, LONG);
         let _gone_quiet = present(&rates, Duration::ZERO);
         let _just_opened = rates.join(LONG);
@@ -118,8 +120,15 @@ mod tests {
     }
 
     #[test]
+    fn sessions_slower_than_the_task_do_not_lengthen_the_wait() {
+        let rates = SessionRates::new(0.5, LONG);
+        let _both = (present(&rates, Duration::MAX), present(&rates, 10 * LONG));
+        assert_eq!(rates.patience().unwrap(), (2, LONG / 2));
+    }
+
+    #[test]
     fn a_share_of_zero_disables_the_wait() {
-        let rates = SessionRates::new(0.0);
+        let rates = SessionRates::new(0.0, LONG);
         let _both = (present(&rates, LONG), present(&rates, LONG));
         assert_eq!(rates.patience().unwrap(), (2, Duration::ZERO));
     }

@@ -31,9 +31,13 @@ pub(super) const HELD: f32 = 669.0;
 /// The contribution of each skipped step to the action.
 pub(super) const SKIP: f32 = 1000.0;
 
+/// The contribution of a step that continues a history after an unknown action, which a window of one step permits.
+pub(super) const UNKNOWN: f32 = 0.5;
+
 /// Acts with the newest proprioception and the sum of the executed actions' first values.
 pub(super) struct Parrot {
     shape: TaskShape,
+    window: usize,
     warm: Cell<bool>,
     begun: tokio_mpsc::UnboundedSender<usize>,
     gate: mpsc::Receiver<()>,
@@ -59,7 +63,7 @@ impl Model for Parrot {
     }
 
     fn window(&self) -> usize {
-        3
+        self.window
     }
 
     fn predicts(&self, input: &ModelInput<Self::History>) -> bool {
@@ -78,11 +82,13 @@ impl Model for Parrot {
 
 impl Parrot {
     fn one(&self, input: &ModelInput<(f32, Vec<f32>)>) -> Result<Advanced<(f32, Vec<f32>)>> {
+        let unknown = input.history.is_some() && input.steps[0].executed.is_none();
         // As a policy with a history does.
-        if input.history.is_some() && input.steps[0].executed.is_none() {
+        if unknown && self.window > 1 {
             return Err(Error::invalid("executed", "is unknown"));
         }
         let mut history = input.history.clone().unwrap_or_default();
+        history.1.extend(unknown.then_some(UNKNOWN));
         let skipped = u8::try_from(input.skipped).unwrap();
         for step in &input.steps {
             history.0 = step.proprioception[0];
@@ -102,6 +108,11 @@ impl Parrot {
 
 /// Starts an engine with these limits.
 pub(super) async fn engine(batch: usize, queue: usize) -> (Arc<TestEngine>, Control) {
+    engine_of_window(3, batch, queue).await
+}
+
+/// The same, whose model reads this many steps.
+pub(super) async fn engine_of_window(window: usize, batch: usize, queue: usize) -> (Arc<TestEngine>, Control) {
     let (begun_sender, begun) = tokio_mpsc::unbounded_channel();
     let (gate, wait) = mpsc::channel();
     let engine = Engine::start(identity(batch, queue), move || {
@@ -111,7 +122,7 @@ pub(super) async fn engine(batch: usize, queue: usize) -> (Arc<TestEngine>, Cont
             action: 2,
             ranges: gleaner_core::action::ActionRanges::default(),
         };
-        Ok(Parrot { shape, warm: Cell::new(false), begun: begun_sender, gate: wait })
+        Ok(Parrot { shape, window, warm: Cell::new(false), begun: begun_sender, gate: wait })
     });
     (engine.await.unwrap(), Control { begun, gate })
 }

@@ -41,6 +41,23 @@ async fn a_late_first_answer_does_not_end_the_session() {
     assert_eq!(robot.closes().await, (1, 0, 1));
 }
 
+/// Otherwise a policy that is slower than the deadline would predict its first chunk again and again, and never act.
+#[tokio::test]
+async fn a_late_first_answer_of_a_policy_without_history_is_kept() {
+    let (engine, mut control) = engine_of_window(1, 8, 8).await;
+    let mut robot = Robot::open_under(hurried(), &engine, &CancellationToken::new()).await;
+    robot.sees(1, &[]);
+    assert_eq!(control.begun.recv().await, Some(1));
+    assert_eq!(robot.misses().await, (1, 0));
+    control.gate.send(()).unwrap();
+    drop(control.gate);
+    let mut patient = observation(2, &[]);
+    patient.deadline = Some(IDLE);
+    robot.inputs.unbounded_send(Ok(SessionInput::Observation(patient))).unwrap();
+    assert_eq!(robot.acts().await, (2, vec![2.0, UNKNOWN], 0), "the state of the first observation continues");
+    assert_eq!(robot.closes().await, (1, 0, 1));
+}
+
 #[tokio::test]
 async fn an_observation_whose_deadline_passes_in_the_queue_is_not_run() {
     let (engine, mut control) = engine(8, 8).await;
