@@ -27,6 +27,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 
 import gleaner
+from gleaner.observation import size, vector
 
 # Seconds between looks for the types of topics that are not known yet.
 DISCOVERY = 0.5
@@ -66,21 +67,25 @@ class GleanerNode(Node):
         self._scene = Scene(self._policy.spec, given("mapping", ""))
         self._most = given("max_age", 0.5)
         self._types = dict(pair.split("=", 1) for pair in given("types", [""]) if pair)
-        self._stop_action = np.array(given("stop_action", [float("nan")]), np.float32)
-        if np.isnan(self._stop_action).any():
-            self._stop_action = None
+        stop = np.array(given("stop_action", [float("nan")]), np.float32)
+        unset = len(stop) == 1 and np.isnan(stop[0])
+        self._stop_action = None if unset else vector("stop_action", stop, size(self._policy.spec.action))
         self._classes: dict[str, Any] = {}
         self._command: dict[str, Any] = {}
+        # The action that the robot executes, the periods so far, and the one whose observation was sent last.
+        self._executed: np.ndarray | None = None
+        self._periods = 0
+        self._sent: int | None = None
         self._active = self.create_publisher(Bool, "~/active", 1)
         self._watchdog = Watchdog(given("watchdog", 0.5), time.monotonic())
         self._due = threading.Event()
         self._ending = threading.Event()
-        # Held while an action is published, so that none follows the last one.
+        # Held while an action is published, so that none follows the last one or is mixed with another.
         self._publishing = threading.Lock()
         self._said = ""
         period = 1.0 / self._policy.rate_hz
         self._discovery = self.create_timer(DISCOVERY, self.discover)
-        self._ticks = self.create_timer(period, self._due.set)
+        self._ticks = self.create_timer(period, self._tick)
         self._checks = self.create_timer(min(period, 0.1), self.check)
         self._thread = threading.Thread(target=self._run, daemon=True)
         # Transforms that never change are published once, and kept for those who come later.
@@ -121,29 +126,48 @@ class GleanerNode(Node):
             return
         # The watchdog stops the robot if an error lasts; the next period tries again.
         try:
-            if why := self._scene.stale(time.monotonic(), self._most):
+            begun, period = time.monotonic(), self._periods
+            if why := self._scene.stale(begun, self._most):
                 self._say(f"no action: {why}")
                 return
             observation = self._scene.observation(self.get_clock().now().nanoseconds)
-            action = self._policy(observation)
+            action = self._act(observation, period)
+            if time.monotonic() - begun > self._most:
+                # The robot has moved on, or the watchdog has stopped it.
+                self._say(f"no action: the answer took longer than {self._most:g} s")
+                return
             with self._publishing:
                 if self._ending.is_set():
                     return
                 self._publish(action)
+                self._watchdog.acted(time.monotonic())
         except (gleaner.GleanerError, Unfit) as error:
             self._say(f"no action: {error}")
             return
         except Exception as error:  # Such as a message of another type: the thread continues.
             self._say(f"no action: {type(error).__name__}: {error}")
             return
-        self._watchdog.acted(time.monotonic())
         self._say("acting")
+
+    def _act(self, observation: gleaner.Observation, period: int) -> np.ndarray:
+        # The policy's action. Its last one may not have been published, and periods may have passed without a step.
+        observation.executed_action = self._executed
+        if self._sent is not None:
+            observation.skipped_steps = max(period - self._sent - 1, 0)
+        try:
+            action = self._policy(observation)
+        except gleaner.Missed:
+            self._sent = period
+            raise
+        self._sent = period
+        return action
 
     def check(self) -> None:
         """Stops the robot when actions have not come for longer than the watchdog allows."""
-        if self._watchdog.trips(time.monotonic()):
-            self.get_logger().error("watchdog: no action in time")
-            self._stop()
+        with self._publishing:
+            if self._watchdog.trips(time.monotonic()):
+                self.get_logger().error("watchdog: no action in time")
+                self._stop()
         self._active.publish(Bool(data=self._watchdog.active))
 
     def end(self, outcome: str = "unknown") -> str:
@@ -158,6 +182,10 @@ class GleanerNode(Node):
         if self._thread.is_alive():
             self._thread.join()
         return self._policy.close(outcome)
+
+    def _tick(self) -> None:
+        self._periods += 1
+        self._due.set()
 
     def _run(self) -> None:
         while True:
@@ -178,6 +206,7 @@ class GleanerNode(Node):
     def _publish(self, action: np.ndarray) -> None:
         for topic, message in self._scene.commands(action, lambda topic: self._classes[topic]()).items():
             self._command[topic].publish(message)
+        self._executed = action
 
     def _say(self, state: str) -> None:
         # Once for each change, not once a period.

@@ -87,7 +87,8 @@ def picture(message: Any) -> np.ndarray | bytes:
     pixels = pixels.reshape(message.height, message.width, channels)
     if kind == "f4":
         metres = np.nan_to_num(pixels[..., 0], nan=0.0, posinf=0.0, neginf=0.0)
-        return (metres * 1000).clip(0, 65535).astype(np.uint16)
+        # To the nearest millimetre, as from recordings.
+        return np.floor((metres * 1000).astype(np.float64) + 0.5).clip(0, 65535).astype(np.uint16)
     if kind == "u2":
         return pixels[..., 0].astype(np.uint16)
     colors = pixels[..., :3]

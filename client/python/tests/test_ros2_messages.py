@@ -148,3 +148,95 @@ def test_a_stop_action_that_does_not_fit_is_logged(
     assert graph.log[-1] == "no action: path 'data': Other has no data"
     assert node.end("failure") == "failure"
     assert graph.log[-1] == "stop_action: Unfit: path 'data': Other has no data"
+
+
+class Late(Posed):
+    """Gives ones, and takes a time that the test sets for its answers."""
+
+    def __init__(self, now: list[float]) -> None:
+        super().__init__()
+        self.now, self.takes = now, 0.0
+
+    def __call__(self, observation: gleaner.Observation) -> np.ndarray[Any, Any]:
+        self.now[0] += self.takes
+        return super().__call__(observation) + 1
+
+
+def late_node(now: list[float], monkeypatch: pytest.MonkeyPatch, **parameters: Any) -> tuple[Any, Late, Graph]:
+    types = {"/tf": TF, "/tf_static": TF, "/command": ARRAY}
+    graph = Graph(types, {TF: SimpleNamespace, ARRAY: Array}, {"max_age": 0.5, **parameters})
+    policy = Late(now)
+    return node_of(policy, graph, monkeypatch), policy, graph
+
+
+def published(graph: Graph) -> list[list[float]]:
+    return [message.data for topic, message in graph.published if topic == "/command"]
+
+
+def test_an_answer_that_took_too_long_is_not_published(monotonic: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    node, policy, graph = late_node(monotonic, monkeypatch)
+    policy.takes = 0.6
+    node.step()
+    assert graph.log[-1] == "no action: the answer took longer than 0.5 s"
+    assert published(graph) == []
+    policy.takes = 0.4
+    graph.send("/tf", transforms(ARM))
+    node.step()
+    assert published(graph) == [[1.0] * 7]
+    node.end()
+
+
+def test_the_published_action_is_reported_as_executed(monotonic: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    node, policy, graph = late_node(monotonic, monkeypatch, stop_action=[0.0] * 7, watchdog=0.5)
+    node.step()
+    monotonic[0] += 0.6
+    node.check()
+    graph.send("/tf", transforms(ARM))
+    node.step()
+    policy.takes = 0.6
+    graph.send("/tf", transforms(ARM))
+    node.step()
+    policy.takes = 0.0
+    graph.send("/tf", transforms(ARM))
+    node.step()
+    executed = [np.asarray(seen.executed_action).tolist() for seen in policy.seen]
+    # The third answer was late, so that the robot still executes the second.
+    assert executed == [None, [0.0] * 7, [1.0] * 7, [1.0] * 7]
+    node.end()
+
+
+def test_periods_without_a_step_are_skipped_steps(monotonic: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    node, policy, graph = late_node(monotonic, monkeypatch)
+    tick = next(callback for seconds, callback in node.timers if seconds == 0.1)
+    # One period after the other, then a step that took three of them.
+    for periods in (1, 1, 3, 1):
+        for _ in range(periods):
+            tick()
+        node.step()
+    # Periods without a fresh message.
+    monotonic[0] += 2.0
+    for _ in range(20):
+        tick()
+        node.step()
+    graph.send("/tf", transforms(ARM))
+    tick()
+    node.step()
+    assert [seen.skipped_steps for seen in policy.seen] == [0, 0, 2, 0, 20]
+    node.end()
+
+
+@pytest.mark.parametrize(("stop", "problem"), [([0.0] * 3, "expected 7 values, got 3"), ([float("nan")] * 7, "finite")])
+def test_a_stop_action_that_cannot_be_executed_is_refused(
+    modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch, stop: list[float], problem: str
+) -> None:
+    del modules
+    graph = Graph({}, {}, {"stop_action": stop})
+    graph.install(monkeypatch)
+    with pytest.raises(gleaner.InvalidArgument, match=f"stop_action.*{problem}"):
+        importlib.import_module("gleaner_node").GleanerNode(Posed())
+
+
+def test_metres_become_the_nearest_millimetre_as_from_recordings(modules: dict[str, ModuleType]) -> None:
+    metres = np.array([[1.2346, 1.2344, 0.0005, 0.0004]], np.float32)[..., None]
+    found = modules["messages"].picture(picture(metres, "32FC1"))
+    assert found.tolist() == [[1235, 1234, 1, 0]]

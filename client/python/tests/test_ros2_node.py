@@ -87,7 +87,7 @@ class Robot:
 def test_actions_are_those_of_a_session(
     client: gleaner.Client, deployment: str, modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    robot = Robot(client, monkeypatch)
+    robot = Robot(client, monkeypatch, max_age=60.0)
     robot.node.discover()
     spec = robot.spec
     steps = [observation(spec, seed) for seed in range(3)]

@@ -14,7 +14,7 @@ import pytest
 import gleaner
 from conftest import Lab
 from gleaner._segment_cache import SegmentCache, fetch
-from gleaner.datasets import Segment
+from gleaner.datasets import Segment, _frames
 from gleaner.types import Dataset, TaskSpec
 
 
@@ -73,6 +73,14 @@ def test_what_is_empty_is_an_empty_array(tmp_path: Path, segments: int, values: 
         assert (len(again), again.rows) == (segments, 4 * segments)
         for name, size in {"proprioception": values, "action": 2}.items():
             assert (again.steps[name].shape, again.steps[name].dtype) == ((4 * segments, size), np.float32)
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_pictures_of_any_number_of_steps_are_writable(steps: int) -> None:
+    spec = TaskSpec(cameras=[{"name": "top", "height": 1, "width": 2, "depth": True}])
+    images, depth = _frames(bytes(range(10)) * steps, spec, steps)
+    assert (images["top"].shape, depth["top"].tolist()) == ((steps, 1, 2, 3), [[[7 << 8 | 6, 9 << 8 | 8]]] * steps)
+    assert all(array.flags.writeable for array in (images["top"], depth["top"]))
 
 
 def test_a_step_is_stored_once(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:

@@ -131,6 +131,17 @@ def test_missed_step_uses_the_chunk_that_covers_it(play: Start) -> None:
     assert [list(seen.executed_action) for seen in shown.heard] == [[], [1.0], [2.0]]
 
 
+def test_skipped_steps_are_sent_and_count_in_the_chunk(play: Start) -> None:
+    chunk = action(1.0, 2.0, 3.0)
+    shown, client = play(lambda number, seen: (chunk if number == 0 else missed)(number, seen))
+    with gleaner.Policy(client, "d") as policy:
+        assert policy(SEEN) == [1.0]
+        assert policy({**SEEN, "skipped_steps": 1}) == [3.0]
+        with pytest.raises(gleaner.InvalidArgument, match="skipped_steps: -1: must be from 0"):
+            policy({**SEEN, "skipped_steps": -1})
+    assert [(seen.stamp_ns, seen.skipped_steps) for seen in shown.heard] == [(0, 0), (200_000_000, 1)]
+
+
 def test_dropped_and_draining_are_seen(play: Start) -> None:
     draining = pb.SessionResponse(draining=pb.SessionDraining())
     shown, client = play(lambda number, seen: draining if number == 1 else action(1.0, dropped=2)(number, seen))

@@ -57,6 +57,14 @@ def test_items_are_the_segments_padded_to_one_size(client: gleaner.Client, lab: 
         dataset[len(dataset)]
 
 
+def test_changed_weights_do_not_change_the_items(dataset: SegmentDataset) -> None:
+    before = dataset[0]["weight"].item()
+    weights = dataset.weights
+    weights /= 2 * weights.sum()
+    assert dataset[0]["weight"].item() == before
+    assert dataset.weights[0].item() == before
+
+
 def test_a_step_is_stored_once_however_many_segments_contain_it(
     client: gleaner.Client, lab: Lab, dataset: SegmentDataset
 ) -> None:

@@ -184,6 +184,6 @@ def _frames(
         images[camera.name] = rows[:, at : at + 3 * pixels].reshape(*size, 3).copy()
         at += 3 * pixels
         if camera.depth:
-            depth[camera.name] = np.ascontiguousarray(rows[:, at : at + 2 * pixels]).view("<u2").reshape(size)
+            depth[camera.name] = rows[:, at : at + 2 * pixels].copy().view("<u2").reshape(size)
             at += 2 * pixels
     return images, depth

@@ -161,20 +161,22 @@ def evaluate(
         adapter.spec = spec
     films = None if video is None else Films(video, spec)
     trials = []
-    ids = set()
+    ids: set[str] = set()
     for index in range(episodes):
         with nullcontext() if films is None else films.episode(seed + index) as film:
             trial = _trial(env, policy, adapter, seed + index, max_steps=max_steps, execute=execute, film=film)
         if films is not None:
             films.name(trial.seed, success=trial.success)
-        ids.add(getattr(policy, "policy_id", ""))
+        # An episode that was solved from the start has asked no policy.
+        if trial.steps:
+            ids.add(getattr(policy, "policy_id", ""))
         if len(ids) > 1:
             raise invalid(
                 "policy", "another policy was deployed under this name while it was evaluated; evaluate again"
             )
         trials.append(trial)
         on_trial(trial)
-    return Trials(seed, tuple(trials), ids.pop())
+    return Trials(seed, tuple(trials), ids.pop() if ids else "")
 
 
 def _trial(

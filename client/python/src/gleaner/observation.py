@@ -25,6 +25,7 @@ class Observation:
     depth: Mapping[str, NDArray[np.uint16] | bytes] = field(default_factory=dict)  # camera → height × width mm, or PNG
     stamp_ns: int | None = None  # None: from the start of the episode, by the control period
     executed_action: ArrayLike | None = None  # executed since the previous step; None: the policy's action
+    skipped_steps: int = 0  # control steps since the previous observation for which none was sent
 
     @classmethod
     def of(cls, given: Observation | Mapping[str, Any]) -> Observation:
@@ -49,8 +50,11 @@ def to_wire(observation: Observation, spec: TaskSpec, stamp_ns: int) -> pb.Obser
         for name in given:
             if name not in known:
                 raise invalid(f"{kind}.{name}", f"the task has no such camera; it has {', '.join(sorted(known))}")
+    if not 0 <= observation.skipped_steps < 2**32:
+        raise invalid("skipped_steps", f"{observation.skipped_steps}: must be from 0 to 2**32 - 1")
     message = pb.Observation(
         stamp_ns=stamp_ns,
+        skipped_steps=observation.skipped_steps,
         cameras=[_camera(camera, observation) for camera in spec.cameras],
         proprioception=_proprioception(observation.proprioception, spec),
     )

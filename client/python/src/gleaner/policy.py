@@ -52,8 +52,8 @@ class Policy:
 
     `seed` is of the numbers that a policy such as flow draws its actions from; each later episode has the next seed.
 
-    The session opens with the first call, retried while there is no connection; once open it is not
-    reopened, because its history would be lost in the middle of an episode: `reset()` starts again.
+    The session opens with the first call, retried while there is no connection. A call whose session is lost raises,
+    because the history of its episode is lost too; the next call begins another episode.
     """
 
     def __init__(
@@ -222,7 +222,7 @@ class Policy:
         if observation.stamp_ns is not None:
             return observation.stamp_ns
         if self._stamp_ns is not None:
-            return self._stamp_ns + self._period_ns
+            return self._stamp_ns + self._period_ns * (1 + observation.skipped_steps)
         # A recording needs real time stamps.
         return time.time_ns() if self._open.record else 0
 

@@ -38,8 +38,8 @@ class SegmentDataset(Dataset):  # type: ignore[misc]
 
     @property
     def weights(self) -> torch.Tensor:
-        """The weight of each segment: 1 for experts, q for kept ones."""
-        return torch.from_numpy(self.cache.weight)
+        """The weight of each segment: 1 for experts, q for kept ones. A copy, which may be changed."""
+        return torch.from_numpy(self.cache.weight.copy())
 
     def __len__(self) -> int:
         return len(self.cache)

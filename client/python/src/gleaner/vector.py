@@ -76,7 +76,16 @@ class VectorPolicy:
     def reset(self, row: int | None = None, outcome: str = "unknown") -> list[str]:
         """Ends the episode of one row, or of all; returns the ids of recorded episodes, as `Policy.reset` does."""
         chosen = self.rows if row is None else [self.rows[row]]
-        return [policy.reset(outcome) for policy in chosen]
+        kept = []
+        failed: Exception | None = None
+        for policy in chosen:
+            try:
+                kept.append(policy.reset(outcome))
+            except Exception as error:  # The episodes of the other rows end too.
+                failed = failed or error
+        if failed is not None:
+            raise failed
+        return kept
 
     def close(self) -> None:
         """Ends every episode."""
@@ -86,5 +95,8 @@ class VectorPolicy:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if error is None:
+            self.close()
+            return
         for row in self.rows:
             row.__exit__(kind, error, at)

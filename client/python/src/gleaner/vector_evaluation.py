@@ -63,20 +63,24 @@ def evaluate_vector(
     adapter.spec = policy.spec
     films = None if video is None else Films(video, policy.spec)
     trials: list[Trial] = []
+    ids: set[str] = set()
     for first in range(0, episodes, count):
         # All environments take a seed; those beyond the last episode are not looked at.
         seeds = [seed + first + row for row in range(count)]
         looked_at = min(count, episodes - first)
         acting = policy if execute == 1 else _OpenLoops(policy, execute)
         with _Filming(films, seeds[:looked_at]) as filming:
-            trials += _round(
+            ended = _round(
                 envs, acting, adapter, seeds, looked_at, max_steps=max_steps, filming=filming, on_trial=on_trial
             )
-        if len(policy.policy_ids) > 1:
+        trials += ended
+        # Of every round: all rows begin a round with the policy deployed then. A row without a step has asked none.
+        ids |= {row.policy_id for row, trial in zip(policy.rows, ended, strict=False) if trial.steps}
+        if len(ids) > 1:
             raise invalid(
                 "policy", "another policy was deployed under this name while it was evaluated; evaluate again"
             )
-    return Trials(seed, tuple(trials), policy.policy_ids.pop())
+    return Trials(seed, tuple(trials), ids.pop() if ids else "")
 
 
 class _Rows(Protocol):
