@@ -6,7 +6,7 @@ use rand::seq::SliceRandom;
 use tch::{Tensor, no_grad_guard};
 
 use crate::augment::augment;
-use crate::batch::{Batch, Part, Segments};
+use crate::batch::{Batch, Drawn, Part, Segments};
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
@@ -176,8 +176,8 @@ impl Source<'_> {
     fn draw(&self, number: u64) -> Result<Batch, LearnError> {
         let (seed, optim) = (self.spec.run.seed, &self.spec.optim);
         let drawn = self.segments.draw(&mut generator(seed, Purpose::Batch, number), optim.batch, optim.stretch);
-        let mut batch =
-            Batch::collect_part(self.shape, self.data, (&drawn, self.part), self.spec.model.window(), self.device)?;
+        let drawn = Drawn { segments: &drawn, alone: &[], part: self.part };
+        let mut batch = Batch::collect_part(self.shape, self.data, drawn, self.spec.model.window(), self.device)?;
         let mut rng = generator(seed, Purpose::Augmentation, number);
         augment(&mut batch, &self.spec.augmentation, &self.standard, &mut rng);
         Ok(batch)

@@ -10,7 +10,7 @@ mod windows;
 pub(crate) use chunks::Chunks;
 pub(crate) use draw::{Segment, Segments};
 pub(crate) use images::{images, squash};
-pub(crate) use part::{Part, Whole};
+pub(crate) use part::{Drawn, Part, Whole};
 pub(crate) use windows::Windows;
 
 use tch::{Device, Tensor};
@@ -50,22 +50,22 @@ impl Batch {
         window: usize,
         device: Device,
     ) -> Result<Self, LearnError> {
-        Self::collect_part(shape, data, (segments, Part::WHOLE), window, device)
+        Self::collect_part(shape, data, Drawn { segments, alone: &[], part: Part::WHOLE }, window, device)
     }
 
-    /// As [`Batch::collect`], of a part of `segments`.
+    /// As [`Batch::collect`], of a part of the segments `drawn`, without steps that are hidden in every window.
     ///
     /// # Errors
     /// [`LearnError::Steps`].
     pub(crate) fn collect_part(
         shape: &TaskShape,
         data: &[&Trajectory],
-        (segments, part): (&[Segment], Part),
+        drawn: Drawn<'_>,
         window: usize,
         device: Device,
     ) -> Result<Self, LearnError> {
-        let (whole, windows, steps) = Whole::lay_out(segments, part, window, device);
-        let segments = &segments[whole.windows.clone()];
+        let (whole, windows, steps) = Whole::lay_out(drawn, window, device);
+        let segments = &drawn.segments[whole.windows.clone()];
         let size = shape.frame_bytes();
         let mut frames = vec![0; steps.len() * size];
         let (mut proprioception, mut action, mut rest) = (Vec::new(), Vec::new(), frames.as_mut_slice());

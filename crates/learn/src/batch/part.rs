@@ -28,6 +28,17 @@ impl Part {
     }
 }
 
+/// The segments of a whole batch, and the part of them that is wanted.
+#[derive(Clone, Copy)]
+pub(crate) struct Drawn<'a> {
+    /// Of the whole batch.
+    pub(crate) segments: &'a [Segment],
+    /// Whether the past of each one's window is hidden, so that its steps are not needed; empty if that of none is.
+    pub(crate) alone: &'a [bool],
+    /// Which of them are wanted.
+    pub(crate) part: Part,
+}
+
 /// The whole batch, for which random numbers are drawn, and the place of a part in it.
 pub(crate) struct Whole {
     /// The episode of each step of the whole batch, an index into the data.
@@ -43,16 +54,16 @@ pub(crate) struct Whole {
 }
 
 impl Whole {
-    /// The part of `segments` and its layout: also returns the (episode, step) of its steps.
+    /// The part that is wanted and its layout: also returns the (episode, step) of its steps.
     pub(super) fn lay_out(
-        segments: &[Segment],
-        part: Part,
+        Drawn { segments, alone, part }: Drawn<'_>,
         length: usize,
         device: tch::Device,
     ) -> (Self, Windows, Vec<(usize, usize)>) {
         let range = part.range(segments.len());
-        let (windows, steps) = Windows::lay_out(&segments[range.clone()], length, device);
-        let all = (part != Part::WHOLE).then(|| Windows::places(segments, length));
+        let own = Windows::places(&segments[range.clone()], alone.get(range.clone()).unwrap_or_default(), length);
+        let (windows, steps) = Windows::from_places(own, length, device);
+        let all = (part != Part::WHOLE).then(|| Windows::places(segments, alone, length));
         let (valid_places, drawn) = match &all {
             Some(all) => (all.valid_places.clone(), &all.steps),
             None => (windows.valid_places.clone(), &steps),

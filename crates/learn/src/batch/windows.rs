@@ -1,5 +1,5 @@
 //! The layout of windows over steps: the required steps, once each, and the step of every place of every window. Places
-//! before the episode are padding.
+//! before the episode are padding. A window whose past is hidden requires its newest step alone.
 
 use std::collections::HashMap;
 
@@ -20,8 +20,8 @@ pub(super) struct Places {
 
 /// Layout of W windows of L steps over N steps.
 pub(crate) struct Windows {
-    /// `[W * L]` of `i64`, indices into the N steps; a padded place has the index of its episode's first step, whose
-    /// content must not be read there.
+    /// `[W * L]` of `i64`, indices into the N steps; a padded place has the index of its episode's first step, and a
+    /// hidden one that of its window's newest step, whose content must not be read there.
     pub(crate) index: Tensor,
     /// `[W, L]` of `bool`: whether the place is inside the episode.
     pub(crate) valid: Tensor,
@@ -34,7 +34,11 @@ pub(crate) struct Windows {
 impl Windows {
     /// Lays out `segments` of `length` steps; also returns the (episode, step) of the N steps.
     pub(crate) fn lay_out(segments: &[Segment], length: usize, device: Device) -> (Self, Vec<(usize, usize)>) {
-        let Places { index, valid_places, steps } = Self::places(segments, length);
+        Self::from_places(Self::places(segments, &[], length), length, device)
+    }
+
+    pub(super) fn from_places(places: Places, length: usize, device: Device) -> (Self, Vec<(usize, usize)>) {
+        let Places { index, valid_places, steps } = places;
         let windows = Self {
             index: send(&Tensor::from_slice(&index), device),
             valid: Self::grid(&valid_places, &[-1, int(length)], device),
@@ -44,16 +48,17 @@ impl Windows {
         (windows, steps)
     }
 
-    /// Lays out `segments` of `length` steps.
-    pub(super) fn places(segments: &[Segment], length: usize) -> Places {
+    /// Lays out `segments` of `length` steps; the past of those that are marked `alone` is hidden (empty: of none).
+    pub(super) fn places(segments: &[Segment], alone: &[bool], length: usize) -> Places {
         let mut steps = Vec::new();
         let mut places: HashMap<(usize, usize), i64> = HashMap::new();
         let mut index = Vec::with_capacity(segments.len() * length);
         let mut valid_places = Vec::with_capacity(segments.len() * length);
-        for segment in segments {
+        for (number, segment) in segments.iter().enumerate() {
+            let alone = alone.get(number).is_some_and(|alone| *alone);
             for place in 0..length {
                 let inside = segment.step + place + 1 >= length;
-                let step = (segment.step + place + 1).saturating_sub(length);
+                let step = if alone { segment.step } else { (segment.step + place + 1).saturating_sub(length) };
                 let key = (segment.trajectory, step);
                 let at = *places.entry(key).or_insert_with(|| {
                     steps.push(key);
@@ -121,6 +126,18 @@ mod tests {
         assert_eq!(index, vec![0, 0, 0, 0, 0, 1, 0, 1, 2]);
         let valid = vec![false, false, true, false, true, true, true, true, true];
         assert_eq!(windows.valid_places, valid);
+    }
+
+    #[test]
+    fn a_hidden_past_requires_no_step_and_keeps_its_padding() {
+        let segments = [end(1), end(9)];
+        let steps = |alone: &[bool]| Windows::places(&segments, alone, 3).steps;
+        assert_eq!(steps(&[]), [(7, 0), (7, 1), (7, 7), (7, 8), (7, 9)]);
+        assert_eq!(steps(&[true, false]), [(7, 1), (7, 7), (7, 8), (7, 9)]);
+        let hidden = Windows::places(&segments, &[true, true], 3);
+        assert_eq!(hidden.steps, [(7, 1), (7, 9)]);
+        assert_eq!(hidden.index, [0, 0, 0, 1, 1, 1]);
+        assert_eq!(hidden.valid_places, Windows::places(&segments, &[], 3).valid_places);
     }
 
     #[test]

@@ -1,8 +1,6 @@
 //! The past that a policy does not see: how often training hides it, and what is hidden of it. Serving hides the same.
 //! Independent of the kind of policy.
 
-use std::ops::Range;
-
 use gleaner_core::Words as _;
 use gleaner_core::schema::number_in;
 use rand::RngExt;
@@ -42,22 +40,16 @@ impl HistorySpec {
         self.history_dropout >= 1.0
     }
 
-    /// What training hides of each window, by the chance of these settings. `windows` are those in `range` of the `count`
-    /// windows of the whole batch. As [`HistorySpec::hidden`].
-    pub(super) fn hide(
-        self,
-        windows: &Windows,
-        range: &Range<usize>,
-        count: usize,
-        rng: &mut ChaCha8Rng,
-    ) -> Option<Tensor> {
-        if windows.length < 2 || self.history_dropout == 0.0 {
-            return None;
-        }
-        let hides: Vec<bool> = (0..count).map(|_| rng.random_bool(self.history_dropout)).collect();
-        // Also where no window is marked: what stands in for a hidden step then has a gradient in each step, of zeros, and
-        // its moments decay alike in a run and in one that is resumed.
-        self.mask(windows, &hides[range.clone()])
+    /// Whether all of a hidden step is hidden, so that it need not be read.
+    pub(super) fn hides_steps(self) -> bool {
+        self.hidden_history == HiddenHistory::Steps
+    }
+
+    /// Whether training hides the history of each of `count` windows of `length` steps, by the chance of these settings.
+    /// Empty if it hides none ever, or windows have no past.
+    pub(super) fn hides(self, length: usize, count: usize, rng: &mut ChaCha8Rng) -> Vec<bool> {
+        let count = if length < 2 || self.history_dropout == 0.0 { 0 } else { count };
+        (0..count).map(|_| rng.random_bool(self.history_dropout)).collect()
     }
 
     /// What is hidden of each marked window, `[W, L, 3]`. `None` if no window is marked, or windows have no past.
@@ -65,7 +57,8 @@ impl HistorySpec {
         marked.contains(&true).then(|| self.mask(windows, marked)).flatten()
     }
 
-    fn mask(self, windows: &Windows, marked: &[bool]) -> Option<Tensor> {
+    /// As [`HistorySpec::hidden`], also if no window is marked.
+    pub(super) fn mask(self, windows: &Windows, marked: &[bool]) -> Option<Tensor> {
         // o, m and a of a step.
         let elements = match self.hidden_history {
             HiddenHistory::Steps => [true, true, true],
@@ -90,7 +83,8 @@ mod tests {
         let windows = Windows::in_order(vec![true; 400 * 3], 3, tch::Device::Cpu);
         let mut rng = generator(1, Purpose::Style, 0);
         for (what, of_step) in [(HiddenHistory::Steps, [1.0, 1.0, 1.0]), (HiddenHistory::Actions, [0.0, 0.0, 1.0])] {
-            let hidden = settings(0.25, what).hide(&windows, &(0..400), 400, &mut rng).unwrap();
+            let settings = settings(0.25, what);
+            let hidden = settings.mask(&windows, &settings.hides(3, 400, &mut rng)).unwrap();
             assert_eq!(hidden.size(), [400, 3, 3]);
             let each = values(&hidden.to_kind(tch::Kind::Float));
             let whole = [of_step, of_step, [0.0; 3]].concat();
@@ -99,11 +93,13 @@ mod tests {
             assert!((70..130).contains(&count), "{count} of 400");
         }
         let steps = HiddenHistory::Steps;
-        let rarely = settings(1e-9, steps).hide(&windows, &(0..400), 400, &mut rng).unwrap();
+        let rarely = settings(1e-9, steps);
+        let rarely = rarely.mask(&windows, &rarely.hides(3, 400, &mut rng)).unwrap();
         assert!(!values(&rarely.to_kind(tch::Kind::Float)).contains(&1.0), "a mask without marks");
         assert!(settings(0.5, steps).hidden(&windows, &[false; 400]).is_none());
-        assert!(settings(0.0, steps).hide(&windows, &(0..400), 400, &mut rng).is_none());
+        assert!(settings(0.0, steps).hides(3, 400, &mut rng).is_empty());
         let single = Windows::in_order(vec![true; 4], 1, tch::Device::Cpu);
-        assert!(settings(1.0, steps).hide(&single, &(0..4), 4, &mut rng).is_none());
+        assert!(settings(1.0, steps).hides(1, 4, &mut rng).is_empty());
+        assert!(settings(1.0, steps).mask(&single, &[true; 4]).is_none());
     }
 }

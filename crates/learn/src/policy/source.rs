@@ -8,7 +8,7 @@ use tch::Tensor;
 use super::hiding::HistorySpec;
 use super::kind::{Form, Losses, PolicyInput, PolicyModel};
 use crate::augment::augment;
-use crate::batch::{Batch, Chunks, Part, Segment, Segments};
+use crate::batch::{Batch, Chunks, Drawn, Part, Segment, Segments};
 use crate::error::LearnError;
 use crate::normalize::Standard;
 use crate::random::{Purpose, generator};
@@ -66,7 +66,7 @@ impl<'a> Assembly<'a> {
 
 /// A batch of one source, ready for its loss.
 pub(super) struct Assembled {
-    batch: Batch,
+    pub(super) batch: Batch,
     wanted: Chunks,
     /// As [`PolicyInput::hidden`].
     hidden: Option<Tensor>,
@@ -93,23 +93,28 @@ impl Source<'_> {
         let [mut segments, mut images, mut noise] =
             draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.batch));
         let drawn = self.segments.draw(&mut segments, of.spec.optim.batch, of.spec.optim.stretch);
-        let (mut batch, wanted) = self.collect_part(&of.form, &drawn, of.part)?;
+        let hides = of.history.hides(of.form.window, drawn.len(), &mut noise);
+        let alone = if of.history.hides_steps() { hides.as_slice() } else { &[] };
+        let drawn = Drawn { segments: &drawn, alone, part: of.part };
+        let (mut batch, wanted) = self.collect_part(&of.form, drawn)?;
         augment(&mut batch, &of.augmentation, &of.standard, &mut images);
-        let hidden = of.history.hide(&batch.windows, &batch.whole.windows, batch.whole.count, &mut noise);
+        // Also where no window is marked: what stands in for a hidden step then has a gradient in each step, of zeros, and
+        // its moments decay alike in a run and in one that is resumed.
+        let hidden = hides.get(batch.whole.windows.clone()).and_then(|own| of.history.mask(&batch.windows, own));
         Ok(Assembled { batch, wanted, hidden, noise })
     }
 
     /// The steps of `drawn` segments, and their actions to predict.
     pub(super) fn collect(&self, form: &Form<'_>, drawn: &[Segment]) -> Result<(Batch, Chunks), LearnError> {
-        self.collect_part(form, drawn, Part::WHOLE)
+        self.collect_part(form, Drawn { segments: drawn, alone: &[], part: Part::WHOLE })
     }
 
     /// As [`Source::collect`], of a part of `drawn`.
-    fn collect_part(&self, form: &Form<'_>, drawn: &[Segment], part: Part) -> Result<(Batch, Chunks), LearnError> {
-        let batch = Batch::collect_part(form.shape, &self.data, (drawn, part), form.window, form.device)?;
-        let runs =
-            drawn[batch.whole.windows.clone()].iter().map(|segment| (*segment, self.segments.run(segment, form.chunk)));
-        let runs: Vec<(Segment, usize)> = runs.collect();
+    fn collect_part(&self, form: &Form<'_>, drawn: Drawn<'_>) -> Result<(Batch, Chunks), LearnError> {
+        let batch = Batch::collect_part(form.shape, &self.data, drawn, form.window, form.device)?;
+        let own = drawn.segments[batch.whole.windows.clone()].iter();
+        let runs: Vec<(Segment, usize)> =
+            own.map(|segment| (*segment, self.segments.run(segment, form.chunk))).collect();
         let wanted = Chunks::collect(form.shape, &self.data, &runs, form.chunk, form.device)?;
         Ok((batch, wanted))
     }

@@ -6,6 +6,7 @@ mod draws;
 mod every_kind;
 mod finetune;
 mod gradients;
+mod hiding;
 mod identity;
 mod image_weights;
 mod precision;
