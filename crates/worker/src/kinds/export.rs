@@ -65,6 +65,15 @@ impl Files<'_> {
         Ok(&self.open.insert((piece, stored)).1)
     }
 
+    /// Waits while the disk is nearly full: files of an export are written without a check of their own, and must not take
+    /// the room of the database.
+    fn wait_for_room(&self) -> Result<(), Failure> {
+        match self.monitor.retry_while_full(|blobs| blobs.make_room(0)) {
+            Err(_) if self.monitor.cancelled() => Err(Failure::Cancelled),
+            waited => Ok(waited?),
+        }
+    }
+
     fn keep(&mut self, name: &str, blob: gleaner_core::id::BlobId) -> Result<(), Failure> {
         let size = self.blobs.size(&blob)?.ok_or_else(|| Error::not_found("blob", &blob))?;
         self.files.push(ExportFile { name: name.to_owned(), blob, size_bytes: size });
@@ -125,7 +134,7 @@ impl Export for Files<'_> {
         self.done += 1;
         let count = |length: usize| u64::try_from(length).unwrap_or(u64::MAX);
         self.monitor.progress(count(self.done), count(self.pieces.len()), &[]);
-        if self.monitor.cancelled() { Err(Failure::Cancelled) } else { Ok(()) }
+        if self.monitor.cancelled() { Err(Failure::Cancelled) } else { self.wait_for_room() }
     }
 }
 
@@ -142,5 +151,65 @@ impl From<Problem> for Failure {
 impl From<SourceError> for Failure {
     fn from(error: SourceError) -> Self {
         Self::Retryable(error.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    };
+
+    use super::*;
+    use crate::monitor;
+
+    #[test]
+    fn an_export_leaves_the_room_that_must_stay_free() {
+        let dir = tempfile::tempdir().unwrap();
+        let free = Arc::new(AtomicU64::new(100));
+        let blobs = Blobs::open(dir.path()).unwrap().sparing(100).playing(&free);
+        let task: TaskSpec = serde_json::from_value(serde_json::json!({
+            "name": "reach", "rate_hz": 10.0, "mappings": [], "cameras": [],
+            "proprioception": [{ "name": "joints", "size": 2 }],
+            "action": [{ "name": "command", "size": 1 }],
+        }))
+        .unwrap();
+        let inputs = Inputs {
+            task: task.clone(),
+            experts: Vec::new(),
+            imperfect: Vec::new(),
+            kept: Vec::new(),
+            encoder: None,
+            checkpoint: None,
+            segment_length: 0,
+            origin: BTreeMap::new(),
+            policy: None,
+            base: None,
+        };
+        let (mut monitor, _events) = monitor::channel(blobs.clone());
+        let mut files = Files {
+            folder: dir.path(),
+            blobs: &blobs,
+            inputs: &inputs,
+            monitor: &mut monitor,
+            episodes: Episodes::new(dir.path(), blobs.clone(), task),
+            pieces: Vec::new(),
+            open: None,
+            files: Vec::new(),
+            done: 0,
+        };
+        let derived = dir.path().join(gleaner_data_folder::CACHE);
+        std::fs::create_dir(&derived).unwrap();
+        let derived = derived.join(format!("{}-00.frames", blake3::hash(b"recording").to_hex()));
+        std::fs::write(&derived, [0; 10]).unwrap();
+        files.advance().unwrap();
+        assert!(derived.exists(), "there was room");
+        free.store(95, Ordering::Relaxed);
+        files.advance().unwrap();
+        assert_eq!((derived.exists(), free.load(Ordering::Relaxed)), (false, 105));
+        free.store(99, Ordering::Relaxed);
+        files.monitor.stop().cancel();
+        assert_eq!(files.wait_for_room(), Err(Failure::Cancelled));
     }
 }
