@@ -62,7 +62,7 @@ impl Jobs {
         }
         let damage = if found.is_some() { "is damaged" } else { "is gone" };
         tracing::error!(job.id = %job.id, blob.id = %blob, damage, "a job's checkpoint cannot be used: the job starts from the beginning");
-        self.0.store.drop_checkpoint(&job.id).await?;
+        self.0.store.drop_checkpoint(&job.id, blob).await?;
         self.0.forget(blob.clone()).await;
         Ok(None)
     }

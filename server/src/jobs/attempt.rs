@@ -9,9 +9,10 @@ use tracing::Instrument as _;
 
 use super::{
     Inner,
-    engine::{End, Execution, Launch},
+    engine::{End, Execution},
     lease::{Lease, Tie},
     log::Log,
+    start::start,
     token::Issuer,
 };
 use crate::domain::{
@@ -37,10 +38,10 @@ pub(super) async fn run(inner: &Inner, job: Job, issuer: Issuer) {
         }
         let mut log = Log::of(&inner.config.data_dir, &job.id).await;
         log.note(&format!("attempt {} of {} begins", job.attempt, job.max_attempts)).await;
-        let launch = Launch { job: &job, attempt: &attempt, token: issuer.token(&job.id), lease: &lease };
-        let end = match inner.engine.start(launch) {
+        let end = match start(inner, (&job, &attempt), &issuer, &lease, &mut log).await {
             Ok(execution) => until_over(inner, &attempt, execution, &lease, &mut log).await,
-            Err(reason) => Some(End::Broken(format!("the worker could not be started: {reason}"))),
+            // The machine's fault: every job of the queue would otherwise use up its attempts within a second.
+            Err(reason) => Some(End::Interrupted(reason)),
         };
         conclude(inner, &job, &attempt, &lease, end, &mut log).await;
     }
@@ -206,38 +207,4 @@ async fn stubborn(lease: &Lease) {
 }
 
 #[cfg(test)]
-mod tests {
-    use tokio::io::AsyncWriteExt as _;
-
-    use super::*;
-    use crate::{domain::id::JobId, jobs::log};
-
-    /// The log of a worker that writes these last words and ends; `lets_go`: its end of the pipe closes too.
-    async fn log_of(last_output: &[u8], lets_go: bool) -> String {
-        let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
-        let mut log = Log::of(dir.path(), &job).await;
-        let (mut worker, output) = tokio::io::duplex(4096);
-        let end = async {
-            worker.write_all(last_output).await.unwrap();
-            if lets_go {
-                drop(worker);
-            } else {
-                std::mem::forget(worker);
-            }
-            End::Broken("it ended".to_owned())
-        };
-        assert_eq!(with_output(end, &mut log, Some(output)).await, End::Broken("it ended".to_owned()));
-        log::read(dir.path(), &job, u64::MAX).await.unwrap()
-    }
-
-    #[tokio::test]
-    async fn the_last_output_of_a_worker_is_kept() {
-        assert_eq!(log_of(b"one\nlast", true).await, "one\nlast\n");
-        assert_eq!(log_of(b"", true).await, "");
-    }
-
-    #[tokio::test]
-    async fn a_pipe_that_stays_open_is_not_waited_for() {
-        assert_eq!(log_of(b"one\nhalf", false).await, "one\n");
-    }
-}
+mod tests;

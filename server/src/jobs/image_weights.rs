@@ -9,7 +9,11 @@ use gleaner_core::ImageWeights;
 use super::Jobs;
 use crate::{
     blobs::Blobs,
-    domain::{id::BlobId, order::Plan},
+    domain::{
+        id::BlobId,
+        order::{JobOrder, Plan},
+        schedule::PipelineSpec,
+    },
     error::{Error, Result},
 };
 
@@ -28,15 +32,49 @@ impl Jobs {
     pub(super) async fn with_stored_weights(&self, mut plan: Plan) -> Result<Plan> {
         for job in &mut plan.jobs {
             let named = job.spec.image_weights().map_err(|problem| Error::invalid(&problem.field, problem.message))?;
-            let Some(name) = named.name().map(str::to_owned) else { continue };
-            let (folder, blobs) = (self.0.config.jobs.image_weights_dir.clone(), self.0.blobs.clone());
-            let wanted = named.digest().cloned();
-            let stored = move || stored(folder.as_deref(), &blobs, &name, wanted);
-            let stored = tokio::task::spawn_blocking(stored).await;
-            let digest = stored.map_err(|error| Error::internal("storing image weights", error))??;
-            job.spec = job.spec.clone().with_image_weights(named.with_digest(digest));
+            if let Some(stored) = self.stored_weights(&named).await? {
+                job.spec = job.spec.clone().with_image_weights(stored);
+            }
         }
         Ok(plan)
+    }
+
+    /// Checks the file that a pretraining begins with, before a snapshot is taken for it: snapshots of refused orders,
+    /// such as those of a schedule that tries again and again, would stay.
+    ///
+    /// # Errors
+    /// As for [`Jobs::with_stored_weights`].
+    pub(super) async fn expect_weights(&self, order: &JobOrder) -> Result<()> {
+        match order {
+            JobOrder::Pretrain { spec, .. } => self.stored_weights(&spec.image_weights).await.map(drop),
+            JobOrder::Score { .. } | JobOrder::Train { .. } | JobOrder::Export { .. } | JobOrder::Evaluate { .. } => {
+                Ok(())
+            }
+        }
+    }
+
+    /// The same for every job of a pipeline.
+    ///
+    /// # Errors
+    /// As for [`Jobs::with_stored_weights`].
+    pub(super) async fn expect_weights_of_pipeline(&self, pipeline: &PipelineSpec) -> Result<()> {
+        self.stored_weights(&pipeline.pretrain.image_weights).await?;
+        if let Some(train) = &pipeline.train {
+            let named = train.image_weights().map_err(|problem| Error::invalid(&problem.field, problem.message))?;
+            self.stored_weights(&named).await?;
+        }
+        Ok(())
+    }
+
+    /// The name of a file with its digest, whose content is a blob; `None` if no file is named.
+    async fn stored_weights(&self, named: &ImageWeights) -> Result<Option<ImageWeights>> {
+        let Some(name) = named.name().map(str::to_owned) else { return Ok(None) };
+        let (folder, blobs) = (self.0.config.jobs.image_weights_dir.clone(), self.0.blobs.clone());
+        let wanted = named.digest().cloned();
+        let stored = move || stored(folder.as_deref(), &blobs, &name, wanted);
+        let stored = tokio::task::spawn_blocking(stored).await;
+        let digest = stored.map_err(|error| Error::internal("storing image weights", error))??;
+        Ok(Some(named.clone().with_digest(digest)))
     }
 }
 

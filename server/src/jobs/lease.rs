@@ -3,6 +3,7 @@
 
 use std::{
     collections::HashMap,
+    convert::Infallible,
     future::pending,
     net::SocketAddr,
     sync::{
@@ -19,6 +20,9 @@ use tokio::{
 use tokio_util::sync::CancellationToken;
 
 use crate::domain::{attempt::Attempt, id::JobId};
+
+/// Interval of signs of life during a call that takes long. The shortest limit of silence is a second.
+const RENEW_EVERY: Duration = Duration::from_millis(500);
 
 /// One running attempt.
 pub(super) struct Lease {
@@ -119,6 +123,23 @@ impl Leases {
         }
     }
 
+    /// Does the work of a call of the attempt's worker, which waits for its answer meanwhile: that is no silence.
+    pub(super) async fn renew_during<T>(&self, attempt: &Attempt, work: impl Future<Output = T>) -> T {
+        tokio::select! {
+            biased;
+            never = self.keep_renewing(attempt) => match never {},
+            done = work => done,
+        }
+    }
+
+    async fn keep_renewing(&self, attempt: &Attempt) -> Infallible {
+        let mut ticks = tokio::time::interval(RENEW_EVERY);
+        loop {
+            ticks.tick().await;
+            self.renew(attempt);
+        }
+    }
+
     /// Records a call of a second process for the attempt.
     pub(super) fn contest(&self, attempt: &Attempt) {
         if let Some(lease) = self.of(attempt) {
@@ -181,88 +202,4 @@ impl Leases {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn attempt() -> Attempt {
-        Attempt { job_id: JobId::new(), token_hash: "hash".to_owned() }
-    }
-
-    #[tokio::test(start_paused = true)]
-    async fn a_report_resets_the_silence() {
-        let leases = Leases::new(CancellationToken::new());
-        let (attempt, begun) = (attempt(), Instant::now());
-        let lease = leases.grant(&attempt, Tie::Child);
-        let limit = Duration::from_secs(120);
-        let words = async {
-            tokio::time::sleep(Duration::from_secs(100)).await;
-            leases.renew(&attempt);
-            std::future::pending::<()>().await;
-        };
-        tokio::select! {
-            () = lease.silent_for(limit) => {}
-            () = words => {}
-        }
-        assert_eq!(begun.elapsed().as_secs(), 220);
-    }
-
-    #[test]
-    fn one_job_is_stopped_and_then_all() {
-        let stopping = CancellationToken::new();
-        let leases = Leases::new(stopping.clone());
-        let (one, other) = (attempt(), attempt());
-        let (_a, _b) = (leases.grant(&one, Tie::Child), leases.grant(&other, Tie::Child));
-        leases.stop(&one.job_id);
-        assert!(leases.stopped(&one) && !leases.stopped(&other));
-        stopping.cancel();
-        assert!(leases.stopped(&other));
-        leases.end(&other);
-        assert!(!leases.stopped(&other));
-    }
-
-    #[tokio::test(start_paused = true)]
-    async fn a_late_worker_is_silent_only_after_its_first_call() {
-        let leases = Leases::new(CancellationToken::new());
-        let (attempt, begun) = (attempt(), Instant::now());
-        let lease = leases.grant(&attempt, Tie::Remote);
-        let first_call = async {
-            tokio::time::sleep(Duration::from_secs(1000)).await;
-            assert!(!lease.begun());
-            leases.renew(&attempt);
-            std::future::pending::<()>().await;
-        };
-        tokio::select! {
-            () = lease.silent_for(Duration::from_secs(120)) => {}
-            () = first_call => {}
-        }
-        assert_eq!(begun.elapsed().as_secs(), 1120);
-    }
-
-    #[test]
-    fn a_remote_worker_is_not_stopped_with_the_server() {
-        let stopping = CancellationToken::new();
-        let leases = Leases::new(stopping.clone());
-        let attempt = attempt();
-        let lease = leases.grant(&attempt, Tie::Remote);
-        stopping.cancel();
-        assert!(!leases.stopped(&attempt));
-        leases.stop(&attempt.job_id);
-        assert!(leases.stopped(&attempt) && !lease.contested() && !lease.delivered.is_cancelled());
-        leases.contest(&attempt);
-        leases.deliver(&attempt);
-        assert!(lease.contested() && lease.delivered.is_cancelled());
-    }
-
-    #[tokio::test]
-    async fn the_first_process_of_each_rank_is_admitted_and_meets_rank_0() {
-        let leases = Leases::new(CancellationToken::new());
-        let attempt = attempt();
-        assert!(!leases.admit(&attempt, 1, "a"), "the attempt has no lease");
-        let _lease = leases.grant(&attempt, Tie::Child);
-        assert!(leases.admit(&attempt, 1, "a") && leases.admit(&attempt, 1, "a") && leases.admit(&attempt, 2, "b"));
-        assert!(!leases.admit(&attempt, 1, "b"));
-        let address: SocketAddr = "10.0.0.5:41234".parse().unwrap();
-        let (found, ()) = tokio::join!(leases.meeting(&attempt), async { leases.meet(&attempt, address) });
-        assert_eq!(found, address);
-    }
-}
+mod tests;

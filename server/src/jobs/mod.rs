@@ -16,6 +16,7 @@ mod report;
 mod resume;
 mod retry;
 mod scheduler;
+mod start;
 mod submit;
 mod supervisor;
 #[cfg(test)]

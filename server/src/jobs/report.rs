@@ -107,12 +107,16 @@ impl Jobs {
         Ok(())
     }
 
-    /// Ends the job with its result.
+    /// Ends the job with its result. The scores of a large run take long to store, while the worker waits.
     ///
     /// # Errors
     /// Invalid when the result does not fit the job; NotFound when a blob does not exist; Precondition when the attempt
     /// has ended; Cancelled when the job was cancelled in the meantime.
     pub(crate) async fn complete(&self, attempt: &Attempt, job: &Job, made: Made) -> Result<()> {
+        self.0.leases.renew_during(attempt, self.store_result(attempt, job, made)).await
+    }
+
+    async fn store_result(&self, attempt: &Attempt, job: &Job, made: Made) -> Result<()> {
         let naming = self.0.blobs.naming().await;
         for blob in kinds::blobs(&made) {
             self.expect_blob(blob).await?;

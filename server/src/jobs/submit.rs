@@ -29,6 +29,7 @@ impl Jobs {
         }
         self.accept_options(&queueing.engine_options)?;
         self.0.blobs.room_for(0).await?;
+        self.expect_weights(&order).await?;
         let resolved = kinds::resolve(self, task, order.clone()).await?;
         let Queueing { priority, needs, max_attempts, key, engine_options } = queueing;
         let keyed = (!key.is_empty()).then(|| Keyed { key: key.clone(), order: order.clone() });
@@ -96,6 +97,7 @@ impl Jobs {
             pipeline.evaluate =
                 Some(kinds::simulated(self, task, "pipeline.evaluate.settings.simulation", evaluate).await?);
         }
+        self.expect_weights_of_pipeline(&pipeline).await?;
         let named = pipeline.snapshot_id.clone();
         let snapshot = self.snapshot(task, "pipeline.pretrain.snapshot_id", named, &pipeline.rule).await?;
         let plan = Plan { start, ..chain(task, pipeline, &snapshot, queueing) };

@@ -1,6 +1,7 @@
 //! Fixtures for the tests of this module: a queue without workers over a fresh database.
 
 use std::{
+    net::{IpAddr, Ipv4Addr, SocketAddr},
     path::Path,
     pin::pin,
     sync::{Arc, atomic::AtomicU64},
@@ -10,14 +11,17 @@ use clap::Parser as _;
 use futures::TryStreamExt as _;
 use tempfile::TempDir;
 
-use super::Jobs;
+use super::{Jobs, engine::Engine};
 use crate::{
     blobs::Blobs,
-    config::{Cli, Command},
+    config::{Cli, Command, ServeConfig},
     domain::{attempt::Attempt, episode::Outcome, job::Job, task::Task, work::Inputs},
     error::Result,
     store::{Store, testing},
 };
+
+/// The address of a server, which no worker calls.
+const SERVER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 1);
 
 /// A queue that claims no job on its own, a task, and their folder.
 pub(super) struct Bench {
@@ -69,6 +73,13 @@ impl Bench {
         (issuer.attempt(&job.id), job)
     }
 
+    /// A queue of this folder on another engine, which claims no job and has no scheduler.
+    pub(super) fn with_engine(&self, engine: Box<dyn Engine>) -> Jobs {
+        let mut jobs = Jobs::new(&config(&self.dir, &[]), self.store.clone(), self.blobs(), SERVER).unwrap();
+        Arc::get_mut(&mut jobs.0).unwrap().engine = engine;
+        jobs
+    }
+
     /// The whole input of a job, as its worker collects it.
     pub(super) async fn inputs(&self, job: &Job) -> Result<Inputs> {
         let mut inputs = self.jobs.inputs(job).await?;
@@ -91,9 +102,13 @@ pub(super) async fn start(dir: &TempDir, store: &Store) -> Jobs {
 }
 
 async fn start_with(dir: &TempDir, store: &Store, blobs: Blobs, flags: &[&str]) -> Jobs {
+    Jobs::start(&config(dir, flags), store.clone(), blobs, SERVER).await.unwrap()
+}
+
+fn config(dir: &TempDir, flags: &[&str]) -> Arc<ServeConfig> {
     let data = dir.path().to_str().unwrap();
     let serve = ["gleaner-server", "serve", "--workers", "0", "--data-dir", data];
     let cli = Cli::try_parse_from(serve.iter().chain(flags)).unwrap();
     let Command::Serve(config) = cli.command else { panic!("not serve") };
-    Jobs::start(&Arc::new(*config), store.clone(), blobs, "127.0.0.1:1".parse().unwrap()).await.unwrap()
+    Arc::new(*config)
 }

@@ -139,15 +139,20 @@ impl Store {
 }
 
 impl Store {
-    /// Restarts a running job without its checkpoint and its reports.
-    pub(crate) async fn drop_checkpoint(&self, id: &JobId) -> Result<()> {
+    /// Restarts a running job without this checkpoint and its reports; one that was saved since stays.
+    pub(crate) async fn drop_checkpoint(&self, id: &JobId, checkpoint: &BlobId) -> Result<()> {
         let mut tx = self.write().await?;
-        sql::query("update jobs set checkpoint = null, checkpoint_step = null, done = 0 where id = $1")
-            .bind(id.param())
-            .execute(&mut tx)
-            .await
-            .map_err(fault("dropping a checkpoint"))?;
-        metric::cut_back(&mut tx, id, None).await?;
+        let dropped = sql::query(
+            "update jobs set checkpoint = null, checkpoint_step = null, done = 0 where id = $1 and checkpoint = $2",
+        )
+        .bind(id.param())
+        .bind(checkpoint.param())
+        .execute(&mut tx)
+        .await
+        .map_err(fault("dropping a checkpoint"))?;
+        if dropped > 0 {
+            metric::cut_back(&mut tx, id, None).await?;
+        }
         self.commit(tx).await
     }
 }

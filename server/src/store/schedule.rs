@@ -150,7 +150,7 @@ impl Store {
         self.schedule(id).await
     }
 
-    /// Stores the reason why a schedule could not start, and when cron tries again.
+    /// Stores the reason why a schedule could not start, and when cron tries again; a paused one stays as it is.
     pub(crate) async fn schedule_failed(
         &self,
         id: &ScheduleId,
@@ -158,13 +158,25 @@ impl Store {
         next_run_at: Option<Millis>,
     ) -> Result<()> {
         let mut tx = self.write().await?;
-        sql::query("update schedules set last_error = $1, next_run_at = $2 where id = $3")
+        sql::query("update schedules set last_error = $1, next_run_at = $2 where id = $3 and not paused")
             .bind(error)
             .bind(next_run_at.param())
             .bind(id.param())
             .execute(&mut tx)
             .await
             .map_err(fault("noting a failed start"))?;
+        self.commit(tx).await
+    }
+
+    /// Stores when cron starts a schedule next, unless that is paused.
+    pub(crate) async fn move_schedule(&self, id: &ScheduleId, next_run_at: Millis) -> Result<()> {
+        let mut tx = self.write().await?;
+        sql::query("update schedules set next_run_at = $1 where id = $2 and not paused")
+            .bind(next_run_at.param())
+            .bind(id.param())
+            .execute(&mut tx)
+            .await
+            .map_err(fault("storing the next start of a schedule"))?;
         self.commit(tx).await
     }
 
@@ -185,9 +197,13 @@ impl Store {
 }
 
 /// Stores the state of a schedule after its start.
+///
+/// # Errors
+/// Precondition when it was paused or deleted since it was read.
 pub(super) async fn started(tx: &mut Transaction, start: &ScheduleStart) -> Result<()> {
-    sql::query(
-        "update schedules set last_run_at = $1, next_run_at = $2, label_mark = $3, last_error = '' where id = $4",
+    let changed = sql::query(
+        "update schedules set last_run_at = $1, next_run_at = $2, label_mark = $3, last_error = '' \
+         where id = $4 and not paused",
     )
     .bind(start.at.param())
     .bind(start.next_run_at.param())
@@ -196,6 +212,12 @@ pub(super) async fn started(tx: &mut Transaction, start: &ScheduleStart) -> Resu
     .execute(&mut *tx)
     .await
     .map_err(fault("moving a schedule on"))?;
+    if changed == 0 {
+        return Err(Error::precondition(format!(
+            "{} was paused or deleted while it started; no job was queued",
+            start.id
+        )));
+    }
     Ok(())
 }
 

@@ -110,15 +110,14 @@ async fn a_retry_begins_with_the_same_content_or_is_rejected() {
     assert!(bench.blobs().contains(&weights));
 }
 
-#[tokio::test]
-async fn every_job_of_a_pipeline_gets_its_content() {
-    let (_folder, bench) = bench().await;
-    let mut of_policy = settings(NAME);
+/// A pipeline whose pretraining and training begin with these files.
+fn pipeline(encoder: &str, policy: &str) -> PipelineSpec {
+    let mut of_policy = settings(policy);
     of_policy.insert("policy".into(), "bc".into());
-    let pipeline = PipelineSpec {
+    PipelineSpec {
         snapshot_id: None,
         rule: RoleRule::default(),
-        pretrain: PretrainSpec::from_values(&settings(NAME)).unwrap(),
+        pretrain: PretrainSpec::from_values(&settings(encoder)).unwrap(),
         score: true,
         beta: Some(0.5),
         top_fraction: None,
@@ -126,7 +125,13 @@ async fn every_job_of_a_pipeline_gets_its_content() {
         train: Some(TrainSpec::from_values(&of_policy).unwrap()),
         scoring: None,
         evaluate: None,
-    };
+    }
+}
+
+#[tokio::test]
+async fn every_job_of_a_pipeline_gets_its_content() {
+    let (_folder, bench) = bench().await;
+    let pipeline = pipeline(NAME, NAME);
     let (jobs, _) =
         bench.jobs.submit_pipeline(&bench.task.id, &pipeline, PipelineQueueing::default(), None).await.unwrap();
     let digests: Vec<_> = jobs.iter().map(|job| digest_of(&job.spec)).collect();
@@ -154,4 +159,16 @@ async fn files_that_the_server_lacks_are_rejected_with_those_it_has() {
     let message = rejected(&Bench::new().await, NAME).await;
     assert!(message.contains("no folder of weights") && message.contains("--image-weights-dir"), "{message}");
     assert!(bench.store.named_blobs().await.unwrap().iter().all(|row| !row.needed_by.contains("begin with")));
+}
+
+/// A schedule tries again with each label and every ten minutes, and snapshots cannot be deleted.
+#[tokio::test]
+async fn orders_without_their_weights_leave_no_snapshot() {
+    let (_folder, bench) = bench().await;
+    rejected(&bench, "absent").await;
+    for refused in [pipeline("absent", NAME), pipeline(NAME, "absent")] {
+        let error = bench.jobs.submit_pipeline(&bench.task.id, &refused, PipelineQueueing::default(), None).await;
+        assert_eq!(error.unwrap_err().kind(), Kind::Precondition);
+    }
+    assert!(bench.store.snapshots(&bench.task.id).await.unwrap().is_empty());
 }

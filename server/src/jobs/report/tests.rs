@@ -64,3 +64,15 @@ async fn only_the_token_of_a_running_attempt_is_accepted() {
     bench.jobs.fail(&attempt, "no".into(), false).await.unwrap();
     assert!(bench.jobs.authenticate(token.reveal(), &caller("one", 0)).await.unwrap().is_none());
 }
+
+#[tokio::test]
+async fn storing_a_result_counts_as_signs_of_life() {
+    let bench = Bench::new().await;
+    submit(&bench).await;
+    let (attempt, job) = bench.claim().await;
+    let lease = bench.jobs.0.leases.grant(&attempt, Tie::Remote);
+    let absent = BlobId::from(blake3::hash(b"absent"));
+    let refused = bench.jobs.complete(&attempt, &job, Made::Encoder { checkpoint: absent }).await.unwrap_err();
+    assert_eq!(refused.kind(), Kind::NotFound);
+    assert!(lease.begun(), "the call of complete itself was not authenticated here");
+}

@@ -115,3 +115,39 @@ async fn a_label_wakes_the_scheduler() {
     assert_eq!(jobs(&bench.jobs).await, 3);
     bench.jobs.stop().await;
 }
+
+/// Its expression was accepted by an earlier version, say.
+#[tokio::test]
+async fn a_schedule_that_cannot_start_does_not_stop_the_others() {
+    let bench = Bench::new().await;
+    bench.jobs.stop().await;
+    let wrong = schedule(&bench, Trigger::Cron("at night".into()), Some(Millis(1)));
+    let wrong = bench.store.insert_schedule(&wrong).await.unwrap().id;
+    let sound = schedule(&bench, Trigger::Cron("0 * * * *".into()), Some(Millis(1)));
+    bench.store.insert_schedule(&sound).await.unwrap();
+    assert_eq!(start_due(&bench.jobs.0, Millis(2)).await.unwrap(), Some(Millis(3_600_000)));
+    assert_eq!(jobs(&bench.jobs).await, 3);
+    let wrong = bench.store.schedule(&wrong).await.unwrap();
+    assert!(wrong.last_error.starts_with("cron: ") && wrong.next_run_at.is_none(), "{wrong:?}");
+}
+
+#[tokio::test]
+async fn a_clock_that_was_years_ahead_stops_no_schedule_and_a_correction_repeats_no_start() {
+    let bench = Bench::new().await;
+    bench.jobs.stop().await;
+    let (hour, years) = (3_600_000, 100_000 * 3_600_000);
+    // Made while the clock was ahead.
+    let hourly = schedule(&bench, Trigger::Cron("0 * * * *".into()), Some(Millis(years)));
+    bench.store.insert_schedule(&hourly).await.unwrap();
+    let due = async |now, next, count| {
+        assert_eq!(start_due(&bench.jobs.0, Millis(now)).await.unwrap(), Some(Millis(next)));
+        assert_eq!(jobs(&bench.jobs).await, count, "{now}");
+    };
+    due(5, hour, 0).await;
+    due(hour + 1, 2 * hour, 3).await;
+    due(hour - 500, 2 * hour, 3).await;
+    // Started while it was ahead.
+    due(years + 1, years + hour, 6).await;
+    due(2 * hour + 7, 3 * hour, 6).await;
+    due(3 * hour, 4 * hour, 9).await;
+}

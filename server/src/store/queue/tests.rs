@@ -170,6 +170,27 @@ async fn a_requeued_job_drops_the_metrics_after_its_checkpoint() {
     assert_eq!(watched.len(), 1, "an earlier watcher receives later metrics");
 }
 
+/// Digesting a checkpoint takes seconds, within which an attempt may save the next one.
+#[tokio::test]
+async fn a_checkpoint_that_replaced_an_unusable_one_is_kept() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = queue(&store, export(&task, 0, &[])).await.unwrap();
+    let (held, _) = claim(&store).await.unwrap();
+    let [first, second] = [b"first".as_slice(), b"second"].map(|content| BlobId::from(blake3::hash(content)));
+    let metrics = vec![(20, "loss".to_owned(), 0.5)];
+    store.report_progress(&held, &Progress { done: 20, metrics, ..Progress::default() }).await.unwrap();
+    store.save_checkpoint(&held, 20, &second).await.unwrap();
+    let standing = async || {
+        let job = store.job(&id).await.unwrap();
+        (job.checkpoint, job.done, store.metrics(&id, 0, 9).await.unwrap().len())
+    };
+    store.drop_checkpoint(&id, &first).await.unwrap();
+    assert_eq!(standing().await, (Some(second.clone()), 20, 1));
+    store.drop_checkpoint(&id, &second).await.unwrap();
+    assert_eq!(standing().await, (None, 0, 0));
+}
+
 #[tokio::test]
 async fn a_cancel_includes_queued_dependents_and_stops_the_worker() {
     let (_dir, store) = testing::store().await;

@@ -125,3 +125,22 @@ async fn names_are_unique_within_a_task_and_deletion_is_final() {
     assert_eq!(store.delete_schedule(&id).await.unwrap_err().kind(), Kind::NotFound);
     assert_eq!(store.schedules(None).await.unwrap().len(), 1);
 }
+
+/// A start takes seconds where it takes a snapshot of a large task.
+#[tokio::test]
+async fn a_schedule_that_is_paused_or_deleted_during_its_start_queues_no_job() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let (paused, deleted) =
+        (schedule(&store, &task, "paused").await.unwrap().id, schedule(&store, &task, "deleted").await.unwrap().id);
+    store.pause_schedule(&paused, true, None).await.unwrap();
+    store.delete_schedule(&deleted).await.unwrap();
+    for id in [&paused, &deleted] {
+        let start = ScheduleStart { id: id.clone(), at: Millis(7), next_run_at: Some(Millis(9)), label_mark: 0 };
+        let error = store.insert_plan(&Plan { start: Some(start), ..Plan::default() }).await.unwrap_err();
+        assert!(error.kind() == Kind::Precondition && error.message().contains(id.as_str()), "{error}");
+        store.schedule_failed(id, error.message(), Some(Millis(9))).await.unwrap();
+    }
+    let paused = store.schedule(&paused).await.unwrap();
+    assert_eq!((paused.last_run_at, paused.next_run_at, paused.last_error.as_str()), (None, None, ""));
+}
