@@ -190,10 +190,13 @@ impl Ingest {
         }
         // The row is an earlier one's: of a concurrent push, or of an episode whose recording was lost.
         let (blobs, id, recording) = (self.blobs.clone(), inspected.episode.id, kept.recording.clone());
-        let settled = self.settle_on(kept, upload).await?;
-        self.describe(&task, &settled, &upload.author).await?;
+        let settled = self.settle_on(kept, upload).await;
+        if let Ok(settled) = &settled {
+            self.describe(&task, settled, &upload.author).await?;
+        }
+        // Also of a refused label: a rebuild would take it for the newer one.
         off_runtime("removing a sidecar", move || blobs.forget_description(&recording, id.as_str())).await?;
-        Ok(settled)
+        settled
     }
 
     /// Removes the inactive uploads of this content: its episode exists.

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use tokio::sync::Mutex;
+
 use crate::{
     blobs::Blobs,
     domain::description::Description,
@@ -13,6 +15,9 @@ use crate::{
 const POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Rows described in one transaction of the queue.
 const AT_ONCE: u32 = 256;
+
+/// Held while queued rows are described: of two at once, the slower one would replace a newer sidecar by an older one.
+static DESCRIBING: Mutex<()> = Mutex::const_new(());
 
 /// Describes queued rows until it is dropped. After an interruption it resumes at the next start.
 pub(super) async fn keep_described(store: Store, blobs: Blobs) {
@@ -39,6 +44,7 @@ pub(super) async fn keep_described(store: Store, blobs: Blobs) {
 /// # Errors
 /// When the database fails; the last row's error, when one could not be described.
 pub(super) async fn describe_queued(store: &Store, blobs: &Blobs) -> Result<usize> {
+    let _alone = DESCRIBING.lock().await;
     let (mut all, mut failed, mut last) = (0, None, None);
     loop {
         let rows = store.undescribed(last.as_ref(), AT_ONCE).await?;
@@ -116,4 +122,23 @@ fn forget_superseded(blobs: &Blobs, description: &Description) -> Result<()> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::testing;
+
+    #[tokio::test]
+    async fn queued_rows_are_described_by_one_at_a_time() {
+        let (dir, store) = testing::store().await;
+        let (blobs, task) = (Blobs::open(dir.path()).unwrap(), testing::task(&store).await);
+        let other = DESCRIBING.lock().await;
+        let describing = describe_queued(&store, &blobs);
+        tokio::pin!(describing);
+        assert!(futures::poll!(&mut describing).is_pending());
+        assert!(store.undescribed(None, 9).await.unwrap().iter().any(|row| row.id == task.id.as_str()));
+        drop(other);
+        assert_eq!(describing.await.unwrap(), 1);
+    }
 }

@@ -43,6 +43,10 @@ pub(super) async fn restore(config: &RestoreConfig, out: &mut impl io::Write) ->
     let made =
         fs::create_dir_all(&parent).and_then(|()| tempfile::Builder::new().prefix(".restoring-").tempdir_in(&parent));
     let draft = made.map_err(fault("making a folder in", &parent))?;
+    if place.exists() {
+        // Before hours of copying.
+        expect_replaceable(&parent, place)?;
+    }
     match postgres {
         None => fill(backup, draft.path()).await?,
         Some(at) => fill_with_postgres(backup, draft.path(), at).await?,
@@ -58,6 +62,22 @@ pub(super) async fn restore(config: &RestoreConfig, out: &mut impl io::Write) ->
     report.data_dir = place.to_owned();
     report.write_text(out).map_err(|error| Error::internal("writing the report", error))?;
     Ok(report.sound)
+}
+
+/// Rejects an empty folder that no other can replace: a rename is tried.
+pub(super) fn expect_replaceable(parent: &Path, place: &Path) -> Result<()> {
+    let probe = tempfile::Builder::new().prefix(".restoring-").tempdir_in(parent);
+    let probe = probe.map_err(fault("making a folder in", parent))?;
+    fs::rename(probe.path(), place).map_err(|error| {
+        let shown = place.display();
+        Error::precondition(format!(
+            "{shown} cannot be replaced by the restored folder ({error}), as is so for the root of a mounted disk: name a \
+             new folder within it, such as --data-dir {shown}/lab"
+        ))
+    })?;
+    // The probe has moved: it needs no removal.
+    let _ = probe.keep();
+    Ok(())
 }
 
 /// The database in PostgreSQL to fill, for a backup of one; `None` for a backup of SQLite.

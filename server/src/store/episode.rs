@@ -2,6 +2,8 @@
 
 pub(super) mod label;
 
+use std::collections::HashMap;
+
 use super::{
     Store, fault,
     row::{self, Column as _, record},
@@ -14,6 +16,9 @@ use crate::{
     },
     error::{Error, Result},
 };
+
+/// Most episodes of one statement. A round trip for each of 10,000 would keep other writers waiting.
+pub(super) const BATCH: usize = if cfg!(test) { 2 } else { 500 };
 
 /// The columns of [`Episode`]: everything but the report, which may be long.
 macro_rules! episode_columns {
@@ -111,6 +116,15 @@ pub(super) async fn by_id(tx: &mut Transaction, id: &EpisodeId) -> Result<Option
     let mut query = QueryBuilder::new(COLUMNS);
     query.push("where id = ").push_bind(id.param()).push(" and purged_at is null");
     one(tx, query).await
+}
+
+/// Those of these episodes that exist and are not permanently deleted, at most [`BATCH`].
+pub(super) async fn by_ids(tx: &mut Transaction, ids: &[&EpisodeId]) -> Result<HashMap<EpisodeId, Episode>> {
+    let mut query = QueryBuilder::new(COLUMNS);
+    query.push("where purged_at is null and id in (").push_list(ids.iter().map(|id| id.as_str())).push(")");
+    let found = query.build().try_map(row::read::<Episode>).fetch_all(&mut *tx).await;
+    let found = found.map_err(fault("reading some episodes"))?;
+    Ok(found.into_iter().map(|episode| (episode.id.clone(), episode)).collect())
 }
 
 /// The task's episode with this recording, if any.

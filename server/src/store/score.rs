@@ -3,7 +3,7 @@
 use super::{
     Store, fault,
     row::{self, Column, Record, column, record},
-    sql::{self, Row, Transaction},
+    sql::{self, QueryBuilder, Row, Transaction},
 };
 use crate::{
     domain::{
@@ -16,6 +16,9 @@ use crate::{
 };
 
 const RUN: &str = "score run";
+/// Most episodes of one insertion, and the number of steps with which one is complete: a few MiB.
+const BATCH_EPISODES: usize = 100;
+const BATCH_STEPS: usize = 50_000;
 
 record! { ScoreRun: id, task_id, snapshot_id, lo, hi, quantiles, extends, expert_ids, created_at; origin }
 record! { RunCounts: imperfect_episodes, imperfect_segments, expert_segments }
@@ -69,36 +72,55 @@ pub(super) async fn insert_run(
     .execute(&mut *tx)
     .await
     .map_err(fault("adding a score run"))?;
-    for (position, episode) in (0i64..).zip(scores) {
-        insert_scores(tx, &run.id, position, episode).await?;
+    let mut position = 0;
+    let mut rest = scores;
+    while !rest.is_empty() {
+        let (batch, after) = rest.split_at(batch_size(rest));
+        position = insert_scores(tx, &run.id, position, batch).await?;
+        rest = after;
     }
     Ok(())
 }
 
-async fn insert_scores(tx: &mut Transaction, run: &ScoreRunId, position: i64, scores: &EpisodeScores) -> Result<()> {
-    if !scores.fit() {
-        return Err(Error::invalid(
-            "scores",
-            format!("the lists of {} differ in length; give one entry a step", scores.episode_id),
-        ));
-    }
-    sql::query(
+/// The number of the first episodes that one statement adds, at least 1: a round trip for each of 100,000 would keep other
+/// writers waiting.
+fn batch_size(scores: &[EpisodeScores]) -> usize {
+    let steps_before = scores.iter().scan(0, |steps, episode| {
+        let before = *steps;
+        *steps += episode.q.len();
+        Some(before)
+    });
+    steps_before.take(BATCH_EPISODES).take_while(|before| *before < BATCH_STEPS).count()
+}
+
+/// Adds the scores of some episodes from this position on; returns the next position.
+async fn insert_scores(
+    tx: &mut Transaction,
+    run: &ScoreRunId,
+    mut position: i64,
+    scores: &[EpisodeScores],
+) -> Result<i64> {
+    let mut query = QueryBuilder::new(
         "insert into episode_scores (score_run_id, position, episode_id, role, w, q, match_episode, match_step, \
-         distances) values ($1, $2, $3, $4, $5, $6, $7, $8, $9)",
-    )
-    .bind(run.param())
-    .bind(position)
-    .bind(scores.episode_id.param())
-    .bind(scores.role.param())
-    .bind(scores.w.param())
-    .bind(scores.q.param())
-    .bind(scores.match_episode.param())
-    .bind(scores.match_step.param())
-    .bind(scores.distances.param())
-    .execute(&mut *tx)
-    .await
-    .map_err(fault("adding an episode's scores"))?;
-    Ok(())
+         distances) values ",
+    );
+    for (place, episode) in scores.iter().enumerate() {
+        if !episode.fit() {
+            return Err(Error::invalid(
+                "scores",
+                format!("the lists of {} differ in length; give one entry a step", episode.episode_id),
+            ));
+        }
+        query.push(if place == 0 { "(" } else { ", (" });
+        query.push_bind(run.param()).push(", ").push_bind(position).push(", ");
+        query.push_bind(episode.episode_id.param()).push(", ").push_bind(episode.role.param()).push(", ");
+        query.push_bind(episode.w.param()).push(", ").push_bind(episode.q.param()).push(", ");
+        query.push_bind(episode.match_episode.param()).push(", ").push_bind(episode.match_step.param()).push(", ");
+        query.push_bind(episode.distances.param()).push(")");
+        position += 1;
+    }
+    query.build().execute(&mut *tx).await.map_err(fault("adding episodes' scores"))?;
+    Ok(position)
 }
 
 impl Store {

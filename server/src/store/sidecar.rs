@@ -3,7 +3,7 @@
 use super::{
     Store, episode, fault,
     row::{self, Column as _, record},
-    sql,
+    sql::{self, QueryBuilder},
 };
 use crate::{
     domain::{
@@ -61,10 +61,17 @@ impl Store {
     /// Queues the sidecars of these episodes to be written again.
     pub(crate) async fn queue_sidecars(&self, ids: &[EpisodeId]) -> Result<()> {
         let mut tx = self.write().await?;
-        for id in ids {
-            // At the end of the queue, also if it is there already.
-            for query in ["delete from sidecar_queue where id = $1", "insert into sidecar_queue (id) values ($1)"] {
-                sql::query(query).bind(id.param()).execute(&mut tx).await.map_err(fault("queueing a sidecar"))?;
+        // After a restore these are all episodes.
+        for part in ids.chunks(episode::BATCH) {
+            // At the end of the queue, also if they are there already.
+            let mut delete = QueryBuilder::new("delete from sidecar_queue where id in (");
+            delete.push_list(part.iter().map(EpisodeId::as_str)).push(")");
+            let mut insert = QueryBuilder::new("insert into sidecar_queue (id) values ");
+            for (place, id) in part.iter().enumerate() {
+                insert.push(if place == 0 { "(" } else { ", (" }).push_bind(id.as_str()).push(")");
+            }
+            for query in [delete, insert] {
+                query.build().execute(&mut tx).await.map_err(fault("queueing sidecars"))?;
             }
         }
         self.commit(tx).await
@@ -224,57 +231,4 @@ impl Store {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::{super::testing, *};
-    use crate::domain::episode::{NewLabel, Outcome};
-
-    #[tokio::test]
-    async fn every_change_that_a_sidecar_repeats_is_queued_and_a_later_one_stays_queued() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        let episode = testing::episode(&store, &task, Outcome::Unknown, "").await;
-        let first = store.undescribed(None, 9).await.unwrap();
-        assert_eq!(
-            first.iter().map(|row| row.id.as_str()).collect::<Vec<_>>(),
-            [task.id.as_str(), episode.id.as_str()]
-        );
-        let label = NewLabel { outcome: Outcome::Success, cohort: None, author: "ada".into(), reason: String::new() };
-        store.label_episodes(std::slice::from_ref(&episode.id), &label).await.unwrap();
-        store.note_described(&first).await.unwrap();
-        let left = store.undescribed(None, 9).await.unwrap();
-        assert_eq!((left.len(), left[0].id.as_str()), (1, episode.id.as_str()), "labelled after it was listed");
-        store.note_described(&left).await.unwrap();
-        store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
-        assert_eq!(store.undescribed(None, 9).await.unwrap().len(), 1);
-        let Described::Beside(blob, Description::Recording(described)) =
-            store.description(episode.id.as_str()).await.unwrap()
-        else {
-            unreachable!("it is an episode")
-        };
-        assert_eq!(
-            (&blob, described.episode.outcome, described.author.as_str()),
-            (&episode.recording, Outcome::Success, "ada")
-        );
-        assert!(described.episode.deleted_at.is_some());
-    }
-
-    #[tokio::test]
-    async fn a_restored_episode_equals_the_original() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        let episode = testing::episode(&store, &task, Outcome::Failure, "night").await;
-        let Described::Beside(_, Description::Recording(described)) =
-            store.description(episode.id.as_str()).await.unwrap()
-        else {
-            unreachable!("it is an episode")
-        };
-        let (_other, empty) = testing::store().await;
-        assert_eq!(empty.restore_episode((*described).clone()).await.unwrap_err().kind(), Kind::NotFound);
-        assert_eq!(empty.restore_task(&task).await.unwrap(), (task.id.clone(), true));
-        assert_eq!(empty.restore_task(&task).await.unwrap(), (task.id.clone(), false));
-        assert!(empty.restore_episode((*described).clone()).await.unwrap());
-        assert!(!empty.restore_episode((*described).clone()).await.unwrap());
-        let again = empty.episode(&episode.id).await.unwrap();
-        assert_eq!(Description::recording(&again, &described.author), Description::Recording(described));
-    }
-}
+mod tests;

@@ -1,9 +1,11 @@
 //! Deleted episodes: moved into the trash, restored from it, and permanently removed.
 
+use std::collections::HashSet;
+
 use super::{
     Store, episode, fault,
     row::{self, Column as _},
-    sql::{self, Transaction},
+    sql::{self, QueryBuilder, Transaction},
 };
 use crate::{
     domain::{
@@ -13,6 +15,18 @@ use crate::{
     },
     error::{Error, Result},
 };
+
+/// Most episodes that one write removes.
+const BATCH: u32 = if cfg!(test) { 2 } else { 1000 };
+
+/// The first episodes that were moved to the trash before a time and that nothing needs.
+macro_rules! unneeded {
+    () => {
+        "select id from episodes where deleted_at < $1 \
+         and not exists (select 1 from snapshot_episodes where episode_id = episodes.id) \
+         and not exists (select 1 from episode_scores where episode_id = episodes.id) order by id limit $2"
+    };
+}
 
 /// The counts of a sweep of the trash.
 #[derive(Debug, Default)]
@@ -34,23 +48,17 @@ impl Store {
     pub(crate) async fn delete_episodes(&self, ids: &[EpisodeId], force: bool) -> Result<Vec<Episode>> {
         let mut tx = self.write().await?;
         let mut deleted = Vec::with_capacity(ids.len());
-        for id in ids {
-            let before = episode::by_id(&mut tx, id).await?;
-            let before = before.ok_or_else(|| Error::not_found("episode", format!("{id}; no episode was deleted")))?;
+        for part in ids.chunks(episode::BATCH) {
+            let missing = |id: &EpisodeId| Error::not_found("episode", format!("{id}; no episode was deleted"));
+            all_of(&mut tx, part, missing).await?;
             if !force {
-                refuse_if_needed(&mut tx, id).await?;
+                refuse_if_one_is_needed(&mut tx, part).await?;
             }
-            sql::query(
-                "update episodes set deleted_at = coalesce(deleted_at, $1), delete_forced = delete_forced or $2 \
-                 where id = $3",
-            )
-            .bind(Millis::now().param())
-            .bind(force)
-            .bind(id.param())
-            .execute(&mut tx)
-            .await
-            .map_err(fault("deleting an episode"))?;
-            deleted.push(episode::by_id(&mut tx, id).await?.unwrap_or(before));
+            let mut query = QueryBuilder::new("update episodes set deleted_at = coalesce(deleted_at, ");
+            query.push_bind(Millis::now().param()).push("), delete_forced = delete_forced or ").push_bind(force);
+            query.push(" where id in (").push_list(part.iter().map(EpisodeId::as_str)).push(")");
+            query.build().execute(&mut tx).await.map_err(fault("deleting episodes"))?;
+            deleted.extend(all_of(&mut tx, part, missing).await?);
         }
         self.commit_generation(tx).await?;
         Ok(deleted)
@@ -63,18 +71,16 @@ impl Store {
     pub(crate) async fn undelete_episodes(&self, ids: &[EpisodeId]) -> Result<Vec<Episode>> {
         let mut tx = self.write().await?;
         let mut back = Vec::with_capacity(ids.len());
-        for id in ids {
-            sql::query(
-                "update episodes set deleted_at = null, delete_forced = false where id = $1 and purged_at is null",
-            )
-            .bind(id.param())
-            .execute(&mut tx)
-            .await
-            .map_err(fault("taking an episode back"))?;
-            let episode = episode::by_id(&mut tx, id).await?;
-            back.push(episode.ok_or_else(|| {
+        for part in ids.chunks(episode::BATCH) {
+            let mut query = QueryBuilder::new(
+                "update episodes set deleted_at = null, delete_forced = false where purged_at is null and id in (",
+            );
+            query.push_list(part.iter().map(EpisodeId::as_str)).push(")");
+            query.build().execute(&mut tx).await.map_err(fault("taking episodes back"))?;
+            let missing = |id: &EpisodeId| {
                 Error::not_found("episode", format!("{id}: unknown, or permanently deleted; no episode was restored"))
-            })?);
+            };
+            back.extend(all_of(&mut tx, part, missing).await?);
         }
         self.commit_generation(tx).await?;
         Ok(back)
@@ -82,23 +88,31 @@ impl Store {
 
     /// Permanently removes the episodes that were moved to the trash before `time`. An episode in a snapshot keeps its
     /// row, and is removed only if it was deleted by force and no job of its task is running.
+    ///
+    /// Some at a time, so that other writers wait for a part of a large trash only.
     pub(crate) async fn sweep_trash(&self, time: Millis) -> Result<Swept> {
+        let mut swept = Swept::default();
+        while self.sweep_some(time, &mut swept).await? {}
+        Ok(swept)
+    }
+
+    /// Removes up to [`BATCH`] episodes; returns whether there may be more.
+    async fn sweep_some(&self, time: Millis, swept: &mut Swept) -> Result<bool> {
         let mut tx = self.write().await?;
-        let mut episodes: Vec<(EpisodeId, BlobId)> = sql::query(
-            "select id, recording from episodes where deleted_at < $1 \
-             and not exists (select 1 from snapshot_episodes where episode_id = episodes.id) \
-             and not exists (select 1 from episode_scores where episode_id = episodes.id)",
-        )
-        .bind(time.param())
-        .try_map(row::read)
-        .fetch_all(&mut tx)
-        .await
-        .map_err(fault("looking through the trash"))?;
-        for (id, _) in &episodes {
-            for query in ["delete from labels where episode_id = $1", "delete from episodes where id = $1"] {
-                sql::query(query).bind(id.param()).execute(&mut tx).await.map_err(fault("emptying the trash"))?;
-            }
-        }
+        sql::query(concat!("delete from labels where episode_id in (", unneeded!(), ")"))
+            .bind(time.param())
+            .bind(BATCH)
+            .execute(&mut tx)
+            .await
+            .map_err(fault("emptying the trash"))?;
+        let removed: Vec<(EpisodeId, BlobId)> =
+            sql::query(concat!("delete from episodes where id in (", unneeded!(), ") returning id, recording"))
+                .bind(time.param())
+                .bind(BATCH)
+                .try_map(row::read)
+                .fetch_all(&mut tx)
+                .await
+                .map_err(fault("emptying the trash"))?;
         // The newest labels may have been removed, and their numbers are used again.
         for query in [
             "update schedules set label_mark = (select coalesce(max(id), 0) from labels) \
@@ -108,23 +122,16 @@ impl Store {
         ] {
             sql::query(query).execute(&mut tx).await.map_err(fault("emptying the trash"))?;
         }
-        let purged = sql::query(
-            "update episodes set purged_at = $1 where deleted_at < $2 and delete_forced and purged_at is null \
-             and not exists (select 1 from jobs where jobs.task_id = episodes.task_id and state in ('queued', 'running')) \
-             returning id, recording",
-        )
-        .bind(Millis::now().param())
-        .bind(time.param())
-        .try_map(row::read)
-        .fetch_all(&mut tx)
-        .await
-        .map_err(fault("emptying the trash"))?;
+        let more = removed.len() as u64 == u64::from(BATCH);
+        // After the last ones that need no row.
+        let purged = if more { Vec::new() } else { purge(&mut tx, time).await? };
         crate::fail_point::pass("sweep.rows_removed");
         self.commit(tx).await?;
         crate::fail_point::pass("sweep.committed");
-        let (removed, purged_count) = (episodes.len() as u64, purged.len() as u64);
-        episodes.extend(purged);
-        Ok(Swept { removed, purged: purged_count, episodes })
+        swept.removed += removed.len() as u64;
+        swept.purged += purged.len() as u64;
+        swept.episodes.extend(removed.into_iter().chain(purged));
+        Ok(more)
     }
 
     /// Rejects a snapshot with a removed recording: it can no longer be trained on.
@@ -160,6 +167,35 @@ impl Store {
     }
 }
 
+/// These episodes, in their order.
+async fn all_of(
+    tx: &mut Transaction,
+    ids: &[EpisodeId],
+    missing: impl Fn(&EpisodeId) -> Error,
+) -> Result<Vec<Episode>> {
+    let found = episode::by_ids(tx, &ids.iter().collect::<Vec<_>>()).await?;
+    ids.iter().map(|id| found.get(id).cloned().ok_or_else(|| missing(id))).collect()
+}
+
+/// Rejects these episodes if a snapshot contains one, and names the first.
+async fn refuse_if_one_is_needed(tx: &mut Transaction, ids: &[EpisodeId]) -> Result<()> {
+    let mut query = QueryBuilder::new("select id from episodes where id in (");
+    query.push_list(ids.iter().map(EpisodeId::as_str));
+    query.push(") and exists (select 1 from snapshot_episodes where episode_id = episodes.id)");
+    let needed: HashSet<EpisodeId> = query
+        .build()
+        .try_map(row::read)
+        .fetch_all(&mut *tx)
+        .await
+        .map_err(fault("looking for the snapshots of episodes"))?
+        .into_iter()
+        .collect();
+    match ids.iter().find(|id| needed.contains(id)) {
+        Some(first) => refuse_if_needed(tx, first).await,
+        None => Ok(()),
+    }
+}
+
 /// Rejects the deletion when snapshots or results need the episode, and names them.
 async fn refuse_if_needed(tx: &mut Transaction, id: &EpisodeId) -> Result<()> {
     let (snapshots, first): (u64, Option<SnapshotId>) =
@@ -188,6 +224,21 @@ async fn refuse_if_needed(tx: &mut Transaction, id: &EpisodeId) -> Result<()> {
         "{id} is in {first}{others}, used by {runs} score runs, {datasets} datasets and {policies} policies. Repeat with \
          force to delete it; these results can then not be reproduced"
     )))
+}
+
+/// Marks the episodes whose recordings are removed while snapshots keep their rows.
+async fn purge(tx: &mut Transaction, time: Millis) -> Result<Vec<(EpisodeId, BlobId)>> {
+    sql::query(
+        "update episodes set purged_at = $1 where deleted_at < $2 and delete_forced and purged_at is null \
+         and not exists (select 1 from jobs where jobs.task_id = episodes.task_id and state in ('queued', 'running')) \
+         returning id, recording",
+    )
+    .bind(Millis::now().param())
+    .bind(time.param())
+    .try_map(row::read)
+    .fetch_all(&mut *tx)
+    .await
+    .map_err(fault("emptying the trash"))
 }
 
 #[cfg(test)]

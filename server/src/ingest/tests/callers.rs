@@ -11,6 +11,7 @@ use crate::{
         episode::{InspectedEpisode, NewUpload, Upload},
     },
     error::Result,
+    store::testing::inspected,
 };
 
 type Finishing = JoinHandle<Result<InspectedEpisode>>;
@@ -175,4 +176,23 @@ async fn a_limit_of_zero_allows_any_number_of_open_uploads() {
     for number in 0..5 {
         lab.fixture.start(format!("content {number}").as_bytes()).await;
     }
+}
+
+/// The content becomes an episode of another label while it is inspected.
+#[tokio::test]
+async fn a_label_refused_after_the_inspection_leaves_no_sidecar() {
+    let lab = Lab::new(&[]).await;
+    let (f, bob) = (&lab.fixture, token("bob"));
+    let finishing = lab.finishing(&bob, "slow;").await;
+    lab.until(&bob, 1, 0).await;
+    let first = Upload { id: UploadId::new(), cohort: "eve".into(), ..f.store.uploads().await.unwrap().remove(0) };
+    let inspected = inspected(&f.task, &first);
+    let blob = f.ingest.blobs.put(b"slow;").unwrap();
+    f.ingest.describe(&f.task, &inspected, "tests").await.unwrap();
+    f.store.finish_upload(&first, &inspected).await.unwrap();
+
+    let _open = lab.open_gate();
+    assert_eq!(finishing.await.unwrap().unwrap_err().kind(), Kind::Exists);
+    assert_eq!(f.ingest.blobs.descriptions(&blob).unwrap().len(), 1);
+    assert!(f.ingest.blobs.is_described(&blob, inspected.episode.id.as_str()));
 }

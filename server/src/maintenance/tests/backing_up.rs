@@ -3,7 +3,11 @@
 use std::{fs, path::PathBuf};
 
 use super::{
-    super::{backup::backup, manifest::Manifest, restore::restore},
+    super::{
+        backup::backup,
+        manifest::Manifest,
+        restore::{expect_replaceable, restore},
+    },
     *,
 };
 use crate::{
@@ -182,4 +186,20 @@ async fn other_data_is_never_overwritten() {
     // An empty folder is accepted.
     fs::create_dir_all(folders.path("empty")).unwrap();
     assert!(restore_to(&target, &folders.path("empty")).await.unwrap());
+}
+
+/// A mounted disk is refused by the system as a folder with content is: at the rename.
+#[tokio::test]
+async fn a_folder_that_cannot_be_replaced_is_refused_before_the_copy() {
+    let (lab, folders) = (lab().await, Backups::new());
+    let (target, place) = (folders.path("backup"), folders.path("place"));
+    fs::create_dir_all(place.join("content")).unwrap();
+    let error = expect_replaceable(folders.dir.path(), &place).unwrap_err();
+    assert!(error.kind() == Kind::Precondition && error.message().contains("/place/lab"), "{error}");
+    fs::remove_dir(place.join("content")).unwrap();
+    back_up(&lab, &target, false).await.unwrap();
+    assert!(restore_to(&target, &place).await.unwrap(), "an empty folder is replaced");
+    let mut names: Vec<_> = fs::read_dir(folders.dir.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["backup", "place"], "no draft is left");
 }

@@ -1,11 +1,11 @@
 //! Labels: given to many episodes in one transaction, with a full history.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use super::{
-    by_id, fault,
+    BATCH, by_ids, fault,
     row::{self, Column as _, Record as _, record},
-    sql::{self, Transaction},
+    sql::{self, QueryBuilder, Transaction},
 };
 use crate::{
     domain::{
@@ -41,11 +41,15 @@ impl Store {
     pub(crate) async fn label_episodes_as_seen(&self, seen: &[(EpisodeId, i64)], label: &NewLabel) -> Result<Labelled> {
         let mut tx = self.write().await?;
         let mut changed = Vec::new();
-        for (episode_id, version) in seen {
-            if let Some((label_version, label)) = newest(&mut tx, episode_id).await?
-                && label_version != *version
-            {
-                changed.push(Overtaken { episode_id: episode_id.clone(), label_version, label });
+        for part in seen.chunks(BATCH) {
+            let newest = newest(&mut tx, part.iter().map(|(id, _)| id)).await?;
+            for (episode_id, version) in part {
+                if let Some((label_version, label)) = newest.get(episode_id)
+                    && label_version != version
+                {
+                    let (label_version, label) = (*label_version, label.clone());
+                    changed.push(Overtaken { episode_id: episode_id.clone(), label_version, label });
+                }
             }
         }
         if !changed.is_empty() {
@@ -88,44 +92,76 @@ async fn label_all(
     ids: impl Iterator<Item = &EpisodeId>,
     label: &NewLabel,
 ) -> Result<Vec<(Episode, i64)>> {
-    let (mut labelled, mut named) = (Vec::new(), HashSet::new());
-    for id in ids {
-        if !named.insert(id) {
-            continue;
+    let mut named = HashSet::new();
+    let ids: Vec<&EpisodeId> = ids.filter(|&id| named.insert(id)).collect();
+    let mut labelled = Vec::with_capacity(ids.len());
+    for part in ids.chunks(BATCH) {
+        let mut found = by_ids(tx, part).await?;
+        let mut episodes = Vec::with_capacity(part.len());
+        for &id in part {
+            let mut episode = found
+                .remove(id)
+                .ok_or_else(|| Error::not_found("episode", format!("{id}; no episode was labelled")))?;
+            if episode.deleted_at.is_some() {
+                return Err(Error::precondition(format!(
+                    "{id} is in the trash; no episode was labelled. Restore it first"
+                )));
+            }
+            episode.outcome = label.outcome;
+            if let Some(cohort) = &label.cohort {
+                episode.cohort.clone_from(cohort);
+            }
+            episodes.push(episode);
         }
-        let mut episode = by_id(tx, id)
-            .await?
-            .ok_or_else(|| Error::not_found("episode", format!("{id}; no episode was labelled")))?;
-        if episode.deleted_at.is_some() {
-            return Err(Error::precondition(format!(
-                "{id} is in the trash; no episode was labelled. Restore it first"
-            )));
-        }
-        episode.outcome = label.outcome;
+        let mut query = QueryBuilder::new("update episodes set outcome = ");
+        query.push_bind(label.outcome.param());
         if let Some(cohort) = &label.cohort {
-            episode.cohort.clone_from(cohort);
+            query.push(", cohort = ").push_bind(cohort);
         }
-        sql::query("update episodes set outcome = $1, cohort = $2 where id = $3")
-            .bind(episode.outcome.param())
-            .bind(&episode.cohort)
-            .bind(id.param())
-            .execute(&mut *tx)
-            .await
-            .map_err(fault("labelling an episode"))?;
-        let version = insert(tx, &episode, &label.author, &label.reason).await?;
-        labelled.push((episode, version));
+        query.push(" where id in (").push_list(part.iter().map(|id| id.as_str())).push(")");
+        query.build().execute(&mut *tx).await.map_err(fault("labelling episodes"))?;
+        let mut versions = insert_all(tx, &episodes, label).await?;
+        for episode in episodes {
+            let version = versions.remove(&episode.id);
+            let version = version.ok_or_else(|| Error::internal("labelling episodes", "a label has no version"))?;
+            labelled.push((episode, version));
+        }
     }
     Ok(labelled)
 }
 
-/// An episode's newest label, with its version.
-async fn newest(tx: &mut Transaction, id: &EpisodeId) -> Result<Option<(i64, Label)>> {
-    sql::query("select * from labels where episode_id = $1 order by id desc limit 1")
-        .bind(id.param())
-        .try_map(|row| Ok((row::column(&row, "id")?, Label::decode(&row)?)))
-        .fetch_optional(&mut *tx)
+/// The newest label of each of these episodes, with its version.
+async fn newest(
+    tx: &mut Transaction,
+    ids: impl Iterator<Item = &EpisodeId>,
+) -> Result<HashMap<EpisodeId, (i64, Label)>> {
+    let mut query =
+        QueryBuilder::new("select * from labels where id in (select max(id) from labels where episode_id in (");
+    query.push_list(ids.map(EpisodeId::as_str)).push(") group by episode_id)");
+    let found = query
+        .build()
+        .try_map(|row| Ok((row::column(&row, "episode_id")?, (row::column(&row, "id")?, Label::decode(&row)?))))
+        .fetch_all(&mut *tx)
         .await
-        .map_err(fault("reading a label"))
+        .map_err(fault("reading labels"))?;
+    Ok(found.into_iter().collect())
+}
+
+/// Adds the present labels of these episodes to their histories; returns their versions.
+async fn insert_all(tx: &mut Transaction, episodes: &[Episode], label: &NewLabel) -> Result<HashMap<EpisodeId, i64>> {
+    let now = Millis::now();
+    let mut query =
+        QueryBuilder::new("insert into labels (episode_id, outcome, cohort, author, reason, created_at) values ");
+    for (place, episode) in episodes.iter().enumerate() {
+        query.push(if place == 0 { "(" } else { ", (" });
+        query.push_bind(episode.id.param()).push(", ").push_bind(episode.outcome.param()).push(", ");
+        query.push_bind(&episode.cohort).push(", ").push_bind(&label.author).push(", ").push_bind(&label.reason);
+        query.push(", ").push_bind(now.param()).push(")");
+    }
+    query.push(" returning episode_id, id");
+    let added: Vec<(EpisodeId, i64)> =
+        query.build().try_map(row::read).fetch_all(&mut *tx).await.map_err(fault("keeping labels"))?;
+    Ok(added.into_iter().collect())
 }
 
 /// Moves the episode's present label to its history and returns its version.

@@ -72,6 +72,30 @@ async fn lists_of_different_length_are_rejected() {
     let mut scores = results::scores(&failure.id, Role::Imperfect, &[0.5, 0.5]);
     scores.match_step.pop();
     let mut tx = store.write().await.unwrap();
-    let error = insert_scores(&mut tx, &run.id, 0, &scores).await.unwrap_err();
+    let error = insert_scores(&mut tx, &run.id, 0, &[scores]).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Invalid);
+}
+
+#[tokio::test]
+async fn scores_of_several_insertions_keep_their_order() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    let mut all = Vec::new();
+    for steps in [BATCH_STEPS - 1, 1, 2, BATCH_STEPS, 3] {
+        let episode = testing::episode(&store, &task, Outcome::Failure, "").await;
+        all.push(results::scores(&episode.id, Role::Imperfect, &vec![0.5; steps]));
+    }
+    assert_eq!(batch_size(&all), 2);
+    assert_eq!((batch_size(&all[2..]), batch_size(&all[4..])), (2, 1));
+    let short = vec![results::scores(&EpisodeId::new(), Role::Imperfect, &[0.5]); BATCH_EPISODES + 1];
+    assert_eq!(batch_size(&short), BATCH_EPISODES);
+
+    let encoder = results::encoder(&store, &task).await;
+    let run = results::run(&store, &task, &encoder, &all).await;
+    let ids: Vec<_> = all.iter().map(|scores| scores.episode_id.clone()).collect();
+    assert_eq!(store.scored_episodes(&run.id).await.unwrap(), ids);
+    for scores in &all {
+        assert!(store.episode_scores(&run.id, &scores.episode_id).await.unwrap() == *scores);
+    }
 }

@@ -54,12 +54,20 @@ async fn deleted_episodes_are_invisible_and_can_be_restored() {
 async fn all_or_none_are_deleted() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
-    let one = testing::episode(&store, &task, Outcome::Success, "").await.id;
-    let error = store.delete_episodes(&[one.clone(), EpisodeId::new()], false).await.unwrap_err();
+    let mut ids = Vec::new();
+    for _ in 0..=episode::BATCH {
+        ids.push(testing::episode(&store, &task, Outcome::Success, "").await.id);
+    }
+    let with_unknown = [ids.clone(), vec![EpisodeId::new()]].concat();
+    let error = store.delete_episodes(&with_unknown, false).await.unwrap_err();
     assert_eq!(error.kind(), Kind::NotFound);
-    let error = store.undelete_episodes(&[one.clone(), EpisodeId::new()]).await.unwrap_err();
+    assert_eq!(listed(&store, &task, false).await, ids);
+    store.delete_episodes(&ids[1..], false).await.unwrap();
+    let error = store.undelete_episodes(&with_unknown).await.unwrap_err();
     assert_eq!(error.kind(), Kind::NotFound);
-    assert_eq!(listed(&store, &task, false).await, [one]);
+    assert_eq!(listed(&store, &task, false).await, ids[..1]);
+    let back = store.undelete_episodes(&ids).await.unwrap();
+    assert_eq!(back.into_iter().map(|episode| episode.id).collect::<Vec<_>>(), ids);
 }
 
 #[tokio::test]
@@ -130,4 +138,26 @@ async fn a_sweep_removes_unneeded_episodes_completely() {
     assert_eq!(store.labels(&gone.id).await.unwrap_err().kind(), Kind::NotFound);
     assert!(!store.names_blob(&gone.recording).await.unwrap());
     assert!(store.episode_of(&task.id, &gone.recording).await.unwrap().is_none());
+}
+
+/// As many as two and a half writes remove, deleted by force, so that none of them is purged before it is removed.
+#[tokio::test]
+async fn a_large_trash_is_emptied_in_parts_and_each_episode_counts_once() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let mut gone = Vec::new();
+    for _ in 0..=2 * BATCH {
+        gone.push(testing::episode(&store, &task, Outcome::Success, "").await);
+    }
+    let kept = testing::episode(&store, &task, Outcome::Success, "").await;
+    let ids: Vec<EpisodeId> = gone.iter().map(|episode| episode.id.clone()).collect();
+    store.delete_episodes(&ids, true).await.unwrap();
+    let mut swept = store.sweep_trash(LATER).await.unwrap();
+    assert_eq!((swept.removed, swept.purged), (ids.len() as u64, 0));
+    swept.episodes.sort();
+    let mut expected: Vec<_> = gone.into_iter().map(|episode| (episode.id, episode.recording)).collect();
+    expected.sort();
+    assert_eq!(swept.episodes, expected);
+    assert_eq!(listed(&store, &task, false).await, [kept.id.clone()]);
+    assert_eq!(store.labels(&kept.id).await.unwrap().len(), 1);
 }

@@ -44,8 +44,8 @@ async fn one_unknown_episode_labels_none() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let known = testing::episode(&store, &task, Outcome::Unknown, "").await;
-    let unknown = EpisodeId::new();
-    let ids = [known.id.clone(), unknown.clone()];
+    let (unknown, other) = (EpisodeId::new(), testing::episode(&store, &task, Outcome::Unknown, "").await);
+    let ids = [known.id.clone(), other.id, unknown.clone()];
     let error = store.label_episodes(&ids, &label(Outcome::Success, None)).await.unwrap_err();
     assert_eq!(error.kind(), Kind::NotFound);
     assert!(error.message().contains(unknown.as_str()), "{error}");
