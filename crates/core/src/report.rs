@@ -101,7 +101,7 @@ pub enum FindingCode {
     OffRate,
     /// Fewer steps than an episode needs.
     TooShort,
-    /// Header stamps and log times are of different clocks.
+    /// Header stamps are of different clocks, or of another one than log times.
     MixedClocks,
     /// A checksum of the file differs from its bytes.
     ChecksumMismatch,

@@ -93,13 +93,13 @@ impl Channels {
     pub(crate) fn declare(&mut self, record: &Record<'_>, wanted: &dyn Fn(&str) -> bool) -> Result<(), RecordingError> {
         match record {
             Record::Schema { id, name, encoding, data } => {
-                let schema = Schema {
+                // The first of two declarations counts, as in a copy of the recording.
+                self.schemas.entry(*id).or_insert_with(|| Schema {
                     name: (*name).into(),
                     encoding: (*encoding).into(),
                     data: data.to_vec(),
                     ..Schema::default()
-                };
-                self.schemas.insert(*id, schema);
+                });
                 self.check("schemas", self.schemas.len())
             }
             Record::Channel { id, schema_id, topic, encoding, .. } if !self.channels.contains_key(id) => {
@@ -146,5 +146,21 @@ impl Schema {
         let decoder = Arc::new(Decoder::new(described, limits));
         self.decoders.insert(message_encoding.to_owned(), Arc::clone(&decoder));
         decoder
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_of_two_declarations_of_a_schema_counts() {
+        let mut channels = Channels::new(&Limits::default());
+        let schema = |name| Record::Schema { id: 1, name, encoding: "", data: &[] };
+        let channel = Record::Channel { id: 1, schema_id: 1, topic: "/a", encoding: "json", metadata: BTreeMap::new() };
+        for record in [schema("first"), schema("second"), channel] {
+            channels.declare(&record, &|_| true).unwrap();
+        }
+        assert_eq!(channels.topics()[0].schema, "first");
     }
 }

@@ -147,14 +147,31 @@ fn png(pixels: &[u8], (height, width): (u32, u32), color: ExtendedColorType) -> 
 
 /// Whether the bytes are a whole JPEG of three colors in this (height, width).
 pub(crate) fn is_color_jpeg(bytes: &[u8], (height, width): (u32, u32)) -> bool {
-    let whole = bytes.windows(2).rev().any(|marker| marker == [0xff, 0xd9]);
-    if codec_of(bytes) != Some(ImageFormat::Jpeg) || !whole {
+    if codec_of(bytes) != Some(ImageFormat::Jpeg) || !is_whole_jpeg(bytes) {
         return false;
     }
     let decoder = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Jpeg).into_decoder();
     decoder.is_ok_and(|decoder| {
         decoder.dimensions() == (width, height) && decoder.original_color_type() == ExtendedColorType::Rgb8
     })
+}
+
+/// Whether a JPEG has a closing marker. One in a segment before the pixels is that of a thumbnail.
+fn is_whole_jpeg(bytes: &[u8]) -> bool {
+    const SCAN: u8 = 0xda;
+    let mut rest = bytes.get(2..).unwrap_or_default();
+    while let [0xff, marker, high, low, ..] = rest
+        && *marker != SCAN
+    {
+        let skipped = match marker {
+            // Padding, and markers without a length.
+            0xff => 1,
+            0x01 | 0xd0..=0xd9 => 2,
+            _ => 2 + usize::from(u16::from_be_bytes([*high, *low])),
+        };
+        rest = rest.get(skipped..).unwrap_or_default();
+    }
+    rest.windows(2).rev().any(|marker| marker == [0xff, 0xd9])
 }
 
 /// The compression that the first bytes show.
@@ -207,7 +224,7 @@ pub(crate) fn header_of(bytes: &[u8]) -> Result<Header, RecordingError> {
 fn decode(bytes: &[u8], codec: ImageFormat, sizes: &PictureSizes) -> Result<DynamicImage, RecordingError> {
     let fixable = |error: image::ImageError| broken(format!("{error}; record it again or as JPEG or PNG"));
     // The decoder silently fills the missing part of a truncated JPEG with gray.
-    if codec == ImageFormat::Jpeg && !bytes.windows(2).rev().any(|marker| marker == [0xff, 0xd9]) {
+    if codec == ImageFormat::Jpeg && !is_whole_jpeg(bytes) {
         return Err(broken("the JPEG ends in the middle; record it again"));
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), codec);

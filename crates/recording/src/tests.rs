@@ -13,6 +13,7 @@ mod poses;
 mod rollouts;
 pub(crate) mod scene;
 mod steps;
+mod times;
 pub(crate) mod video;
 
 use std::path::{Path, PathBuf};

@@ -4,6 +4,7 @@
 //! follows the episode and not the recording. This module does not depend on alignment.
 
 mod field;
+mod stamps;
 
 use std::collections::BTreeMap;
 use std::path::Path as FilePath;
@@ -20,6 +21,8 @@ use gleaner_core::{FindingCode, TopicReport};
 
 pub(crate) use field::FieldTrack;
 
+/// Header stamps and log times further apart than this, in nanoseconds, are two different clocks.
+pub(crate) const MAX_CLOCK_SKEW: u64 = 1_000_000_000;
 /// Most messages of one topic.
 pub const MAX_MESSAGES: usize = 10_000_000;
 
@@ -117,7 +120,10 @@ impl Pass {
                 channels.declare(&record, &|topic| wanted.contains_key(topic) || fixed.contains_key(topic))
             }
         })?;
-        wanted.values_mut().for_each(Track::explain);
+        for track in wanted.values_mut() {
+            track.explain();
+            stamps::complete(&mut track.stamps);
+        }
         Ok(Self { scanned, profile, wanted })
     }
 }

@@ -75,7 +75,12 @@ impl H265 {
             self.sequence.as_ref().map_err(Clone::clone)?;
         }
         let message = i64::try_from(message).unwrap_or(i64::MAX);
-        self.pictures.push_nal(unit, Some(message)).map_err(failed)
+        self.pictures.push_nal(unit, Some(message)).map_err(failed)?;
+        if matches!(header.nal_type, NalType::Eos | NalType::Eob) {
+            // A key frame after the end of a sequence discards the pictures before it that were not shown yet.
+            self.pictures.flush();
+        }
+        Ok(())
     }
 
     fn take(&mut self, out: &mut Vec<Decoded>) {

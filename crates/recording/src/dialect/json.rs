@@ -4,7 +4,9 @@
 
 use super::Value;
 
-/// Parses one JSON message of at most this nesting depth. Arrays of numbers become numeric arrays; null is omitted.
+/// Parses one JSON message of at most this nesting depth. Arrays of numbers become numeric arrays. A field that is null is
+/// omitted; an element that is null is not a number and keeps its place, because writers of JSON have null for such numbers
+/// and a path selects an element by its place.
 pub(crate) fn decode(bytes: &[u8], depth: usize) -> Result<Value<'static>, String> {
     if deeper(bytes, depth) {
         return Err(format!("the message nests more than {depth} levels deep; record flatter messages"));
@@ -42,10 +44,13 @@ fn convert(json: serde_json::Value) -> Option<Value<'static>> {
         Json::Bool(flag) => Value::Number(f64::from(u8::from(flag))),
         Json::Number(number) => Value::Number(number.as_f64()?),
         Json::String(text) => Value::Text(text.into()),
-        Json::Array(items) if items.iter().all(Json::is_number) => {
-            Value::Numbers(items.iter().filter_map(Json::as_f64).collect())
+        Json::Array(items) if items.iter().all(|item| item.is_number() || item.is_null()) => {
+            Value::Numbers(items.iter().map(|item| item.as_f64().unwrap_or(f64::NAN)).collect())
         }
-        Json::Array(items) => Value::List(items.into_iter().filter_map(convert).collect()),
+        Json::Array(items) => {
+            let element = |item| convert(item).unwrap_or(Value::Number(f64::NAN));
+            Value::List(items.into_iter().map(element).collect())
+        }
         Json::Object(fields) => Value::Message(
             fields.into_iter().filter_map(|(name, value)| Some((name.into(), convert(value)?))).collect(),
         ),
@@ -67,6 +72,15 @@ mod tests {
         assert_eq!(value.number("on"), Some(1.0));
         assert_eq!(value.text("by"), Some("me"));
         assert_eq!(value.field("gone"), None);
+    }
+
+    #[test]
+    fn null_keeps_its_place_in_an_array() {
+        let value = decode(br#"{"q":[1,null,3],"parts":[{"x":1},null,{"x":2}]}"#, 64).unwrap();
+        let Some(Value::Numbers(numbers)) = value.field("q") else { panic!("{value:?}") };
+        assert!(numbers.len() == 3 && numbers[1].is_nan() && numbers[2] == 3.0, "{numbers:?}");
+        let Some(Value::List(parts)) = value.field("parts") else { panic!("{value:?}") };
+        assert_eq!((parts.len(), parts[2].number("x")), (3, Some(2.0)));
     }
 
     #[test]

@@ -48,11 +48,17 @@ impl<'a> Value<'a> {
     }
 
     /// The header stamp in nanoseconds: foxglove's `timestamp` or ROS's `header.stamp`.
-    /// A stamp of zero counts as unset.
+    /// A stamp of zero counts as unset, and a `timestamp` of another form, such as a device's own counter, as a field like
+    /// any other.
     pub(crate) fn stamp(&self) -> Option<i64> {
-        let stamp = self.field("timestamp").or_else(|| self.field("header")?.field("stamp"))?;
-        let seconds = stamp.number("seconds").or_else(|| stamp.number("sec"))?;
-        let nanos = ["nanos", "nanosec", "nsec"].iter().find_map(|name| stamp.number(name))?;
+        let header = || self.field("header")?.field("stamp")?.nanoseconds();
+        self.field("timestamp").and_then(Self::nanoseconds).or_else(header)
+    }
+
+    /// The nanoseconds of a stamp.
+    fn nanoseconds(&self) -> Option<i64> {
+        let seconds = self.number("seconds").or_else(|| self.number("sec"))?;
+        let nanos = ["nanos", "nanosec", "nsec"].iter().find_map(|name| self.number(name))?;
         let whole = |number: f64| {
             #[expect(clippy::cast_possible_truncation, reason = "the range is checked first")]
             (number.abs() < 4e9 && number.fract() == 0.0).then_some(number as i64)
@@ -132,6 +138,17 @@ mod tests {
         let header = message("stamp", time("sec", "nanosec", (1.0, 7.0)));
         assert_eq!(message("header", header).stamp(), Some(1_000_000_007));
         assert_eq!(message("timestamp", time("sec", "nsec", (1.0, 7.0))).stamp(), Some(1_000_000_007));
+    }
+
+    #[test]
+    fn a_header_counts_beside_a_timestamp_that_is_no_stamp() {
+        let header = || message("stamp", time("sec", "nanosec", (1.0, 7.0)));
+        let counter = Value::Number(123_456.0);
+        let unset = time("seconds", "nanos", (0.0, 0.0));
+        for own in [counter, unset] {
+            let both = Value::Message(vec![("header".into(), header()), ("timestamp".into(), own)]);
+            assert_eq!(both.stamp(), Some(1_000_000_007));
+        }
     }
 
     #[test]

@@ -142,3 +142,22 @@ fn recorded_pictures_and_those_of_a_step_are_read() {
     assert_eq!(small[..4], [(24 + 5_u16).to_le_bytes(), (24 + 7_u16).to_le_bytes()].concat());
     assert_eq!(decode_depth(&small, PixelFormat::Depth16, &sizes).unwrap(), small);
 }
+
+#[test]
+fn a_jpeg_that_ends_early_is_broken_although_its_thumbnail_is_whole() {
+    let (sizes, jpeg) = (PictureSizes::new(16, 24), encode_jpeg(&gradient(16, 24), 16, 24, 92).unwrap());
+    // A segment of an application, as cameras have it: the closing marker of the thumbnail is in it.
+    let thumbnail = encode_jpeg(&gradient(2, 2), 2, 2, 92).unwrap();
+    let length = u16::try_from(2 + thumbnail.len()).unwrap().to_be_bytes();
+    let whole = [&jpeg[..2], &[0xff, 0xe1], &length, &thumbnail, &jpeg[2..]].concat();
+    let pixels = decode_color(&jpeg, PixelFormat::Auto, &sizes).unwrap();
+    assert_eq!(decode_color(&whole, PixelFormat::Auto, &sizes).unwrap(), pixels);
+    assert!(is_color_jpeg(&whole, (16, 24)));
+    let cut = &whole[..whole.len() - 40];
+    let error = decode_color(cut, PixelFormat::Auto, &sizes).unwrap_err();
+    assert!(error.to_string().contains("ends in the middle"), "{error}");
+    assert!(!is_color_jpeg(cut, (16, 24)));
+    // Bytes behind the closing marker, and padding before a marker, are no damage.
+    assert_eq!(decode_color(&[&jpeg[..], &[0; 16]].concat(), PixelFormat::Auto, &sizes).unwrap(), pixels);
+    assert!(is_whole_jpeg(&[&jpeg[..2], &[0xff], &jpeg[2..]].concat()));
+}

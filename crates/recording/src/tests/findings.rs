@@ -60,6 +60,21 @@ fn values_that_are_not_finite_name_value_and_step() {
 }
 
 #[test]
+fn a_null_in_json_is_a_number_that_is_not_finite_and_moves_no_other() {
+    let mut spec = numbers_only();
+    spec.mappings[0].fields[0].paths = vec!["position[1:3]".into()];
+    let scene = Scene::steps(5).change("/joints", |at, _, content| {
+        content["position"] = if at == 2 { json!([null, 5, 6, 7]) } else { json!([4, 5, 6, 7]) };
+        true
+    });
+    let values = scene.read(&spec).unwrap().episode.proprioception();
+    assert!(values.chunks(3).all(|row| row[..2] == [5.0, 6.0]), "{values:?}");
+    spec.mappings[0].fields[0].paths = vec!["position[0:2]".into()];
+    let finding = check(&scene.report(&spec), Severity::Error, FindingCode::NotFinite, "joint_position[0]");
+    assert_eq!(finding.first_step, Some(2));
+}
+
+#[test]
 fn gaps_of_the_clock_and_of_a_stream_are_findings() {
     let clock = Scene::steps(12).change("/command", |at, _, _| !(4..8).contains(&at));
     let finding = check(&clock.report(&numbers_only()), Severity::Warning, FindingCode::Gap, "clock");

@@ -99,3 +99,15 @@ fn a_message_of_several_pictures_has_the_last() {
         assert_eq!(shown, (0..fixture.data.len()).filter(|at| *at != 2).collect::<Vec<_>>(), "{name}");
     }
 }
+
+/// An encoder that begins again ends its sequence first.
+#[test]
+fn pictures_before_the_end_of_a_sequence_are_shown() {
+    const END_OF_SEQUENCE: [u8; 6] = [0, 0, 0, 1, 36 << 1, 1];
+    let fixture = Fixture::read("h265_709_full");
+    let mut messages: Vec<(usize, Vec<u8>)> = fixture.data.iter().cloned().enumerate().collect();
+    messages[GROUP - 1].1.extend(END_OF_SEQUENCE);
+    let pictures = fixture.decode_these(messages);
+    let shown = assert_true(&fixture, &pictures, "with an end");
+    assert_eq!(shown, (0..fixture.data.len()).collect::<Vec<_>>());
+}
