@@ -1,6 +1,7 @@
 //! `runs`, `scores`: quality, seen.
 
 use clap::Args;
+use gleaner_core::selection::Filter;
 use gleaner_proto::v1::{EpisodeScores, GetEpisodeScoresRequest, ListScoreRunsRequest, ScoreRun};
 
 use super::selection::beta_of;
@@ -100,7 +101,7 @@ pub(super) fn shown(what: &str, scores: &EpisodeScores, beta: f64, listed: bool)
 /// The curve of q over the steps of what was scored, and the facts of it.
 fn drawing(what: &str, scores: &EpisodeScores, beta: f64, width: usize) -> String {
     let q = &scores.q;
-    let kept = q.iter().filter(|&&q| f64::from(q) > beta).count();
+    let kept = q.iter().filter(|&&q| Filter::Above(beta).keeps(0.0, q)).count();
     let (mut low, mut high, mut sum) = (f32::INFINITY, f32::NEG_INFINITY, 0.0_f64);
     for &value in q {
         low = low.min(value);

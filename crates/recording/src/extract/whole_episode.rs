@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use gleaner_core::selection::Filter;
+
 use super::{Kept, StepScore};
 
 /// An episode in a score run.
@@ -29,8 +31,9 @@ impl WholeEpisode<'_> {
     /// What to write beside its messages. `matched` returns the nearest expert of a step and the step there.
     pub fn kept(&self, matched: impl Fn(usize) -> Option<(String, u32)>) -> Kept {
         let Self { id, file_name, outcome, cohort, run, beta, q, w } = *self;
+        let filter = Filter::Above(beta);
         let score =
-            |(at, (&q, &w)): (usize, (&f32, &f64))| StepScore { q, w, kept: f64::from(q) > beta, matched: matched(at) };
+            |(at, (&q, &w)): (usize, (&f32, &f64))| StepScore { q, w, kept: filter.keeps(w, q), matched: matched(at) };
         let about = [
             ("episode", id),
             ("episode_source", file_name),
@@ -51,24 +54,25 @@ mod tests {
 
     #[test]
     fn every_step_has_its_score_and_its_match() {
-        let (q, w) = ([0.25, 0.95], [-2.0, -1.0]);
+        // As selections do, with the rounding of β: a q that equals it is not kept.
+        let (q, w) = ([0.8, 0.95], [-2.0, -1.0]);
         let episode = WholeEpisode {
             id: "ep_1",
             file_name: "a.mcap",
             outcome: "failure",
             cohort: "",
             run: "run_1",
-            beta: 0.9,
+            beta: 0.8,
             q: &q,
             w: &w,
         };
         let kept = episode.kept(|at| (at == 1).then(|| ("ep_2".to_owned(), 9)));
         let expected = [
-            StepScore { q: 0.25, w: -2.0, kept: false, matched: None },
+            StepScore { q: 0.8, w: -2.0, kept: false, matched: None },
             StepScore { q: 0.95, w: -1.0, kept: true, matched: Some(("ep_2".into(), 9)) },
         ];
         assert_eq!((kept.first_step, kept.scores), (0, expected.to_vec()));
-        assert_eq!((kept.about["beta"].as_str(), kept.about["run"].as_str()), ("0.9", "run_1"));
+        assert_eq!((kept.about["beta"].as_str(), kept.about["run"].as_str()), ("0.8", "run_1"));
     }
 
     #[test]
