@@ -2,7 +2,7 @@
 
 use tch::{Device, Tensor};
 
-use super::{Segment, Windows, int};
+use super::{Segment, Windows, allowed, int};
 use crate::device::send;
 use crate::error::LearnError;
 use crate::shape::TaskShape;
@@ -10,7 +10,7 @@ use crate::trajectory::Trajectory;
 
 /// The chunks a_t … a_{t+k−1} of W segments that end at their t.
 pub(crate) struct Chunks {
-    /// `[W, k, A]` in physical units; 0 where the action does not count.
+    /// `[W, k, A]` in physical units, as the robot executes them; 0 where the action does not count.
     pub(crate) action: Tensor,
     /// `[W, k]` of `bool`: whether the action counts. The first one always counts.
     pub(crate) counted: Tensor,
@@ -32,7 +32,9 @@ impl Chunks {
         let (mut action, mut counted) = (Vec::new(), Vec::new());
         for (segment, count) in segments {
             let (end, count) = (action.len() + length * shape.action, length.min(*count));
-            action.extend(data[segment.trajectory].numbers(segment.step..segment.step + count)?.action);
+            let mut wanted = data[segment.trajectory].numbers(segment.step..segment.step + count)?.action;
+            allowed(shape, &mut wanted);
+            action.extend(wanted);
             action.resize(end, 0.0);
             counted.extend((0..length).map(|ahead| ahead < count));
         }
@@ -46,8 +48,10 @@ impl Chunks {
 
 #[cfg(test)]
 mod tests {
+    use gleaner_core::action::ActionRange;
+
     use super::*;
-    use crate::batch::values;
+    use crate::batch::{Batch, values};
     use crate::toy;
 
     #[test]
@@ -61,5 +65,20 @@ mod tests {
         assert_eq!(values(&chunks.action.get(1)), [&data.actions().unwrap()[10..], &[0.0; 4]].concat());
         let counted = Vec::<Vec<bool>>::try_from(&chunks.counted).unwrap();
         assert_eq!(counted, [[true, true, true], [true, false, false]]);
+    }
+
+    #[test]
+    fn actions_beyond_their_ranges_are_those_that_a_robot_executes() {
+        let ranges = [ActionRange::Binary(-1.0, 1.0), ActionRange::Within(-0.01, 0.01)];
+        let shape = TaskShape { ranges: ranges.into_iter().collect(), ..toy::shape() };
+        let data = toy::episode("e", 1, 4, true);
+        let mut executed = data.actions().unwrap();
+        executed.chunks_exact_mut(2).for_each(|action| shape.ranges.apply(action));
+        assert_ne!(executed, data.actions().unwrap());
+        let end = Segment { trajectory: 0, step: 3, weight: 1.0 };
+        let begin = Segment { step: 0, ..end };
+        let chunks = Chunks::collect(&shape, &[&data], &[(begin, 4)], 4, Device::Cpu).unwrap();
+        let batch = Batch::collect(&shape, &[&data], &[end], 4, Device::Cpu).unwrap();
+        assert_eq!((values(&chunks.action), values(&batch.action)), (executed.clone(), executed));
     }
 }

@@ -28,7 +28,7 @@ pub(crate) struct Batch {
     pub(crate) proprioception: Tensor,
     /// The same as the model sees it: with noise, if there is any.
     pub(crate) seen_proprioception: Tensor,
-    /// `[N, A]` in physical units.
+    /// `[N, A]` in physical units, as the robot executes them.
     pub(crate) action: Tensor,
     /// The step of each place of each window.
     pub(crate) windows: Windows,
@@ -80,6 +80,7 @@ impl Batch {
             action.extend(numbers.action);
             rest = next;
         }
+        allowed(shape, &mut action);
         let frames: Vec<&[u8]> = frames.chunks_exact(size).collect();
         let weight: Vec<f32> = segments.iter().map(|segment| segment.weight).collect();
         let proprioception = rows(&proprioception, shape.proprioception, device);
@@ -92,6 +93,13 @@ impl Batch {
             weight: send(&Tensor::from_slice(&weight), device),
             whole,
         })
+    }
+}
+
+/// Replaces recorded actions by those that the task allows: a session remembers these as executed, and serves no others.
+fn allowed(shape: &TaskShape, actions: &mut [f32]) {
+    for action in actions.chunks_exact_mut(shape.action) {
+        shape.ranges.apply(action);
     }
 }
 

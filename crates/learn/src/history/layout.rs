@@ -26,7 +26,7 @@ pub(crate) struct Stacked {
     pub(crate) embedded: Tensor,
     /// `[N, M]` in physical units.
     pub(crate) proprioception: Tensor,
-    /// `[N, A]` in physical units; zeros where unknown.
+    /// `[N, A]` in physical units, within the ranges of the task, as recorded ones are learned; zeros where unknown.
     pub(crate) action: Tensor,
     pub(crate) windows: Windows,
     /// Per window, the seed and the number of its draw.
@@ -110,7 +110,9 @@ impl Layout<'_> {
                 o.extend_from_slice(&step.embedding.0);
                 m.extend_from_slice(&step.proprioception);
                 let end = a.len() + shape.action;
+                let begin = a.len();
                 a.extend_from_slice(step.executed.as_deref().unwrap_or_default());
+                shape.ranges.apply(&mut a[begin..]);
                 a.resize(end, 0.0);
                 valid.push(true);
             }
@@ -130,4 +132,26 @@ fn expect_length(field: &str, found: usize, expected: usize) -> Result<(), Learn
         return Ok(());
     }
     Err(LearnError::invalid(field, format!("has length {found}, the model's shape asks for {expected}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use gleaner_core::action::ActionRange;
+
+    use super::*;
+    use crate::toy;
+
+    #[test]
+    fn executed_actions_are_read_within_their_ranges_and_unknown_ones_are_zeros() {
+        let ranges = [ActionRange::Binary(-1.0, 1.0), ActionRange::Within(-0.01, 0.01)];
+        let shape = TaskShape { ranges: ranges.into_iter().collect(), ..toy::shape() };
+        let layout = Layout { shape: &shape, window: 3, width: 1, device: Device::Cpu };
+        let mut history = History::new(2);
+        for executed in [Some(vec![0.37, 5.0]), None] {
+            history.push(Embedding(vec![0.5]), vec![0.0; 3]).unwrap();
+            executed.map_or(Ok(()), |action| history.set_executed(action)).unwrap();
+        }
+        layout.check(&[&history]).unwrap();
+        assert_eq!(values(&layout.stack(&[&history]).action), [0.0, 0.0, 1.0, 0.01, 0.0, 0.0]);
+    }
 }
