@@ -121,8 +121,8 @@ impl Windows {
 impl Neighbours {
     /// The search over `groups`, which have the same shape, under `metric`. Points are numbered through all groups,
     /// from 0.
-    pub fn new(groups: &[Points], metric: Metric) -> Self {
-        let (points, bounds) = Points::joined(groups.iter());
+    pub fn new(groups: &[&Points], metric: Metric) -> Self {
+        let (points, bounds) = Points::joined(groups.iter().copied());
         let windows = Windows::new(&points);
         let parts = [0, 1, 2].map(|part| Part::new((&points, &windows), part, &metric));
         Self { parts, windows, bounds, kind: metric.kind }
@@ -170,12 +170,12 @@ mod tests {
     #[test]
     fn neighbours_are_the_nearest_points_of_other_groups() {
         let metric = Metric { kind: Distance::Euclidean, scale: [1.0; PARTS] };
-        let neighbours = Neighbours::new(&[line(&[0.0, 10.0]), line(&[1.0, 2.0, 11.0]), line(&[9.0])], metric);
+        let neighbours = Neighbours::new(&[&line(&[0.0, 10.0]), &line(&[1.0, 2.0, 11.0]), &line(&[9.0])], metric);
         let mut nearest = neighbours.nearest(0, 2);
         nearest.iter_mut().for_each(|near| near.sort_unstable());
         assert_eq!(nearest, [[2, 3], [4, 5]]);
         assert_eq!(neighbours.nearest(2, 9)[0].len(), 5, "all there are");
-        assert_eq!(Neighbours::new(&[line(&[0.0, 1.0])], metric).nearest(0, 3), [[0usize; 0]; 2]);
+        assert_eq!(Neighbours::new(&[&line(&[0.0, 1.0])], metric).nearest(0, 3), [[0usize; 0]; 2]);
     }
 
     /// Fewer rows than a window has.
@@ -189,8 +189,9 @@ mod tests {
         let (windows, points) = crate::testing::windows(&[30, 3, 41, 9], [5, 2, 3], 4);
         for kind in [Distance::Euclidean, Distance::Angular] {
             let metric = Metric { kind, scale: [1.0, 0.5, 2.0] };
-            let [found, expected] = [&windows, &points].map(|groups| Neighbours::new(groups, metric));
-            let nothing = Neighbours::new(&[Points::empty(windows[0].shape()), points_of_no_window()], metric);
+            let [found, expected] =
+                [&windows, &points].map(|groups| Neighbours::new(&groups.iter().collect::<Vec<_>>(), metric));
+            let nothing = Neighbours::new(&[&Points::empty(windows[0].shape()), &points_of_no_window()], metric);
             assert_eq!((nothing.nearest(0, 5), nothing.nearest(1, 5)), (Vec::new(), Vec::new()));
             for group in 0..windows.len() {
                 let [mut found, mut expected] = [&found, &expected].map(|all| all.nearest(group, 5));

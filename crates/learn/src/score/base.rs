@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
+use gleaner_core::snapshot::Role;
 use gleaner_search::Match;
 
 use super::{EpisodeScores, ScoreBase};
@@ -55,6 +56,11 @@ impl<'a> Known<'a> {
             Some(Match { group: number, row, distance: -scores.w[step], parts })
         };
         Some((0..scores.w.len()).map(known).collect())
+    }
+
+    /// As [`Self::matches`]; `None` also for an episode that was not an expert.
+    pub(super) fn matches_of_expert(&self, id: &str) -> Option<Vec<Option<Match>>> {
+        self.scores.get(id).filter(|scores| scores.role == Role::Expert).and_then(|_| self.matches(id))
     }
 
     /// Fails unless the earlier scores of `episode`, if any, fit it.

@@ -7,6 +7,7 @@ use std::fmt;
 use gleaner_search::{Index, Match, Metric};
 use tch::no_grad_guard;
 
+use super::alike::Copies;
 use super::comparison::Comparison;
 use super::features::{Features, embed_frames, embedding_width, episode_features, newest_features};
 use super::local::Spread;
@@ -41,7 +42,9 @@ pub struct SegmentScore {
 pub struct LiveScorer {
     opened: Opened,
     comparison: Comparison,
+    /// Of each recording once.
     index: Index,
+    copies: Copies,
     /// For every number in matches, the expert's index in the given order.
     places: Vec<u32>,
     /// Per number, the expert.
@@ -95,8 +98,8 @@ impl LiveScorer {
                 features.push(sound(episode_features(opened.encoder(), expert, &comparison)?, &expert.id)?);
             }
             let metric = metric(comparison.similarity, comparison.scale);
-            let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
-            let index = Index::new(&numbered, metric)?;
+            let copies = Copies::among(&features);
+            let index = Index::new(&copies.distinct(&features), metric)?;
             let known = |(_, expert): &(u32, &Trajectory)| {
                 Ok::<_, LearnError>(Expert { id: expert.id.clone(), content: expert.content()? })
             };
@@ -104,17 +107,17 @@ impl LiveScorer {
             let places: Vec<u32> = sorted.into_iter().map(|(place, _)| place).collect();
             let (mut local, mut alone) = (None, Vec::new());
             if comparison.scaled_by_experts()
-                && let Some(matches) = against_others(&features, &index)?
+                && let Some(matches) = against_others(&features, &copies, &index)?
             {
                 if comparison.local_scale {
-                    local = Some(placed(&places, local_scale(&features, metric, &matches)));
+                    local = Some(placed(&places, local_scale((&features, &copies), metric, &matches)));
                 }
                 let of =
                     |(expert, matches): (&Expert, Vec<Match>)| described((&expert.id, Role::Expert), &places, &matches);
                 alone = placed(&places, known.iter().zip(matches).map(of).collect());
             }
             let measure = Measure::new(local, (experts, comparison.lookahead), &alone);
-            Ok(Self { opened, comparison, index, places, experts: known, measure, normaliser })
+            Ok(Self { opened, comparison, index, copies, places, experts: known, measure, normaliser })
         })
     }
 
@@ -164,7 +167,7 @@ impl LiveScorer {
     }
 
     /// The scores of every segment of an unstored episode: bit for bit those of the run. An episode with the steps of an
-    /// expert gets that expert's id and role, and is compared with the other experts, as the run compared it.
+    /// expert gets that expert's id and role, and is compared with the other recordings, as the run compared it.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if the episode does not fit the shape, or has the steps of the only expert.
@@ -175,7 +178,7 @@ impl LiveScorer {
             let content = episode.content()?;
             let own = (0..).zip(&self.experts).find(|(_, expert)| expert.content == content);
             let features = sound(episode_features(self.opened.encoder(), episode, &self.comparison)?, &episode.id)?;
-            let matches = self.matches(&features, own.map(|(number, _)| number))?;
+            let matches = self.matches(&features, own.map(|(number, _)| self.copies.first(number)))?;
             let (id, role) = own.map_or((&episode.id, Role::Imperfect), |(_, expert)| (&expert.id, Role::Expert));
             let mut scores = described((id, role), &self.places, &matches);
             scores.q = self.measure.of(&scores).into_iter().map(|value| self.normaliser.q(value)).collect();
@@ -214,13 +217,13 @@ impl LiveScorer {
     }
 }
 
-/// The matches of every expert among the others; `None` with a single expert.
-fn against_others(experts: &[Features], index: &Index) -> Result<Option<Vec<Vec<Match>>>, LearnError> {
-    (0..).zip(experts).map(|(number, features)| Ok(index.nearest(features, Some(number))?)).collect()
+/// The matches of every expert among the other recordings; `None` with a single one.
+fn against_others(experts: &[Features], copies: &Copies, index: &Index) -> Result<Option<Vec<Vec<Match>>>, LearnError> {
+    (0..).zip(experts).map(|(number, features)| Ok(index.nearest(features, Some(copies.first(number)))?)).collect()
 }
 
 /// The local scale around each segment of the experts, by the matches of each among the others.
-fn local_scale(experts: &[Features], metric: Metric, matches: &[Vec<Match>]) -> Vec<Vec<f64>> {
+fn local_scale(experts: (&[Features], &Copies), metric: Metric, matches: &[Vec<Match>]) -> Vec<Vec<f64>> {
     let alone: Vec<Vec<f64>> = matches.iter().map(|matches| matches.iter().map(w_of).collect()).collect();
     let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
     let spread = Spread::new(experts, metric, &alone);

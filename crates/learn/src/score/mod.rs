@@ -3,11 +3,13 @@
 //! w(τ_imp) = max over τ_exp ∈ D_e of sim(τ_imp, τ_exp), q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1]. The paper leaves norm
 //! open; [`local`] defines the scale of similarities, and [`measure`] the value that norm is applied to.
 
+mod alike;
 mod base;
 mod comparison;
 mod feature_key;
 mod features;
 mod form;
+mod indexes;
 mod live;
 mod local;
 mod matched;
@@ -42,7 +44,7 @@ use features::Encoder;
 use gleaner_core::{NormaliserKind, ScoreSpec};
 use measure::Measure;
 use opened::Opened;
-use run::{Found, Run};
+use run::{Found, Run, unscaled};
 use scorer::Scorer;
 
 /// The scores of one episode's segments, by the episode's name; entry t is the segment that ends at step t. w is the
@@ -55,8 +57,8 @@ pub type EpisodeScores = gleaner_core::score::EpisodeScores<String>;
 pub struct Scores {
     /// The imperfect episodes, in the given order.
     pub imperfect: Vec<EpisodeScores>,
-    /// The experts, each scored without itself where the scorer uses experts, as a reference for good data. A single expert
-    /// has no other to be compared with; the list is then empty.
+    /// The experts, each scored without itself and its copies where the scorer uses experts, as a reference for good data.
+    /// A single recording has no other to be compared with; where the scorer compares segments, the list is then empty.
     pub experts: Vec<EpisodeScores>,
     /// The conversion from w to q.
     pub normaliser: Normaliser,
@@ -90,7 +92,8 @@ pub struct ScoreInputs<'a> {
 /// encoder.
 ///
 /// The nearest expert segment is exact; ties go to the expert whose id sorts first, then to the first step, so the
-/// order of the episodes does not matter. An episode never matches itself: an expert of the same id is left out.
+/// order of the episodes does not matter. An episode never matches itself: an expert of the same id is left out, and so
+/// are experts with its features, which are copies of it under other ids.
 /// Progress counts segments; there are no checkpoints. Metric: `segments_per_second`.
 ///
 /// # Errors
@@ -145,8 +148,7 @@ pub fn score_with(
         (None, Some(_)) => return Err(of_all("score without extends")),
         (None, None) if peers.several() => return Err(of_all("score it in one process")),
         (Some(comparison), Some(base)) if comparison.scaled_by_experts() && base.experts.len() == 1 => {
-            let message = "is one alone, so its run had no scale among experts that its normaliser was fitted to; score without extends";
-            return Err(LearnError::invalid("base.experts", message));
+            return Err(unscaled("is one alone"));
         }
         (Some(_) | None, Some(_) | None) => {}
     }
@@ -187,7 +189,7 @@ impl Call<'_> {
             let measure = Measure::new(local, (self.inputs.experts, lookahead), &experts);
             let normaliser = match base {
                 Some(base) => base.normaliser.clone(),
-                None => self.normaliser(&imperfect, &experts, &measure),
+                None => self.normaliser(&imperfect, &experts, &measure)?,
             };
             for episode in imperfect.iter_mut().chain(&mut experts) {
                 episode.q = measure.of(episode).into_iter().map(|value| normaliser.q(value)).collect();
@@ -208,21 +210,27 @@ impl Call<'_> {
         }
         let compared = self.scorer.comparison().is_some() && base.is_none();
         if compared && self.spec.normaliser == NormaliserKind::Calibrated && self.inputs.experts.len() < 2 {
-            let message = "has one episode, but calibrated compares experts with each other; add another expert, or use the \
-                           normaliser quantile";
-            return Err(LearnError::invalid("experts", message));
+            return Err(uncalibrated("has one episode"));
         }
         Ok(())
     }
 
     /// The normaliser of a run from the start.
-    fn normaliser(&self, imperfect: &[EpisodeScores], experts: &[EpisodeScores], measure: &Measure) -> Normaliser {
+    fn normaliser(
+        &self,
+        imperfect: &[EpisodeScores],
+        experts: &[EpisodeScores],
+        measure: &Measure,
+    ) -> Result<Normaliser, LearnError> {
         let kind = self.spec.normaliser;
+        if kind == NormaliserKind::Calibrated && experts.is_empty() {
+            return Err(uncalibrated("are copies of one recording"));
+        }
         let scale = match kind {
             NormaliserKind::MinMax | NormaliserKind::Quantile => imperfect,
             NormaliserKind::Calibrated => experts,
         };
-        Normaliser::fit(kind, scale.iter().flat_map(|episode| measure.of(episode)).collect())
+        Ok(Normaliser::fit(kind, scale.iter().flat_map(|episode| measure.of(episode)).collect()))
     }
 
     /// The scores by nearest expert segments, without q, in the given orders; `None` at a rank that does not lead.
@@ -254,6 +262,12 @@ impl Call<'_> {
             Found { imperfect, experts: placed(places, experts), local }
         }))
     }
+}
+
+/// The error for experts that cannot be compared with each other.
+fn uncalibrated(experts: &str) -> LearnError {
+    let cause = "but calibrated compares experts with each other; add another expert, or use the normaliser quantile";
+    LearnError::invalid("experts", format!("{experts}, {cause}"))
 }
 
 /// Number of segments of `episodes`.

@@ -1,14 +1,18 @@
 //! A score run by nearest expert segments, from the start or as an extension of an earlier run.
 
+use std::collections::HashSet;
+
 use gleaner_core::snapshot::Role;
-use gleaner_search::{Index, Match, Metric};
+use gleaner_search::{Match, Metric};
 
 use super::EpisodeScores;
+use super::alike::Copies;
 use super::base::Known;
 use super::comparison::Comparison;
 use super::features::kept::{self, Kept};
 use super::features::{Encoder, FeatureStore, Features, Rough, episode_features, features_from, shape as shape_of};
 use super::form::{MATCHES, Matches, NUMBERS};
+use super::indexes::Indexes;
 use super::local::Spread;
 use super::matched::{described, sound};
 use super::reader::{Begun, Reader, Source};
@@ -41,13 +45,6 @@ pub(super) struct Found {
     pub(super) local: Option<Vec<Vec<f64>>>,
 }
 
-/// The indexes that queries are compared with.
-struct Indexes {
-    all: Index,
-    /// The experts that the earlier run lacks; `None` if it lacks none.
-    new: Option<Index>,
-}
-
 impl Run<'_> {
     /// The scores of the imperfect episodes and of the experts, each in the order of `imperfect`
     /// and of the numbers, without q; `None` at a rank that does not lead.
@@ -70,12 +67,8 @@ impl Run<'_> {
         }
         let features = self.features(shards)?;
         let metric = metric(self.comparison.similarity, self.comparison.scale);
-        let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
-        let new: Vec<(u32, &Features)> = numbered.iter().filter(|(number, _)| !had.contains(number)).copied().collect();
-        let indexes = Indexes {
-            all: Index::new(&numbered, metric)?,
-            new: (!had.is_empty() && news).then(|| Index::new(&new, metric)).transpose()?,
-        };
+        let indexes = Indexes::new(&features, &had, metric)?;
+        self.expect_others(&had, &indexes)?;
         let sizes: Vec<usize> = imperfect.iter().map(Trajectory::steps).collect();
         let own = shards.own(&sizes).into_iter().map(|at| &imperfect[at]);
         let own: Vec<&Trajectory> = own.filter(|episode| self.is_read(episode, &indexes)).collect();
@@ -86,14 +79,32 @@ impl Run<'_> {
         })?;
         let alone = shards.all(&self.sizes(), &MATCHES, |shards, at| {
             let (expert, features) = (self.experts[at], &features[at]);
-            let matches = self.nearest(&expert.id, features, &indexes, self.known.matches(&expert.id))?;
+            let known = self.known.matches(&expert.id);
+            let matches = indexes.nearest(features, self.number(&expert.id), known)?;
             shards.advance(features.count())?;
             Ok(matches)
         })?;
         let experts = self.describe_all(self.experts.iter().copied(), Role::Expert, alone);
-        let local = if plain { None } else { self.local(&features, metric, &experts, shards)? };
+        let local = if plain { None } else { self.local((&features, &indexes.copies), metric, &experts, shards)? };
         let scored = scored.map(|scored| self.describe_all(imperfect, Role::Imperfect, scored));
         Ok(scored.map(|imperfect| Found { imperfect, experts, local }))
+    }
+
+    /// Fails if the earlier run, which `had` these experts, compared copies of one recording with each other, or could not
+    /// compare its experts because all were copies: its normaliser does not fit the scores of this one.
+    fn expect_others(&self, had: &HashSet<u32>, indexes: &Indexes) -> Result<(), LearnError> {
+        let recordings: HashSet<u32> = had.iter().map(|number| indexes.copies.first(*number)).collect();
+        if self.comparison.scaled_by_experts() && recordings.len() == 1 {
+            return Err(unscaled("are copies of one recording"));
+        }
+        let matches_itself = |(number, expert): (u32, &&Trajectory)| {
+            self.known.matches_of_expert(&expert.id).is_some_and(|known| indexes.are_within(number, &known))
+        };
+        if (0..).zip(self.experts).any(matches_itself) {
+            let message = "match an expert with a copy of itself; score without extends";
+            return Err(LearnError::invalid("base.scores", message));
+        }
+        Ok(())
     }
 
     /// The number of segments of every expert.
@@ -127,10 +138,10 @@ impl Run<'_> {
         indexes.new.is_some() || self.known.matches(&episode.id).is_none()
     }
 
-    /// The local scale around each segment of the experts; `None` with a single expert.
+    /// The local scale around each segment of the experts; `None` with a single one, or copies of a single one.
     fn local(
         &self,
-        features: &[Features],
+        (features, copies): (&[Features], &Copies),
         metric: Metric,
         experts: &[EpisodeScores],
         shards: &mut Shards<'_>,
@@ -139,7 +150,7 @@ impl Run<'_> {
             return Ok(None);
         }
         let alone: Vec<&[f64]> = experts.iter().map(|expert| expert.w.as_slice()).collect();
-        let spread = Spread::new(features, metric, &alone);
+        let spread = Spread::new((features, copies), metric, &alone);
         shards.at_lead(&self.sizes(), &NUMBERS, |shards, at| {
             let means = spread.around(at);
             shards.advance(0)?;
@@ -175,8 +186,8 @@ impl Run<'_> {
         let features = match reader.begin(episode)? {
             Begun::Kept(Kept::Exact(features)) => features,
             Begun::Kept(Kept::Rough(rough)) => {
-                if let (Some(known), Some(new)) = (&known, &indexes.new)
-                    && self.stay(episode, new, &rough, known)?
+                if let Some(known) = &known
+                    && self.stay(episode, indexes, &rough, known)?
                 {
                     shards.advance(known.len())?;
                     return Ok(unchanged(known));
@@ -190,7 +201,7 @@ impl Run<'_> {
             }
         };
         shards.advance(features.count())?;
-        self.nearest(&episode.id, &features, indexes, known)?.ok_or_else(|| {
+        indexes.nearest(&features, self.number(&episode.id), known)?.ok_or_else(|| {
             LearnError::invalid(
                 format!("episode {}", episode.id),
                 "is also the only expert, and an episode never matches itself; leave it out or add experts",
@@ -198,36 +209,18 @@ impl Run<'_> {
         })
     }
 
-    /// The nearest expert segments of episode `id`, without an expert of the same id; `None` if no expert is left.
-    fn nearest(
-        &self,
-        id: &str,
-        queries: &Features,
-        indexes: &Indexes,
-        known: Option<Vec<Option<Match>>>,
-    ) -> Result<Matches, LearnError> {
-        let own = self.number(id);
-        Ok(match (known, &indexes.new) {
-            (None, _) => indexes.all.nearest(queries, own)?,
-            (Some(mut known), new) => {
-                if let Some(new) = new {
-                    new.improve(queries, own, &mut known)?;
-                }
-                known.into_iter().collect()
-            }
-        })
-    }
-
     /// Whether all segments of an episode keep their known matches, by its rounded features.
     fn stay(
         &self,
         episode: &Trajectory,
-        new: &Index,
+        indexes: &Indexes,
         rough: &Rough,
         known: &[Option<Match>],
     ) -> Result<bool, LearnError> {
+        let Some(new) = &indexes.new else { return Ok(false) };
         let metric = metric(self.comparison.similarity, self.comparison.scale);
-        let nearest = new.nearest(rough.points(), self.number(&episode.id))?;
+        let own = self.number(&episode.id).map(|number| indexes.copies.first(number));
+        let nearest = new.nearest(rough.points(), own)?;
         Ok(nearest.is_none_or(|nearest| rough.stay(known, &nearest, &metric)))
     }
 
@@ -291,4 +284,10 @@ impl Run<'_> {
     fn describe(&self, episode: &Trajectory, role: Role, matches: &[Match]) -> EpisodeScores {
         described((&episode.id, role), self.places, matches)
     }
+}
+
+/// The error for an earlier run whose experts could not be compared with each other.
+pub(super) fn unscaled(experts: &str) -> LearnError {
+    let consequence = "so its run had no scale among experts that its normaliser was fitted to; score without extends";
+    LearnError::invalid("base.experts", format!("{experts}, {consequence}"))
 }

@@ -231,6 +231,8 @@ impl FeatureStore for Shared {
     }
 }
 
+/// Tests of runs with several experts of one recording.
+mod copies;
 /// Tests of runs that extend an earlier one.
 mod extend;
 /// Tests of runs that several ranks share.

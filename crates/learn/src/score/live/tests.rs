@@ -5,7 +5,7 @@ use super::*;
 use crate::score::tests::{score_anew, spec_of, without_lookahead};
 use crate::toy;
 use crate::train::Silent;
-use gleaner_core::{NormaliserKind, ScoreSpec, kinds::Family};
+use gleaner_core::{NormaliserKind, ScoreSpec, action::ActionRange, kinds::Family};
 
 fn specs() -> Vec<ScoreSpec> {
     let plain = spec_of("ssdf", &[("feature_scale", "plain".into()), ("local_scale", false.into())]);
@@ -72,6 +72,28 @@ fn a_session_scores_step_by_step_as_the_episode_does() {
             let (w, q) = (run.imperfect[0].w[step], run.imperfect[0].q[step]);
             assert!((now[0].w - w).abs() < 1e-3 * w.abs().max(1.0), "{spec:?} {step}: {} {w}", now[0].w);
             assert!((now[0].q - q).abs() < 5e-3, "{spec:?} {step}: {} {q}", now[0].q);
+        }
+    }
+}
+
+#[test]
+fn executed_actions_beyond_their_ranges_are_scored_as_recorded_ones() {
+    let (experts, failure) = episodes();
+    for scorer in ["raw", "ssdf"] {
+        let spec = without_lookahead(spec_of(scorer, &[]));
+        let run = score_anew(&experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
+        let mut live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser).unwrap();
+        let ranges = [ActionRange::Within(-0.01, 0.01), ActionRange::Binary(-0.3, 0.3)];
+        live.opened.network.shape.ranges = ranges.into_iter().collect();
+        let recorded = live.score_episode(&failure).unwrap().w;
+        assert_ne!(recorded, run.imperfect[0].w, "{scorer}: the ranges have an effect");
+        let (mut history, arrays) = (History::new(live.segment_length()), failure.arrays());
+        for (step, frame) in arrays.frames.chunks(toy::shape().frame_bytes()).enumerate() {
+            let embedding = live.embed(&[frame]).unwrap().remove(0);
+            history.push(embedding, arrays.proprioception[step * 3..][..3].to_vec()).unwrap();
+            history.set_executed(arrays.action[step * 2..][..2].to_vec()).unwrap();
+            let (now, w) = (live.score(&[&history]).unwrap()[0].w, recorded[step]);
+            assert!((now - w).abs() < 1e-3 * w.abs().max(1.0), "{scorer} {step}: {now} {w}");
         }
     }
 }

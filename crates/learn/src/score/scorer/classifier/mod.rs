@@ -2,11 +2,12 @@
 //!
 //! w(τ) = log p(τ is an expert's), from the last step's observation and action alone. Episodes are split into two folds
 //! and each fold is scored by a network trained on the other, so no episode is scored by a network that was trained on
-//! it.
+//! it, or on a copy of it under another id.
 
 mod mlp;
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 use gleaner_core::Group as _;
 use gleaner_core::kinds::Needs;
@@ -51,9 +52,9 @@ pub(super) fn scores(
 ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
     let steps = count(experts.iter().chain(imperfect));
     let mut progress = Progress::of_segments(monitor, steps + 2 * STEPS * u64::from(BATCH));
-    let folds = folds(experts, imperfect)?;
-    let mut gather = |episodes| gather(network, episodes, &folds, &mut progress);
-    let (experts, imperfect) = (gather(experts)?, gather(imperfect)?);
+    let [of_experts, of_imperfect] = folds(experts, imperfect)?;
+    let mut gather = |episodes, folds: &[usize]| gather(network, episodes, folds, &mut progress);
+    let (experts, imperfect) = (gather(experts, &of_experts)?, gather(imperfect, &of_imperfect)?);
     let mut trained = Vec::with_capacity(2);
     for fold in 0..2 {
         let others = [class(&experts, 1 - fold), class(&imperfect, 1 - fold)];
@@ -65,45 +66,48 @@ pub(super) fn scores(
     Ok((describe(&imperfect, Role::Imperfect)?, describe(&experts, Role::Expert)?))
 }
 
-/// The fold of every episode: alternating in the order of ids, separately for experts and imperfect episodes; an
-/// episode that is both is in one fold only.
-fn folds<'a>(experts: &'a [Trajectory], imperfect: &'a [Trajectory]) -> Result<HashMap<&'a str, usize>, LearnError> {
-    let mut folds = HashMap::new();
-    for (field, episodes) in [("experts", experts), ("imperfect", imperfect)] {
-        let mut ids: Vec<&str> = episodes.iter().map(|episode| episode.id.as_str()).collect();
-        ids.sort_unstable();
-        let mut next = 0;
-        for id in &ids {
-            folds.entry(*id).or_insert_with(|| {
-                next += 1;
-                (next - 1) % 2
-            });
+/// The fold of every expert and of every imperfect episode: alternating in the order of ids, separately for both. Episodes
+/// with equal steps are in one fold, whatever their ids and roles.
+fn folds(experts: &[Trajectory], imperfect: &[Trajectory]) -> Result<[Vec<usize>; 2], LearnError> {
+    let mut of_recordings = HashMap::new();
+    let mut of = |field: &str, episodes: &[Trajectory]| {
+        let mut order: Vec<usize> = (0..episodes.len()).collect();
+        order.sort_unstable_by_key(|place| &episodes[*place].id);
+        let (mut folds, mut next) = (vec![0; episodes.len()], 0);
+        for place in order {
+            folds[place] = match of_recordings.entry(episodes[place].content()?) {
+                Entry::Occupied(known) => *known.get(),
+                Entry::Vacant(unknown) => {
+                    next += 1;
+                    *unknown.insert((next - 1) % 2)
+                }
+            };
         }
-        if (0..2).any(|fold| ids.iter().all(|id| folds[id] != fold)) {
-            let message = "has too few episodes for the classifier, which is trained on one half to score the \
-                           other; give at least two, or use another scorer";
+        if (0..2).any(|fold| !folds.contains(&fold)) {
+            let message = "has too few different episodes for the classifier, which is trained on one half to score \
+                           the other; give at least two, or use another scorer";
             return Err(LearnError::invalid(field, message));
         }
-    }
-    Ok(folds)
+        Ok(folds)
+    };
+    Ok([of("experts", experts)?, of("imperfect", imperfect)?])
 }
 
-/// Every episode's inputs, by id.
+/// Every episode's inputs, with its fold.
 fn gather<'a>(
     network: &Network,
     episodes: &'a [Trajectory],
-    folds: &HashMap<&str, usize>,
+    folds: &[usize],
     progress: &mut Progress<'_>,
 ) -> Result<Vec<Episode<'a>>, LearnError> {
     let mut all = Vec::with_capacity(episodes.len());
-    for trajectory in episodes {
+    for (trajectory, fold) in episodes.iter().zip(folds) {
         let features = raw::steps(network, trajectory)?;
         if !features.comparable() {
             return Err(too_far(&trajectory.id));
         }
         progress.advance(features.count())?;
-        let fold = folds.get(trajectory.id.as_str()).copied().unwrap_or(0);
-        all.push(Episode { id: &trajectory.id, inputs: inputs(network, &features), fold });
+        all.push(Episode { id: &trajectory.id, inputs: inputs(network, &features), fold: *fold });
     }
     Ok(all)
 }

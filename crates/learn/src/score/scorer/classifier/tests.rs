@@ -45,6 +45,20 @@ fn an_episode_is_not_scored_by_a_network_that_saw_it() {
 }
 
 #[test]
+fn a_copy_is_not_scored_by_a_network_that_saw_its_original() {
+    let (experts, mut imperfect) = (toy::experts(4, 9), failures(4));
+    // In the order of ids each would be in the other fold than its original.
+    imperfect.push(Trajectory { id: "failure 0 again".into(), ..imperfect[0].clone() });
+    imperfect.push(Trajectory { id: "failure 9".into(), ..experts[1].clone() });
+    let scores = classify(&experts, &imperfect, 3).unwrap();
+    assert_eq!(scores.imperfect[4].w, scores.imperfect[0].w);
+    assert_eq!(scores.imperfect[5].w, scores.experts[1].w);
+    let copies = [experts[0].clone(), Trajectory { id: "expert 0 again".into(), ..experts[0].clone() }];
+    let message = classify(&copies, &imperfect, 3).unwrap_err().to_string();
+    assert!(message.starts_with("experts: has too few different episodes"), "{message}");
+}
+
+#[test]
 fn too_few_episodes_for_two_folds_are_refused() {
     let message = classify(&toy::experts(1, 6), &failures(4), 1).unwrap_err().to_string();
     assert!(message.starts_with("experts: "), "{message}");

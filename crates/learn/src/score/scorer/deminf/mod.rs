@@ -87,10 +87,13 @@ fn scores(
     Ok((describe(imperfect, Role::Imperfect), describe(experts, Role::Expert)))
 }
 
-/// The first values of every step's standardised action, `[T, ≤ 8]`.
+/// The first values of every step's standardised action, within the task's ranges as every other scorer sees it,
+/// `[T, ≤ 8]`.
 fn first_actions(network: &Network, episode: &Trajectory) -> Result<Tensor, LearnError> {
     let width = network.shape.action;
-    let action = network.statistics.action.apply(&rows(&episode.actions()?, width, network.device()));
+    let mut actions = episode.actions()?;
+    actions.chunks_exact_mut(width).for_each(|action| network.shape.ranges.apply(action));
+    let action = network.statistics.action.apply(&rows(&actions, width, network.device()));
     let first = action.narrow(1, 0, ACTION.min(int(width)));
     if values(&first).iter().all(|value| value.is_finite()) { Ok(first) } else { Err(too_far(&episode.id)) }
 }
@@ -132,10 +135,13 @@ fn information(
 
 #[cfg(test)]
 mod tests {
+    use gleaner_core::action::ActionRange;
+
     use super::*;
+    use crate::checkpoint::{self, CheckpointKind};
     use crate::random::normal;
     use crate::score::Scores;
-    use crate::score::tests::{score_anew, spec_of};
+    use crate::score::tests::{encoder, score_anew, spec_of};
     use crate::toy;
     use crate::train::Silent;
 
@@ -171,6 +177,19 @@ mod tests {
         assert!(message(twin).starts_with("episode expert 1: is an expert and imperfect"), "two contents");
         let far = toy::episode("far", 5, 9, false).changed(|arrays| arrays.proprioception[4] = f32::MAX);
         assert!(message(far).starts_with("episode far: is too far from the encoder's data"), "not finite");
+    }
+
+    #[test]
+    fn actions_beyond_their_ranges_are_those_that_the_task_allows() {
+        let (info, named) = checkpoint::read(&encoder(), CheckpointKind::Encoder).unwrap();
+        let mut network = Network::from_named(&info.shape, info.model, &named, tch::Device::Cpu).unwrap();
+        network.shape.ranges = [ActionRange::Within(-0.01, 0.01), ActionRange::Binary(-0.3, 0.3)].into_iter().collect();
+        let recorded = toy::episode("e", 1, 6, true);
+        let mut actions = recorded.actions().unwrap();
+        actions.chunks_exact_mut(2).for_each(|action| network.shape.ranges.apply(action));
+        assert_ne!(actions, recorded.actions().unwrap());
+        let seen = |episode: &Trajectory| first_actions(&network, episode).unwrap();
+        assert_eq!(seen(&recorded), seen(&recorded.with_actions(actions)));
     }
 
     fn run(experts: &[Trajectory], imperfect: &[Trajectory], seed: u64) -> Scores {
