@@ -93,9 +93,10 @@ impl Options for Pipeline {
             }
         }
         let optimiser = <crate::OptimSpec as crate::Group>::schema();
-        let validation = schema_of("train").into_iter().map(|(setting, _)| setting);
-        let validation = validation.filter(|setting| setting.name == "validation_share");
-        all.extend(optimiser.into_iter().chain(validation).map(|setting| ((setting, Vec::new()), TRAIN)));
+        let of_training = |(setting, _): &Of| {
+            setting.name == "validation_share" || optimiser.iter().any(|known| known.name == setting.name)
+        };
+        all.extend(schema_of("train").into_iter().filter(of_training).map(|of| (of, TRAIN)));
         all
     }
 }

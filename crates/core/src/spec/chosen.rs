@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::kinds::{Family, Kind};
 use crate::schema::{Problem, Setting, Shape, Values, complete};
 use crate::settings::Group;
+use crate::spec::TrainSpec;
 
 /// A policy, weighting or scorer by its name, with its complete settings of its own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -22,7 +23,7 @@ impl Chosen {
     /// The family has no such kind.
     pub fn new(family: Family, name: &str) -> Result<Self, Problem> {
         let kind = family.kind(name)?;
-        let settings = complete(&kind.settings, &Values::new(), |_| None)?;
+        let settings = complete(&own(kind), &Values::new(), |_| None)?;
         Ok(Self { name: kind.name.clone(), settings })
     }
 
@@ -32,7 +33,7 @@ impl Chosen {
     /// The kind has no such setting, or the value is not allowed.
     pub fn with(mut self, family: Family, name: &str, value: impl Into<serde_json::Value>) -> Result<Self, Problem> {
         self.settings.insert(name.to_owned(), value.into());
-        self.settings = complete(&family.kind(&self.name)?.settings, &self.settings, |_| None)?;
+        self.settings = complete(&own(family.kind(&self.name)?), &self.settings, |_| None)?;
         Ok(self)
     }
 
@@ -82,12 +83,18 @@ impl Choice {
 
     /// The chosen kind, with the complete settings of its own.
     pub(super) fn chosen(&self, all: &Values) -> Chosen {
-        let own = self.kind.settings.iter().filter_map(|own| all.get_key_value(&own.name));
+        let own = own(self.kind);
+        let own = own.iter().filter_map(|own| all.get_key_value(&own.name));
         Chosen {
             name: self.kind.name.clone(),
             settings: own.map(|(name, value)| (name.clone(), value.clone())).collect(),
         }
     }
+}
+
+/// The settings of a kind that are not typed in the spec of its job.
+fn own(kind: &Kind) -> Vec<Setting> {
+    kind.settings.iter().filter(|setting| !TrainSpec::is_of_policy(&setting.name)).cloned().collect()
 }
 
 /// The setting that chooses a kind of a family.

@@ -31,6 +31,8 @@ fn of_training(mut values: Values) -> Values {
         ("prediction", json!("noise")),
         ("history_dropout", json!(0.5)),
         ("lambda", json!(0.1)),
+        ("stretch", json!(8)),
+        ("learning_rate", json!(1e-3)),
     ] {
         values.entry(name).or_insert(value);
     }

@@ -30,6 +30,22 @@ fn settings_round_trip() {
 }
 
 #[test]
+fn defaults_of_the_optimiser_that_depend_on_the_policy_are_those_of_the_policy() {
+    let spec = |value: Value| TrainSpec::from_values(&values(value)).unwrap();
+    let of = |spec: &TrainSpec| (spec.optim.learning_rate, spec.optim.stretch);
+    assert_eq!(of(&spec(json!({"policy": "tf_bc"}))), (0.002, 1));
+    assert_eq!(of(&spec(json!({"policy": "bc"}))), (0.001, 8));
+    let given = spec(json!({"policy": "tf_bc", "learning_rate": 0.5, "stretch": 3}));
+    assert_eq!(of(&given), (0.5, 3));
+    // They are in one place of a spec, so that a change there is the whole change.
+    assert!(!given.policy.settings.contains_key("learning_rate"));
+    assert_eq!(TrainSpec::from_values(&given.values()).unwrap(), given);
+    // Versions that stored neither had these.
+    let stored: TrainSpec = serde_json::from_value(json!({"policy": "tf_bc"})).unwrap();
+    assert_eq!(of(&stored), (0.001, 8));
+}
+
+#[test]
 fn a_setting_of_another_kind_is_rejected() {
     let message = |value: Value| TrainSpec::from_values(&values(value)).unwrap_err().to_string();
     let found = message(json!({"policy": "bc", "chunk_length": 3}));

@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::{integer_in, number_in};
-use gleaner_core::{Group as _, ModelSpec, Words as _};
+use gleaner_core::{Group as _, ModelSpec, OptimSpec, Words as _};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor};
 
@@ -43,6 +43,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     about: "Action chunking with transformers: a conditional VAE that predicts chunks of actions.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
     settings: || [observer::schema(), ImagesSpec::schema(), ChunkSpec::schema(), ActSpec::schema()].concat(),
+    optim: OptimSpec::default,
     model,
     init,
     load,

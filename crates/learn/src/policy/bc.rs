@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use gleaner_core::OptimSpec;
 use gleaner_core::kinds::Needs;
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
@@ -23,6 +24,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     about: "Behaviour cloning by a perceptron: by default from scratch, one step's images and proprioception to its action.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
     settings: observer::schema,
+    optim: OptimSpec::default,
     model: observer::model,
     init,
     load,

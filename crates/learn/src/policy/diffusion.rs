@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::integer_in;
-use gleaner_core::{Group as _, Setting};
+use gleaner_core::{Group as _, OptimSpec, Setting};
 use tch::{Device, Tensor};
 
 use super::denoise::{self, Mixed, Process};
@@ -30,6 +30,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     about: "Diffusion Policy: chunks of actions are drawn by removing noise in many small steps.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
     settings,
+    optim: OptimSpec::default,
     model: observer::model,
     init,
     load,

@@ -9,7 +9,7 @@
 use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
-use gleaner_core::{Augmentation, Group as _, ModelSpec};
+use gleaner_core::{Augmentation, Group as _, ModelSpec, OptimSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
@@ -27,6 +27,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     about: "The pretrained transformer, finetuned: a causal pass that predicts the newest action.",
     needs: Needs { encoder: true, history: true, images: true, all_episodes: false },
     settings: || [HistorySpec::schema(), Augmentation::schema()].concat(),
+    optim: OptimSpec::default,
     model,
     init,
     load,

@@ -7,6 +7,7 @@
 
 use std::collections::BTreeMap;
 
+use gleaner_core::OptimSpec;
 use gleaner_core::kinds::Needs;
 use tch::{Device, Tensor};
 
@@ -22,6 +23,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     about: "Flow matching: chunks of actions are drawn from noise, which represents several ways to act.",
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
     settings: denoise::schema,
+    optim: OptimSpec::default,
     model: observer::model,
     init,
     load,

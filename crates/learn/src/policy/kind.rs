@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use gleaner_core::kinds::{Kind, Needs};
-use gleaner_core::{Chosen, ModelSpec, Setting, TrainSpec};
+use gleaner_core::{Chosen, ModelSpec, OptimSpec, Setting, TrainSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
@@ -32,6 +32,8 @@ pub(super) struct PolicyKind {
     pub(super) needs: Needs,
     /// Its settings besides those of every training.
     pub(super) settings: fn() -> Vec<Setting>,
+    /// Its defaults of [`TrainSpec::of_policy`].
+    pub(super) optim: fn() -> OptimSpec,
     /// The size of its model.
     pub(super) model: fn(&PolicyInit<'_>) -> Result<ModelSpec, LearnError>,
     /// The policy before its first step; the header has the model and the policy's settings.
@@ -44,7 +46,8 @@ impl PolicyKind {
     /// Its description as data.
     pub(super) fn describe(&self) -> Kind {
         let [name, title, about] = [self.name, self.title, self.about].map(str::to_owned);
-        Kind { name, title, about, needs: self.needs, settings: (self.settings)() }
+        let settings = [(self.settings)(), TrainSpec::of_policy(&(self.optim)())].concat();
+        Kind { name, title, about, needs: self.needs, settings }
     }
 }
 

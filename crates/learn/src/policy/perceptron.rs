@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::integer_in;
-use gleaner_core::{Augmentation, Group as _, ModelSpec};
+use gleaner_core::{Augmentation, Group as _, ModelSpec, OptimSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::nn::{self, Module, VarStore};
 use tch::{Device, Kind, Tensor};
@@ -26,6 +26,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     about: "A baseline from scratch: a two-layer perceptron from proprioception alone, without images or history.",
     needs: Needs { encoder: false, history: false, images: false, all_episodes: false },
     settings: || [PerceptronSpec::schema(), Augmentation::schema()].concat(),
+    optim: OptimSpec::default,
     model: |_| Ok(ModelSpec { segment_length: 0, ..ModelSpec::default() }),
     init,
     load,

@@ -2,7 +2,7 @@
 //! data. The comparison with it shows the value of pretraining.
 
 use gleaner_core::kinds::Needs;
-use gleaner_core::{ActionToken, Group as _, ImageWeightsSpec, ModelSpec, Setting};
+use gleaner_core::{ActionToken, Group as _, ImageWeightsSpec, ModelSpec, OptimSpec, Setting};
 
 use super::finetune::{self, CausalTransformer};
 use super::hiding::HistorySpec;
@@ -18,6 +18,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     about: "The transformer of finetune from scratch, without pretraining.",
     needs: Needs { encoder: false, history: true, images: true, all_episodes: false },
     settings,
+    optim,
     model,
     init,
     load: finetune::load,
@@ -30,6 +31,12 @@ fn settings() -> Vec<Setting> {
     let history = HistorySpec { history_dropout: 0.9, ..HistorySpec::default() };
     let inputs = observer::augmentation().as_defaults();
     [model.as_defaults(), ImageWeightsSpec::schema(), history.as_defaults(), inputs].concat()
+}
+
+/// Steps drawn one by one and a higher rate: with the rate of other policies a short training ends before the transformer
+/// fits the experts (docs/decisions/0062-a-transformer-learns-at-a-higher-rate.md).
+fn optim() -> OptimSpec {
+    OptimSpec { stretch: 1, learning_rate: 2e-3, ..OptimSpec::default() }
 }
 
 fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
