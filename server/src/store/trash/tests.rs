@@ -158,6 +158,6 @@ async fn a_large_trash_is_emptied_in_parts_and_each_episode_counts_once() {
     let mut expected: Vec<_> = gone.into_iter().map(|episode| (episode.id, episode.recording)).collect();
     expected.sort();
     assert_eq!(swept.episodes, expected);
-    assert_eq!(listed(&store, &task, false).await, [kept.id.clone()]);
+    assert_eq!(listed(&store, &task, false).await, std::slice::from_ref(&kept.id));
     assert_eq!(store.labels(&kept.id).await.unwrap().len(), 1);
 }
