@@ -135,8 +135,8 @@ impl Leases {
     async fn keep_renewing(&self, attempt: &Attempt) -> Infallible {
         let mut ticks = tokio::time::interval(RENEW_EVERY);
         loop {
-            ticks.tick().await;
             self.renew(attempt);
+            ticks.tick().await;
         }
     }
 

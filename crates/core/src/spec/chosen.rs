@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::groups::OptimSpec;
 use crate::kinds::{Family, Kind};
 use crate::schema::{Problem, Setting, Shape, Values, complete};
 use crate::settings::Group;
-use crate::spec::TrainSpec;
 
 /// A policy, weighting or scorer by its name, with its complete settings of its own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -94,7 +94,7 @@ impl Choice {
 
 /// The settings of a kind that are not typed in the spec of its job.
 fn own(kind: &Kind) -> Vec<Setting> {
-    kind.settings.iter().filter(|setting| !TrainSpec::is_of_policy(&setting.name)).cloned().collect()
+    kind.settings.iter().filter(|setting| !OptimSpec::is_of_policy(&setting.name)).cloned().collect()
 }
 
 /// The setting that chooses a kind of a family.

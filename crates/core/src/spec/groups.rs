@@ -248,6 +248,17 @@ crate::settings! {
 }
 
 impl OptimSpec {
+    /// The settings whose defaults in a training depend on its policy, with these values as defaults: each policy lists
+    /// them. A spec has them here.
+    #[must_use]
+    pub fn of_policy(&self) -> Vec<Setting> {
+        self.as_defaults().into_iter().filter(|setting| Self::is_of_policy(&setting.name)).collect()
+    }
+
+    pub(super) fn is_of_policy(name: &str) -> bool {
+        ["stretch", "learning_rate"].contains(&name)
+    }
+
     /// The learning rate of `step` (from 0): linear warm-up times the schedule, whose cosine ends at zero.
     #[must_use]
     pub fn learning_rate_at(&self, step: u64) -> f64 {

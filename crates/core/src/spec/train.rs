@@ -42,20 +42,9 @@ impl TrainSpec {
     /// Every setting that all policies have with the same default.
     #[must_use]
     pub fn schema() -> Vec<Setting> {
-        let optim = OptimSpec::schema().into_iter().filter(|setting| !Self::is_of_policy(&setting.name));
+        let optim = OptimSpec::schema().into_iter().filter(|setting| !OptimSpec::is_of_policy(&setting.name));
         let groups = [Validation::schema(), optim.collect(), RunSpec::schema()];
         [vec![choice(Family::Policy), choice(Family::Weighting)], groups.concat()].concat()
-    }
-
-    /// The settings of [`OptimSpec`] whose defaults depend on the policy, with these values as defaults: each policy
-    /// lists them. A spec has them in `optim`.
-    #[must_use]
-    pub fn of_policy(optim: &OptimSpec) -> Vec<Setting> {
-        optim.as_defaults().into_iter().filter(|setting| Self::is_of_policy(&setting.name)).collect()
-    }
-
-    pub(super) fn is_of_policy(name: &str) -> bool {
-        ["stretch", "learning_rate"].contains(&name)
     }
 
     /// Reads the settings; one that is left out takes its default.

@@ -32,7 +32,7 @@ pub(super) struct PolicyKind {
     pub(super) needs: Needs,
     /// Its settings besides those of every training.
     pub(super) settings: fn() -> Vec<Setting>,
-    /// Its defaults of [`TrainSpec::of_policy`].
+    /// Its defaults of [`OptimSpec::of_policy`].
     pub(super) optim: fn() -> OptimSpec,
     /// The size of its model.
     pub(super) model: fn(&PolicyInit<'_>) -> Result<ModelSpec, LearnError>,
@@ -46,7 +46,7 @@ impl PolicyKind {
     /// Its description as data.
     pub(super) fn describe(&self) -> Kind {
         let [name, title, about] = [self.name, self.title, self.about].map(str::to_owned);
-        let settings = [(self.settings)(), TrainSpec::of_policy(&(self.optim)())].concat();
+        let settings = [(self.settings)(), (self.optim)().of_policy()].concat();
         Kind { name, title, about, needs: self.needs, settings }
     }
 }
