@@ -123,7 +123,8 @@ impl Leases {
         }
     }
 
-    /// Does the work of a call of the attempt's worker, which waits for its answer meanwhile: that is no silence.
+    /// Does the work of a call of the attempt's worker and renews the lease meanwhile, because the worker waits for the answer
+    /// and makes no other call.
     pub(super) async fn renew_during<T>(&self, attempt: &Attempt, work: impl Future<Output = T>) -> T {
         tokio::select! {
             biased;

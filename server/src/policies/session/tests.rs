@@ -6,7 +6,7 @@ use super::{
     super::{
         live::Showing,
         reply_sender::Answers,
-        testing::{Parrot, SKIP, UNKNOWN, engine, engine_of_window, observation},
+        testing::{Control, Parrot, SKIP, TestEngine, UNKNOWN, engine, engine_of_window, observation},
     },
     *,
 };

@@ -8,54 +8,37 @@ fn hurried() -> Terms {
     Terms { settings, ..terms() }
 }
 
-#[tokio::test]
-async fn a_late_answer_is_reported_missed_at_its_deadline_and_kept_in_the_history() {
-    let (engine, mut control) = engine(8, 8).await;
+/// The first answer misses its deadline. The second observation has a later deadline of its own, and the action that was
+/// `executed` since the first one; `acts` is its answer.
+async fn expect_second((engine, mut control): (Arc<TestEngine>, Control), executed: &[f32], acts: [f32; 2]) {
     let mut robot = Robot::open_under(hurried(), &engine, &CancellationToken::new()).await;
     robot.sees(1, &[]);
     assert_eq!(control.begun.recv().await, Some(1));
     assert_eq!(robot.misses().await, (1, 0), "while the model still runs");
     control.gate.send(()).unwrap();
     drop(control.gate);
-    let mut patient = observation(2, &[7.0, 0.0]);
+    let mut patient = observation(2, executed);
     patient.deadline = Some(IDLE);
     robot.inputs.unbounded_send(Ok(SessionInput::Observation(patient))).unwrap();
-    assert_eq!(robot.acts().await, (2, vec![2.0, 7.0], 0), "its own deadline counts, on the first one's history");
+    assert_eq!(robot.acts().await, (2, acts.to_vec(), 0));
     assert_eq!(robot.closes().await, (1, 0, 1));
+}
+
+#[tokio::test]
+async fn a_late_answer_is_reported_missed_at_its_deadline_and_kept_in_the_history() {
+    expect_second(engine(8, 8).await, &[7.0, 0.0], [2.0, 7.0]).await;
 }
 
 /// The robot has commanded nothing yet, so no action is known that was executed after the first observation.
 #[tokio::test]
 async fn a_late_first_answer_does_not_end_the_session() {
-    let (engine, mut control) = engine(8, 8).await;
-    let mut robot = Robot::open_under(hurried(), &engine, &CancellationToken::new()).await;
-    robot.sees(1, &[]);
-    assert_eq!(control.begun.recv().await, Some(1));
-    assert_eq!(robot.misses().await, (1, 0));
-    control.gate.send(()).unwrap();
-    drop(control.gate);
-    let mut patient = observation(2, &[]);
-    patient.deadline = Some(IDLE);
-    robot.inputs.unbounded_send(Ok(SessionInput::Observation(patient))).unwrap();
-    assert_eq!(robot.acts().await, (2, vec![2.0, 0.0], 0));
-    assert_eq!(robot.closes().await, (1, 0, 1));
+    expect_second(engine(8, 8).await, &[], [2.0, 0.0]).await;
 }
 
 /// Otherwise a policy that is slower than the deadline would predict its first chunk again and again, and never act.
 #[tokio::test]
 async fn a_late_first_answer_of_a_policy_without_history_is_kept() {
-    let (engine, mut control) = engine_of_window(1, 8, 8).await;
-    let mut robot = Robot::open_under(hurried(), &engine, &CancellationToken::new()).await;
-    robot.sees(1, &[]);
-    assert_eq!(control.begun.recv().await, Some(1));
-    assert_eq!(robot.misses().await, (1, 0));
-    control.gate.send(()).unwrap();
-    drop(control.gate);
-    let mut patient = observation(2, &[]);
-    patient.deadline = Some(IDLE);
-    robot.inputs.unbounded_send(Ok(SessionInput::Observation(patient))).unwrap();
-    assert_eq!(robot.acts().await, (2, vec![2.0, UNKNOWN], 0), "the state of the first observation continues");
-    assert_eq!(robot.closes().await, (1, 0, 1));
+    expect_second(engine_of_window(1, 8, 8).await, &[], [2.0, UNKNOWN]).await;
 }
 
 #[tokio::test]
