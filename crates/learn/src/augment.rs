@@ -29,7 +29,7 @@ struct Change {
 
 /// Changes the inputs of `batch` according to `augmentation`. The images of an episode have one draw: each frame is
 /// stored once for all windows that contain it, and the motion within a window is preserved. Proprioception has a draw
-/// for each step. Targets stay as they are. `standard` is that of the proprioception.
+/// for each step. Targets are the changed images, and numbers as they are. `standard` is that of the proprioception.
 pub(crate) fn augment(batch: &mut Batch, augmentation: &Augmentation, standard: &Standard, rng: &mut ChaCha8Rng) {
     if *augmentation == Augmentation::default() {
         return;

@@ -3,6 +3,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use gleaner_core::kinds::Family;
 use gleaner_core::{ActionToken, Group, ImageEncoder, ModelSpec, PretrainSpec, TrainSpec, Values, Words as _};
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
@@ -111,9 +112,21 @@ pub fn inspect(bytes: &[u8]) -> Result<CheckpointInfo, LearnError> {
     info.shape.validate()?;
     if info.kind == CheckpointKind::Policy {
         // The headers of the first policies have no kind, because there was only one.
-        info.policy.get_or_insert_with(|| FIRST_POLICY.to_owned());
+        let policy = info.policy.get_or_insert_with(|| FIRST_POLICY.to_owned());
+        complete(policy, &mut info.settings);
     }
     Ok(info)
+}
+
+/// Adds the settings that a policy of an earlier version lacks, with the values that it used; today's defaults are of
+/// other networks and of another execution.
+fn complete(policy: &str, settings: &mut Values) {
+    let named = Values::from_iter([(Family::Policy.as_str().to_owned(), policy.into())]);
+    // An unknown policy is rejected where it is opened.
+    let Ok(used) = serde_json::from_value::<TrainSpec>(named.into()) else { return };
+    for (name, value) in used.policy.settings {
+        settings.entry(name).or_insert(value);
+    }
 }
 
 /// Reads a checkpoint of `kind`: its header and its tensors by name.

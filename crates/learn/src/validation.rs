@@ -5,7 +5,7 @@ use gleaner_core::FinishedWeights;
 use rand::seq::SliceRandom;
 use tch::no_grad_guard;
 
-use crate::batch::{Segment, Segments};
+use crate::batch::{Segment, Segments, spread};
 use crate::error::LearnError;
 use crate::random::{Purpose, generator};
 use crate::trajectory::Trajectory;
@@ -64,9 +64,7 @@ pub(crate) fn mean(
     mut loss: impl FnMut(u64, &[Segment]) -> Result<f64, LearnError>,
 ) -> Result<Option<f64>, LearnError> {
     let _no_grad = no_grad_guard();
-    let all = held_out.count();
-    let every = all.div_ceil(SEGMENTS).max(1);
-    let measured: Vec<Segment> = (0..all).step_by(every).map(|place| held_out.at(place)).collect();
+    let measured: Vec<Segment> = spread(held_out.count(), SEGMENTS).map(|place| held_out.at(place)).collect();
     let (mut sum, mut count) = (0.0, 0.0);
     for (number, chunk) in (0..).zip(measured.chunks(CHUNK)) {
         #[expect(clippy::cast_precision_loss, reason = "at most a chunk")]
@@ -121,5 +119,19 @@ mod tests {
         assert_eq!(sizes, [64, 64, 64, 8]);
         assert_eq!(loss.unwrap(), Some(64.0 / 200.0));
         assert_eq!(mean(&Segments::every(&[]), |_, _| Ok(1.0)).unwrap(), None);
+    }
+
+    /// Every fourth segment of 256 episodes of four steps would be their first steps, whose windows are mostly padding.
+    #[test]
+    fn the_mean_is_over_every_part_of_episodes_of_one_length() {
+        let episodes = toy::experts(256, 4);
+        let data: Vec<&Trajectory> = episodes.iter().collect();
+        let mut ends = [0; 4];
+        let count = |_: u64, chunk: &[Segment]| {
+            chunk.iter().for_each(|segment| ends[segment.step] += 1);
+            Ok(1.0)
+        };
+        mean(&Segments::every(&data), count).unwrap();
+        assert!(ends.iter().all(|count| (60..=68).contains(count)), "{ends:?}");
     }
 }

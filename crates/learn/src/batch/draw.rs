@@ -1,5 +1,5 @@
 //! The choice of a batch's segments: stretches of neighbours in the list, so that the frames they share are encoded once.
-//! Every segment is equally likely, however few of its episode are listed.
+//! Every segment is equally likely, however few of its episode are listed. And the choice of an even part of a list.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -138,10 +138,36 @@ impl Segments {
     }
 }
 
+/// At most `most` of `count` places, ascending: one of each run of as many places as needed. Its position in the run
+/// differs from run to run (multiples of the golden ratio), because with equal positions episodes whose length is a
+/// multiple of a run's would give the same few of their steps.
+pub(crate) fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
+    /// 2^64 over the golden ratio.
+    const STEP: u64 = 0x9E37_79B9_7F4A_7C15;
+    let run = count.div_ceil(most.max(1)).max(1);
+    (0..count).step_by(run).zip(0u64..).map(move |(begin, number)| {
+        let within = u128::from(number.wrapping_mul(STEP)) * run.min(count - begin) as u128;
+        begin + usize::try_from(within >> 64).unwrap_or(0)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::random::{Purpose, generator};
+
+    #[test]
+    fn an_even_part_has_a_place_of_each_run_and_every_phase() {
+        assert_eq!(spread(5, 9).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
+        assert_eq!((spread(0, 4).count(), spread(4, 1).count()), (0, 1));
+        let places: Vec<usize> = spread(1003, 100).collect();
+        assert_eq!(places.len(), 92);
+        assert!(places.iter().enumerate().all(|(run, place)| (run * 11..(run * 11 + 11).min(1003)).contains(place)));
+        // 100 episodes of ten steps: every step of an episode is found equally often.
+        let mut phases = [0; 10];
+        spread(1000, 100).for_each(|place| phases[place % 10] += 1);
+        assert!(phases.iter().all(|count| (9..=11).contains(count)), "{phases:?}");
+    }
 
     fn segments(lengths: &[usize]) -> Segments {
         Segments::from_ends(lengths.iter().map(|n| Ends::Every(*n)))

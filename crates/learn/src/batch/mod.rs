@@ -8,7 +8,7 @@ mod part;
 mod windows;
 
 pub(crate) use chunks::Chunks;
-pub(crate) use draw::{Segment, Segments};
+pub(crate) use draw::{Segment, Segments, spread};
 pub(crate) use images::{images, squash};
 pub(crate) use part::{Drawn, Part, Whole};
 pub(crate) use windows::Windows;
@@ -97,7 +97,7 @@ impl Batch {
 }
 
 /// Replaces recorded actions by those that the task allows: a session remembers these as executed, and serves no others.
-fn allowed(shape: &TaskShape, actions: &mut [f32]) {
+pub(crate) fn allowed(shape: &TaskShape, actions: &mut [f32]) {
     for action in actions.chunks_exact_mut(shape.action) {
         shape.ranges.apply(action);
     }

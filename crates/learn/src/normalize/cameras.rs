@@ -96,15 +96,18 @@ pub(super) fn measure(
 impl Sums {
     /// The sums of `[N, C, H, W]`; pixels are averaged, images are summed.
     fn of(images: &Tensor, size: [i64; 2]) -> Self {
-        let mean = |x: &Tensor| {
-            x.mean_dim([2i64, 3].as_slice(), true, Kind::Double).sum_dim_intlist([0i64].as_slice(), false, Kind::Double)
-        };
+        let places = [2i64, 3];
+        let mean = |x: &Tensor| x.mean_dim(places.as_slice(), true, Kind::Double);
+        let sum = |x: &Tensor| x.sum_dim_intlist([0i64].as_slice(), false, Kind::Double);
         let small = images.adaptive_avg_pool2d(size).to_kind(Kind::Double);
+        let channel = mean(images);
+        // Not the mean of squares in single precision, whose rounding would be the deviation of a channel of one colour.
+        let spread = images.var_dim(places.as_slice(), false, true).to_kind(Kind::Double);
         Self {
-            channel: mean(images),
-            channel_square: mean(&images.square()),
-            target: small.sum_dim_intlist([0i64].as_slice(), false, Kind::Double),
-            target_square: mean(&small.square()),
+            channel_square: sum(&(spread + channel.square())),
+            channel: sum(&channel),
+            target: sum(&small),
+            target_square: sum(&mean(&small.square())),
         }
     }
 
@@ -137,6 +140,19 @@ impl Sums {
 mod tests {
     use super::*;
     use crate::batch::values;
+
+    #[test]
+    fn a_channel_of_one_colour_is_constant_whatever_the_colour() {
+        for byte in 0..=u8::MAX {
+            let image = Tensor::full([3, 1, 8, 9], f64::from(byte), (Kind::Float, Device::Cpu)) / 255.0;
+            let standard = Sums::of(&image, [8, 8]).standard(3.0, Device::Cpu);
+            assert_eq!(values(&standard.input.deviation), [1.0], "{byte}");
+        }
+        // Of two grey levels, the deviation is half their distance.
+        let image = Tensor::from_slice(&[0.25f32, 0.5]).view([1, 1, 1, 2]);
+        let standard = Sums::of(&image, [1, 2]).standard(1.0, Device::Cpu);
+        assert_eq!(values(&standard.input.deviation), [0.125]);
+    }
 
     #[test]
     fn a_still_image_is_the_mean_image_and_movement_has_unit_deviation() {

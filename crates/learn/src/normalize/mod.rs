@@ -65,7 +65,7 @@ impl Statistics {
     ) -> Result<Self, LearnError> {
         let (mut m, mut a, mut held) =
             (Moments::new(shape.proprioception), Moments::new(shape.action), Ranges::new(shape.action));
-        sample.each(&mut |proprioception, action| {
+        sample.each(shape, &mut |proprioception, action| {
             m.add(proprioception);
             a.add(action);
             held.add(action);
@@ -172,6 +172,8 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
+    use gleaner_core::action::ActionRange;
+
     use super::*;
     use crate::batch::{rows, values};
     use crate::error::SourceError;
@@ -207,6 +209,26 @@ mod tests {
         let episode = Trajectory { id: "e".to_owned(), source: Arc::<Counted>::clone(&counted) };
         Statistics::measure(&crate::toy::shape(), &Sample::every(&[&episode]), 8, Device::Cpu).unwrap();
         assert_eq!(counted.1.load(Ordering::Relaxed), 6);
+    }
+
+    #[test]
+    fn actions_beyond_their_ranges_are_measured_as_a_robot_executes_them() {
+        let ranges = [ActionRange::Binary(-1.0, 1.0), ActionRange::Within(-0.01, 0.01)];
+        let shape = TaskShape { ranges: ranges.into_iter().collect(), ..crate::toy::shape() };
+        let recorded = vec![0.3, 0.005, -0.1, 7.0, 0.2, -90.0, -0.4, 0.0];
+        let executed = vec![1.0, 0.005, -1.0, 0.01, 1.0, -0.01, -1.0, 0.0];
+        let episode = crate::toy::episode("e", 1, 4, true);
+        let found = [recorded, executed].map(|actions| {
+            let episode = episode.with_actions(actions);
+            let sample = Sample::every(&[&episode]);
+            let measured = Statistics::measure(&shape, &sample, 8, Device::Cpu).unwrap();
+            let middles: Vec<_> = Ranges::of_actions(&shape, &sample).unwrap().middles().collect();
+            let Statistics { action: Standard { mean, deviation }, held, .. } = &measured;
+            ([mean, deviation, held].map(values), middles)
+        });
+        assert_eq!(found[0], found[1]);
+        assert_eq!(found[0].0[1][0], 1f32.next_up());
+        assert_eq!(found[0].1, [(0.0, Some(1.0)), (0.0, Some(0.01))]);
     }
 
     #[test]

@@ -18,7 +18,7 @@ impl Ranges {
     /// [`LearnError::Steps`].
     pub(crate) fn of_actions(shape: &TaskShape, sample: &Sample<'_>) -> Result<Self, LearnError> {
         let mut ranges = Self::new(shape.action);
-        sample.each(&mut |_, action| ranges.add(action))?;
+        sample.each(shape, &mut |_, action| ranges.add(action))?;
         Ok(ranges)
     }
 

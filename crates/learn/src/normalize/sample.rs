@@ -5,8 +5,9 @@ use std::ops::Range;
 use std::panic::resume_unwind;
 use std::thread::{Builder, scope};
 
-use crate::batch::Segments;
+use crate::batch::{Segments, allowed, spread};
 use crate::error::LearnError;
+use crate::shape::TaskShape;
 use crate::steps::Numbers;
 use crate::trajectory::Trajectory;
 
@@ -35,21 +36,24 @@ impl<'a> Sample<'a> {
     /// An even part of the sample: at most `most` steps.
     pub(super) fn some_steps(&self, most: usize) -> Vec<(&'a Trajectory, usize)> {
         let count: usize = self.sources.iter().map(|(_, segments)| segments.count()).sum();
-        let (every, mut begin, mut steps) = (count.div_ceil(most).max(1), 0_usize, Vec::new());
+        let (mut places, mut begin, mut steps) = (spread(count, most).peekable(), 0, Vec::new());
         for (data, segments) in &self.sources {
-            let first = begin.next_multiple_of(every) - begin;
-            let chosen = (first..segments.count()).step_by(every).map(|place| segments.at(place));
-            steps.extend(chosen.map(|segment| (data[segment.trajectory], segment.step)));
-            begin += segments.count();
+            let end = begin + segments.count();
+            while let Some(place) = places.next_if(|place| *place < end) {
+                let segment = segments.at(place - begin);
+                steps.push((data[segment.trajectory], segment.step));
+            }
+            begin = end;
         }
         steps
     }
 
-    /// Calls `visit` with the proprioception and the action of every step, in the same order each time.
+    /// Calls `visit` with the proprioception and the action of every step, in the same order each time. An action is the
+    /// one that a robot of this shape executes, which batches and sessions have too.
     ///
     /// # Errors
     /// [`LearnError::Steps`].
-    pub(crate) fn each(&self, visit: &mut dyn FnMut(&[f32], &[f32])) -> Result<(), LearnError> {
+    pub(crate) fn each(&self, shape: &TaskShape, visit: &mut dyn FnMut(&[f32], &[f32])) -> Result<(), LearnError> {
         for (data, segments) in &self.sources {
             let listed = data.iter().enumerate().filter_map(|(at, episode)| {
                 let (first, last) = (segments.steps(at).next()?, segments.steps(at).next_back()?);
@@ -58,13 +62,13 @@ impl<'a> Sample<'a> {
             let (mut parts, mut steps) = (Vec::new(), 0);
             for part in listed {
                 if steps + part.steps.len() > AT_ONCE {
-                    visit_all(&std::mem::take(&mut parts), segments, visit)?;
+                    visit_all(shape, (&std::mem::take(&mut parts), segments), visit)?;
                     steps = 0;
                 }
                 steps += part.steps.len();
                 parts.push(part);
             }
-            visit_all(&parts, segments, visit)?;
+            visit_all(shape, (&parts, segments), visit)?;
         }
         Ok(())
     }
@@ -78,9 +82,14 @@ struct Part<'a> {
 }
 
 /// Visits the steps of these parts that the segments have, in order.
-fn visit_all(parts: &[Part<'_>], segments: &Segments, visit: &mut dyn FnMut(&[f32], &[f32])) -> Result<(), LearnError> {
+fn visit_all(
+    shape: &TaskShape,
+    (parts, segments): (&[Part<'_>], &Segments),
+    visit: &mut dyn FnMut(&[f32], &[f32]),
+) -> Result<(), LearnError> {
     for (part, numbers) in parts.iter().zip(read_all(parts)?) {
-        let Numbers { proprioception, action } = numbers?;
+        let Numbers { proprioception, mut action } = numbers?;
+        allowed(shape, &mut action);
         let (m, a) = (proprioception.len() / part.steps.len(), action.len() / part.steps.len());
         for step in segments.steps(part.at).map(|step| step - part.steps.start) {
             visit(&proprioception[step * m..(step + 1) * m], &action[step * a..(step + 1) * a]);
@@ -115,7 +124,7 @@ mod tests {
         assert!(data.len() > READING);
         let listed: Vec<&Trajectory> = data.iter().collect();
         let mut found = Vec::new();
-        Sample::every(&listed).each(&mut |m, a| found.push([m, a].concat())).unwrap();
+        Sample::every(&listed).each(&toy::shape(), &mut |m, a| found.push([m, a].concat())).unwrap();
         let expected = data.iter().flat_map(|episode| {
             let arrays = episode.arrays();
             let (m, a) = (arrays.widths.proprioception, arrays.widths.action);
@@ -123,5 +132,21 @@ mod tests {
             steps.map(|(m, a)| [m, a].concat()).collect::<Vec<_>>()
         });
         assert_eq!(found, expected.collect::<Vec<_>>());
+    }
+
+    /// Every fifth step of eight episodes of five steps would be the first step of each.
+    #[test]
+    fn an_even_part_of_two_sources_has_every_part_of_episodes_of_one_length() {
+        let data = toy::experts(8, 5);
+        let (ours, theirs): (Vec<&Trajectory>, Vec<&Trajectory>) =
+            (data[..3].iter().collect(), data[3..].iter().collect());
+        let segments = [&ours, &theirs].map(|data| Segments::every(data));
+        let sample = Sample::of_segments(&[(&ours, &segments[0]), (&theirs, &segments[1])]);
+        let found = sample.some_steps(8);
+        let ids: Vec<&str> = found.iter().map(|(episode, _)| episode.id.as_str()).collect();
+        assert_eq!(ids, data.iter().map(|episode| episode.id.as_str()).collect::<Vec<_>>());
+        let steps: std::collections::BTreeSet<usize> = found.iter().map(|(_, step)| *step).collect();
+        assert_eq!(steps, (0..5).collect());
+        assert_eq!(sample.some_steps(100).len(), 40);
     }
 }

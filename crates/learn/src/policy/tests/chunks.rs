@@ -5,6 +5,7 @@ use tch::Tensor;
 
 use super::*;
 use crate::batch::{Segments, values};
+use crate::checkpoint;
 use crate::policy::source::{Source, mean_loss};
 use crate::random::{Purpose, generator};
 
@@ -82,4 +83,26 @@ fn the_grid_of_act_leaves_its_style_encoder_as_it_is_and_its_embedding_is_bounde
     assert_eq!((embedding.info().width, grid.info().width), (64, 64 * 64));
     let unused = |(name, _): &(String, Tensor)| name.contains("keypoint") || name.starts_with("policy.image.project");
     assert_eq!(grid.parameters().iter().filter(|parameter| unused(parameter)).count(), 0);
+}
+
+/// Headers of the first policies of chunks had none of these settings, whose defaults are others today.
+#[test]
+fn a_policy_of_an_earlier_version_keeps_its_network_its_prediction_and_its_execution() {
+    for form in ["act by a transformer", "flow by a transformer", "diffusion by a transformer"] {
+        let spec = spec(form, 2);
+        let experts = toy::experts(2, 8);
+        let bytes =
+            train_policy(&toy::shape(), Pretrained::default(), &experts, &[], &spec, None, &mut Silent).unwrap();
+        let (mut info, named) = checkpoint::read(&bytes, CheckpointKind::Policy).unwrap();
+        for later in ["chunk_network", "chunk_execution", "prediction"] {
+            info.settings.remove(later);
+        }
+        let named: Vec<_> = named.into_iter().collect();
+        let earlier = Policy::load(&checkpoint::write(&info, &named).unwrap()).unwrap();
+        let today = Policy::load(&bytes).unwrap();
+        assert_eq!(earlier.execution(), today.execution(), "{form}");
+        assert_eq!(acted(&earlier, 0.1, 0.1), acted(&today, 0.1, 0.1), "{form}");
+        // A setting that the header has is never replaced.
+        assert_eq!(earlier.chunk_length(), 4, "{form}");
+    }
 }
