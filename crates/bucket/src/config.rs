@@ -28,8 +28,13 @@ impl BucketConfig {
     /// # Errors
     /// Precondition when the URL does not name a bucket of S3.
     pub fn place(&self) -> Result<(&str, &str)> {
-        let wrong =
-            || Error::precondition(format!("--blob-store {}: expected s3://BUCKET or s3://BUCKET/PREFIX", self.url));
+        // What stands before an @ is a password where none belongs.
+        let shown = self.url.rsplit_once('@').map_or(self.url.as_str(), |(_, rest)| rest);
+        let wrong = || {
+            Error::precondition(format!(
+                "--blob-store {shown}: expected s3://BUCKET or s3://BUCKET/PREFIX; credentials come from the AWS_… variables"
+            ))
+        };
         let rest = self.url.strip_prefix("s3://").ok_or_else(wrong)?;
         let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
         let prefix = prefix.trim_matches('/');
@@ -69,6 +74,10 @@ mod tests {
             ["lab", "s3://", "s3:///x", "gs://lab", "s3://lab/a//b", "s3://lab/../b", "s3://l?b", "s3://k:s@lab"]
         {
             assert!(place(wrong).unwrap_err().contains("--blob-store"), "{wrong}");
+        }
+        for with_secret in ["s3://key:s3cret@lab", "s3://key:s3@cret@lab/a", "s3cret@s3://lab"] {
+            let error = place(with_secret).unwrap_err();
+            assert!(!error.contains("cret@") && error.contains("AWS_"), "{error}");
         }
     }
 }

@@ -101,6 +101,13 @@ impl Bucket {
             builder = builder.with_region(region);
         }
         let endpoint = builder.get_config_value(&AmazonS3ConfigKey::Endpoint);
+        // It is stored beside the data, and messages and the log repeat it.
+        if endpoint.as_ref().is_some_and(|endpoint| endpoint.contains('@')) {
+            return Err(Error::precondition(
+                "--blob-store-endpoint: has a user name or a password; leave it out, and set AWS_ACCESS_KEY_ID and \
+                 AWS_SECRET_ACCESS_KEY",
+            ));
+        }
         if let Some(endpoint) = endpoint.filter(|endpoint| !config.http && !endpoint.starts_with("https://")) {
             return Err(Error::precondition(format!(
                 "--blob-store-endpoint {endpoint}: is not an https:// URL; --blob-store-http allows one without TLS"

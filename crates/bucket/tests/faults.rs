@@ -279,3 +279,13 @@ fn an_endpoint_without_tls_needs_a_flag() {
     let error = Bucket::open_with_key(&config, ("id", &Secret::from("secret".to_owned()))).unwrap_err();
     assert!(error.message().contains("--blob-store-http"), "{error}");
 }
+
+#[test]
+fn an_endpoint_with_a_password_is_rejected_without_it() {
+    for http in [true, false] {
+        let config = BucketConfig { http, ..config("http://key:secret-of-the-url@127.0.0.1:1".to_owned()) };
+        let error = Bucket::open_with_key(&config, ("id", &Secret::from("secret".to_owned()))).unwrap_err();
+        assert!(error.message().contains("AWS_SECRET_ACCESS_KEY"), "{error}");
+        assert!(!error.to_string().contains("secret-of-the-url"), "{error}");
+    }
+}

@@ -10,9 +10,12 @@ use std::{
 use rustix::{fs::Mode, process::umask};
 
 use crate::{BLOBS, DATABASE};
+use gleaner_core::error::{Error, Result};
 
 /// Permission bits of the group and of all others.
 const OTHERS: u32 = 0o077;
+/// The bit of folders in which each user removes their own files only.
+const STICKY: u32 = 0o1000;
 
 /// Restricts every file and folder that this process and its children create from now on to its owner (0600 and 0700).
 pub fn keep_private() {
@@ -25,6 +28,25 @@ pub fn keep_private() {
 /// The error of the system.
 pub fn make_private_folder(folder: &Path) -> std::io::Result<()> {
     fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)
+}
+
+/// Rejects a folder for drafts that a link leads to a folder of many programs, such as `/tmp`: each start and each sweep
+/// remove the files in it.
+///
+/// # Errors
+/// Precondition names the folder; Internal when it cannot be read.
+pub(crate) fn expect_unshared(folder: &Path) -> Result<()> {
+    let fault = |error| Error::internal(format!("reading {}", folder.display()), error);
+    if fs::symlink_metadata(folder).map_err(fault)?.is_symlink()
+        && fs::metadata(folder).map_err(fault)?.mode() & STICKY != 0
+    {
+        return Err(Error::precondition(format!(
+            "{} leads to a folder that other programs use too, and the server removes every file in it: make it lead to a \
+             folder of its own",
+            folder.display()
+        )));
+    }
+    Ok(())
 }
 
 /// Logs a warning for each of the data folder, its database and its blobs that the group or others may read or write. A
@@ -74,5 +96,18 @@ mod tests {
         assert_eq!(wide.len(), 2, "{wide:?}");
         assert!(wide[0].contains("0750") && wide[0].contains("chmod -R go-rwx"), "{wide:?}");
         assert!(wide[1].contains("gleaner.db has mode 0644"), "{wide:?}");
+    }
+
+    #[test]
+    fn drafts_are_not_in_a_folder_of_many_programs() {
+        let dir = tempfile::tempdir().unwrap();
+        let [lab, other] = ["lab", "other"].map(|name| dir.path().join(name));
+        fs::create_dir_all(&lab).unwrap();
+        fs::create_dir_all(&other).unwrap();
+        std::os::unix::fs::symlink(&other, lab.join("tmp")).unwrap();
+        crate::blobs::Blobs::open(&lab).unwrap();
+        fs::set_permissions(&other, fs::Permissions::from_mode(0o1777)).unwrap();
+        let error = crate::blobs::Blobs::open(&lab).unwrap_err();
+        assert!(error.message().contains("lab/tmp leads to a folder that other programs use"), "{error}");
     }
 }

@@ -27,7 +27,7 @@ use super::{
 use crate::{
     blobs::{self, Blobs, Copied, Copying, sync_folder},
     config::BackupConfig,
-    data_folder::{DATABASE, DUMP, stamp::Stamp},
+    data_folder::{DATABASE, DUMP, stamp::Stamp, ways_out},
     domain::id::BlobId,
     error::{Error, Result},
     store::{Database, NamedBlob, Postgres, ReadOnlyDatabase, Store},
@@ -36,8 +36,9 @@ use crate::{
 /// Backs a data folder up and writes a summary to `out`; true when no blob is missing.
 ///
 /// # Errors
-/// Precondition when the target is not usable for a backup, there is no database to back up, or `pg_dump` is missing or
-/// fails; Exhausted when its disk is full; Internal when a disk fails.
+/// Precondition when the target is not usable for a backup or is that of another lab, there is no database to back up or it
+/// does not belong to the blobs, or `pg_dump` is missing or fails; Exhausted when its disk is full; Internal when a disk
+/// fails.
 pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> Result<bool> {
     let (source, target) = (config.data_dir.as_path(), config.target.as_path());
     let database = Database::configured(source, &config.database)?;
@@ -47,17 +48,20 @@ pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> R
     clear_drafts(target)?;
     let made_at = jiff::Timestamp::now().to_string();
     let (name, (schema, named)) = match &database.postgres {
-        None => (DATABASE, copy_sqlite(source, target).await?),
+        None => (DATABASE, copy_sqlite(&database, target).await?),
         Some(at) => (DUMP, dump_postgres(at, &database, target).await?),
     };
     let draft = draft(target, name);
     fs::File::open(&draft).and_then(|file| file.sync_all()).map_err(fault("syncing", &draft))?;
     let needed = grouped(named);
+    let folder = Stamp::read(source).ok().flatten().map(|stamp| stamp.folder);
+    target::expect_same_lab((source, folder.as_deref()), (target, &blobs), &needed)?;
     let copied = copy_blobs(&Blobs::at(source)?, &blobs, &needed, config.verify)?;
     drop(copying);
     let manifest = Manifest {
         gleaner: env!("CARGO_PKG_VERSION").to_owned(),
         made_at,
+        folder,
         schema,
         database: blobs::digest(&draft)?,
         blobs: copied.there + copied.new,
@@ -87,23 +91,34 @@ fn clear_drafts(target: &Path) -> Result<()> {
 }
 
 /// Copies the database to the draft, without open uploads; returns its schema and the blobs that it names.
-async fn copy_sqlite(source: &Path, target: &Path) -> Result<(i64, Vec<NamedBlob>)> {
+async fn copy_sqlite(database: &Database, target: &Path) -> Result<(i64, Vec<NamedBlob>)> {
     let draft = draft(target, DATABASE);
-    Store::copy(&source.join(DATABASE), &draft).await?;
+    fitting(database, ways_out(&database.data_dir)).await?.store.close().await;
+    Store::copy(&database.data_dir.join(DATABASE), &draft).await?;
     let database = ReadOnlyDatabase::open(&draft).await?;
     let named = database.store.named_blobs().await?;
     database.store.close().await;
     Ok((database.schema, named))
 }
 
-/// The same of a database in PostgreSQL, which must belong to the blobs.
-async fn dump_postgres(at: &Postgres, database: &Database, target: &Path) -> Result<(i64, Vec<NamedBlob>)> {
+/// Opens a database that must belong to the blobs, as at the start of a server: a database that is older than they are, or
+/// of another folder, must not replace that of an earlier backup, which may be the newest copy of its history.
+async fn fitting(database: &Database, remedy: String) -> Result<ReadOnlyDatabase> {
     // Before the database, whose generation is never behind.
     let stamp = Stamp::read(&database.data_dir)?;
     let opened = ReadOnlyDatabase::configured(database).await?;
-    if let Some(misfit) = opened.store.misfit(stamp.as_ref(), &Blobs::at(&database.data_dir)?).await? {
-        return Err(Error::precondition(format!("{at}: {misfit}. Name the data folder of its server with --data-dir")));
+    match opened.store.misfit(stamp.as_ref(), &Blobs::at(&database.data_dir)?).await? {
+        None => Ok(opened),
+        Some(misfit) => {
+            let unchanged = "An earlier backup in the target is unchanged";
+            Err(Error::precondition(format!("{database}: {misfit}. {unchanged}. {remedy}")))
+        }
     }
+}
+
+/// The same of a database in PostgreSQL.
+async fn dump_postgres(at: &Postgres, database: &Database, target: &Path) -> Result<(i64, Vec<NamedBlob>)> {
+    let opened = fitting(database, "Name the data folder of its server with --data-dir".to_owned()).await?;
     let named = at.dump(&opened, &draft(target, DUMP)).await?;
     opened.store.close().await;
     Ok((opened.schema, named))

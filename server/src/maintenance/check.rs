@@ -47,7 +47,7 @@ pub(super) async fn check_folder(config: &CheckConfig) -> Result<Report> {
     files.blobs(!config.fast).await?;
     files.uploads().await?;
     files.recordings()?;
-    files.trash()?;
+    files.trash().await?;
     if let Some(misfit) = misfit(config, &database).await? {
         report.problem(DATABASE, misfit);
     }

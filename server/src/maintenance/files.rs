@@ -107,12 +107,17 @@ impl Files<'_> {
     }
 
     /// Records the blobs in the trash as notes; a recording that was not deleted by a user stays there.
-    pub(super) fn trash(&mut self) -> Result<()> {
+    pub(super) async fn trash(&mut self) -> Result<()> {
         let blobs = Blobs::at(self.data_dir)?;
         for found in blobs.list_trash()? {
             let described = found.id.as_ref().map(|id| blobs.descriptions(id)).transpose()?.unwrap_or_default();
             let stays = worth::stays(&found, &described);
+            let named = match &found.id {
+                Some(id) => blobs.size(id)?.is_none() && self.store.names_blob(id).await?,
+                None => false,
+            };
             let until = match stays {
+                _ if named => "is in the trash, and a row names it; the server's next sweep restores it",
                 true => "stays in the trash: it was not deleted by a person. `gleaner-server rebuild` restores it",
                 false => "is in the trash; the server's sweep deletes it after --trash-days",
             };

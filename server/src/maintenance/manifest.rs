@@ -23,6 +23,10 @@ pub(super) struct Manifest {
     pub(super) gleaner: String,
     /// When its database was copied, by the clock of that machine.
     pub(super) made_at: String,
+    /// The name of the data folder by its stamp; `None` where no server has used the folder yet, and from earlier
+    /// versions.
+    #[serde(default)]
+    pub(super) folder: Option<String>,
     /// The newest migration of its database.
     pub(super) schema: i64,
     /// The digest of its database.

@@ -225,6 +225,8 @@ impl Rebuild<'_> {
         let to = folder.join(format!("{id}.{extension}"));
         let fault = |error| Error::internal(format!("moving {}", found.path.display()), error);
         fs::create_dir_all(&folder).map_err(fault)?;
+        // Without the entry in its parent, the folder is lost with everything moved to it.
+        sync_folder(data_dir)?;
         for (number, json) in self.blobs.descriptions(id)?.iter().enumerate() {
             let written = fs::File::create(folder.join(format!("{id}.{number}.json"))).and_then(|mut file| {
                 io::Write::write_all(&mut file, json)?;

@@ -1,5 +1,5 @@
-//! The sweep: deletes trash that is old enough, moves blobs without a row to the trash, and removes unneeded files and
-//! uploads.
+//! The sweep: restores trash that a row names, deletes trash that is old enough, moves blobs without a row to the trash,
+//! and removes unneeded files and uploads.
 //!
 //! It never races an upload or a job. A blob is removed under a lock that excludes storing a blob and committing its
 //! row (`blobs::hold`), and only after the rows were read under that lock. A blob without a row may still get one from
@@ -62,6 +62,7 @@ impl Sweeper {
     /// Precondition when too large a share of the blobs has no row; when the database or the disk fails.
     pub(super) async fn sweep(&self, now: SystemTime) -> Result<SweepCounts> {
         let mut counts = SweepCounts::default();
+        self.restore_named().await?;
         // Without this, recordings whose deletion is not yet in the sidecars would stay permanently.
         describe_queued(&self.store, &self.blobs).await?;
         let old = self.old_enough(now).await?;
@@ -99,6 +100,23 @@ impl Sweeper {
             counts.audited = self.store.forget_audit(Millis::of(self.days_before(now, days).await?)).await?;
         }
         Ok(counts)
+    }
+
+    /// Restores the blobs in the trash that a row names and that exist nowhere else: another database, since replaced, had
+    /// no row for them.
+    async fn restore_named(&self) -> Result<()> {
+        let blobs = self.blobs.clone();
+        let trash = off_runtime(move || blobs.list_trash()).await?;
+        for id in trash.into_iter().filter_map(|found| found.id) {
+            if !self.store.names_blob(&id).await? {
+                continue;
+            }
+            let (blobs, named) = (self.blobs.clone(), id.clone());
+            if off_runtime(move || Ok(blobs.size(&named)?.is_none() && blobs.take_back(&named)?)).await? {
+                tracing::warn!(blob.id = %id, "a row names a blob in the trash that exists nowhere else: restored");
+            }
+        }
+        Ok(())
     }
 
     /// The time the given number of days before `now`, not counting jumps of the clock.

@@ -1,13 +1,17 @@
 //! Checks of the target folders of backups and restores: other data is never overwritten.
 
 use std::{
+    collections::HashSet,
     fs, io,
     path::{Path, PathBuf},
 };
 
+use super::{files::Needed, manifest::Manifest};
 use crate::{
+    blobs::Blobs,
     config::DatabaseConfig,
-    data_folder::{BLOBS, DATABASE, DUMP},
+    data_folder::{BLOBS, DATABASE, DUMP, stamp},
+    domain::id::BlobId,
     error::{Error, Result},
     lock::DataLock,
     store::Database,
@@ -21,7 +25,8 @@ const NOTICE: &str =
 /// Creates the folder of a backup, or reuses that of an earlier one, and locks it against other backups.
 ///
 /// # Errors
-/// Precondition when it has other data, is inside the data folder or contains it, or another backup is running.
+/// Precondition when it has other data, has become a data folder, is inside the data folder or contains it, or another
+/// backup is running.
 pub(super) fn claim(database: &Database, target: &Path) -> Result<DataLock> {
     let (source, shown) = (database.data_dir.as_path(), target.display());
     let (there, what) = match &database.postgres {
@@ -32,6 +37,12 @@ pub(super) fn claim(database: &Database, target: &Path) -> Result<DataLock> {
         return Err(Error::precondition(format!(
             "there is no {what} in {}; --data-dir names the data folder of a server",
             source.display()
+        )));
+    }
+    if stamp::path(target).exists() {
+        return Err(Error::precondition(format!(
+            "a server has used {shown} as its data folder since the backup was made, and may have stored recordings in it: \
+             name another folder for the backup"
         )));
     }
     let mark = target.join(MARK);
@@ -51,6 +62,36 @@ pub(super) fn claim(database: &Database, target: &Path) -> Result<DataLock> {
     let lock = DataLock::take(target)?;
     fs::write(&mark, NOTICE).map_err(fault)?;
     Ok(lock)
+}
+
+/// Rejects the backup of one lab over that of another, as with a wrong folder, or with the new and empty lab that a server
+/// starts where a disk is not mounted. `folder` is the name of the data folder by its stamp. A restored lab has another
+/// name than before, and names the blobs of its backup.
+///
+/// # Errors
+/// Precondition when the folders have different names and `needed` lacks more than half of the earlier backup's blobs.
+pub(super) fn expect_same_lab(
+    (source, folder): (&Path, Option<&str>),
+    (target, blobs): (&Path, &Blobs),
+    needed: &[Needed],
+) -> Result<()> {
+    let earlier = Manifest::read(target).ok().flatten();
+    if folder.is_some() && earlier.as_ref().and_then(|earlier| earlier.folder.as_deref()) == folder {
+        return Ok(());
+    }
+    let there: HashSet<BlobId> = blobs.list()?.into_iter().filter_map(|found| found.id).collect();
+    let all = there.len() as u64;
+    let named = earlier.map_or(all, |earlier| earlier.blobs.min(all));
+    let shared = needed.iter().filter(|needed| there.contains(&needed.blob)).count() as u64;
+    if shared >= named.div_ceil(2) {
+        return Ok(());
+    }
+    Err(Error::precondition(format!(
+        "{} is the backup of another data folder: the database of {} names only {shared} of its {named} blobs. Name the \
+         right folder with --data-dir and check that its disk is mounted, or name another folder for this backup",
+        target.display(),
+        source.display()
+    )))
 }
 
 /// Rejects a command on a database that is not in the data folder.

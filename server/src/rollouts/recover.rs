@@ -1,6 +1,6 @@
 //! At start: stores recordings that an earlier run has left, one after the other. Unusable ones do not stop the start.
 
-use std::{collections::BTreeSet, fs};
+use std::{collections::BTreeSet, fs, io::ErrorKind};
 
 use tracing::Instrument as _;
 
@@ -39,10 +39,14 @@ impl Rollouts {
 
     async fn recover_one(&self, files: RolloutFiles) {
         let files_of_session = files.clone();
-        // Without a recording, or with an empty one, there are no steps to store.
+        // Without a recording, or with an empty one, there are no steps to store. One that cannot be read now may have some.
         let empty = off_runtime(move || {
-            let size = fs::metadata(files_of_session.recording()).map_or(0, |file| file.len());
-            if size == 0 { files_of_session.remove().map(|()| true) } else { Ok(false) }
+            let path = files_of_session.recording();
+            match fs::metadata(&path) {
+                Ok(file) if file.len() > 0 => Ok(false),
+                Err(error) if error.kind() != ErrorKind::NotFound => Err(fault("reading", &path)(error)),
+                Ok(_) | Err(_) => files_of_session.remove().map(|()| true),
+            }
         });
         let kept = match empty.await {
             Ok(true) => return,

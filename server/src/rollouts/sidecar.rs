@@ -120,6 +120,9 @@ impl RolloutFiles {
         };
         let moved = to.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| sidecar());
         moved.and_then(|()| fs::rename(&from, &to)).map_err(fault("setting aside", &from))?;
+        // A power cut must not lose the new name after the old one.
+        to.parent().map_or(Ok(()), sync_folder)?;
+        sync_folder(&self.folder)?;
         self.remove()
     }
 

@@ -242,6 +242,24 @@ async fn unusable_recordings_are_set_aside() {
     assert!(recorder.finish(Outcome::Success, "closed", ObservationCounts::default()).await.unwrap().is_some());
 }
 
+/// A link to itself stands for a disk that fails to respond.
+#[tokio::test]
+async fn a_recording_that_cannot_be_read_now_is_not_removed() {
+    let mut lab = Lab::new().await;
+    let queue = event::Queue::new();
+    let (files, mut writer) = lab.writer(ALL);
+    (0..5).for_each(|number| writer.step(&step(number, &queue)));
+    assert!(writer.end(&broken_off()).unwrap());
+    let (path, aside) = (files.recording(), lab.fixture.config.data_dir.join("aside"));
+    fs::rename(&path, &aside).unwrap();
+    std::os::unix::fs::symlink(&path, &path).unwrap();
+    lab.start_again().await;
+    assert!(fs::symlink_metadata(&path).is_ok() && lab.episodes().await.is_empty());
+    fs::rename(&aside, &path).unwrap();
+    lab.start_again().await;
+    assert_eq!(lab.episodes().await[0].steps, 5, "its sidecar stayed");
+}
+
 /// All queued events.
 fn drain(events: &mut UnboundedReceiver<Event>) -> Vec<Event> {
     std::iter::from_fn(|| events.try_recv().ok()).collect()

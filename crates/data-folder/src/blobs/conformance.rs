@@ -222,6 +222,25 @@ fn a_lost_object_is_sent_again_from_a_sound_copy() {
     assert!(!blobs.resend(&id).unwrap() && blobs.size(&id).unwrap().is_none(), "a damaged copy is not sent");
 }
 
+/// The folder has lost the name of its bucket, so its files look like the blobs themselves.
+#[test]
+fn a_move_replaces_no_object_by_a_damaged_file() {
+    let Some(store) = test_store() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let (blobs, bucket) = (blobs_in(&store, &dir, "one", 0), store.bucket("one").unwrap());
+    let [altered, cut, whole, new] = [1, 2, 3, 4].map(|n| blobs.put(&[n; 400]).unwrap());
+    fs::write(blobs.path(&altered), [9; 400]).unwrap();
+    fs::write(blobs.path(&cut), [2; 100]).unwrap();
+    let part = dir.path().join("part");
+    fs::write(&part, [3; 100]).unwrap();
+    bucket.put(&remote::name(dir.path(), &blobs.path(&whole)), &part).unwrap();
+    bucket.remove(&remote::name(dir.path(), &blobs.path(&new))).unwrap();
+    remote::fill(&bucket, &Blobs::open(dir.path()).unwrap()).unwrap();
+    for id in [altered, cut, whole, new] {
+        assert_eq!(blobs.digest(&id).unwrap(), id, "the object is whole");
+    }
+}
+
 #[test]
 fn a_bucket_has_one_data_folder() {
     let Some(store) = test_store() else { return };

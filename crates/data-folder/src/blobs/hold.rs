@@ -82,8 +82,9 @@ impl Copying {
     }
 }
 
+/// For both kinds of lock: NFS keeps them as locks on ranges, and rejects a shared one on a file that is not open to read.
 fn open(path: &Path) -> std::io::Result<File> {
-    OpenOptions::new().create(true).write(true).truncate(false).open(path)
+    OpenOptions::new().create(true).read(true).write(true).truncate(false).open(path)
 }
 
 #[cfg(test)]
@@ -105,6 +106,14 @@ mod tests {
         assert!(futures::poll!(&mut naming).is_pending(), "one is removing");
         drop(removing);
         naming.await;
+    }
+
+    #[test]
+    fn the_file_of_the_lock_is_open_to_read_and_to_write() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut file = open(&dir.path().join(FILE)).unwrap();
+        assert_eq!(std::io::Read::read(&mut file, &mut [0]).unwrap(), 0);
+        assert_eq!(std::io::Write::write(&mut file, &[0]).unwrap(), 1);
     }
 
     #[tokio::test]

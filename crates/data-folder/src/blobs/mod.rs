@@ -58,12 +58,14 @@ impl Blobs {
     /// Opens the blobs under `data_dir`, and creates the folders if missing.
     ///
     /// # Errors
-    /// Internal when the folders cannot be created; as for [`Blobs::at`].
+    /// Internal when the folders cannot be created; Precondition when drafts are to be in a shared folder; as for
+    /// [`Blobs::at`].
     pub fn open(data_dir: &Path) -> Result<Self> {
         let blobs = Self::at(data_dir)?;
         for folder in [&blobs.root, &blobs.unfinished] {
             fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         }
+        crate::access::expect_unshared(&blobs.unfinished)?;
         sync_folder(data_dir)?;
         Ok(blobs)
     }

@@ -61,6 +61,8 @@ pub fn settle(data_dir: &Path, wanted: Option<(BucketConfig, u64)>) -> Result<()
     let Some((bucket, cache_bytes)) = wanted else {
         return before.map_or(Ok(()), |before| Bucket::open(&before.bucket)?.expect_owner(&before.owner));
     };
+    // Before a message repeats the URL, which may have a password where none belongs.
+    bucket.place()?;
     if let Some(before) = before.as_ref().filter(|before| before.bucket.url != bucket.url) {
         return Err(Error::precondition(format!(
             "--blob-store {}: the blobs of {} are in {}. To move them, back the folder up, restore it to a new folder and \
@@ -79,14 +81,29 @@ pub fn settle(data_dir: &Path, wanted: Option<(BucketConfig, u64)>) -> Result<()
         opened.expect_owner(&owner)?;
     } else {
         opened.claim(&owner)?;
-        let blobs = Blobs::of(data_dir, None);
-        for found in blobs.list()?.into_iter().chain(blobs.list_trash()?).filter(|found| found.id.is_some()) {
-            opened.put(&name(data_dir, &found.path), &found.path)?;
-        }
+        fill(&opened, &Blobs::of(data_dir, None))?;
         tracing::info!(store = opened.shown(), "the bucket holds the blobs of this data folder from now on");
     }
     let now = Remembered { bucket, cache_bytes, owner };
     if before.as_ref() == Some(&now) { Ok(()) } else { write(data_dir, &now) }
+}
+
+/// Puts the blobs of a folder into its bucket. An object of the right size stays, and so does any object whose file is
+/// damaged: where the folder has lost the name of its bucket, its files are copies, and the object may be the only whole
+/// one.
+pub(super) fn fill(bucket: &Bucket, blobs: &Blobs) -> Result<()> {
+    for found in blobs.list()?.into_iter().chain(blobs.list_trash()?) {
+        let Some(id) = &found.id else { continue };
+        let name = name(&blobs.folder, &found.path);
+        match bucket.size(&name)? {
+            Some(size) if size == found.size_bytes => {}
+            Some(size) if found.digest()? != *id => {
+                tracing::error!(blob.id = %id, object = size, "a file is damaged: the bucket keeps its object of another size");
+            }
+            Some(_) | None => bucket.put(&name, &found.path)?,
+        }
+    }
+    Ok(())
 }
 
 /// Whether a bucket holds the blobs of a data folder.

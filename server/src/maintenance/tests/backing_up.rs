@@ -30,9 +30,13 @@ impl Backups {
 }
 
 async fn back_up(lab: &Lab, target: &Path, prune: bool) -> Result<(bool, String)> {
+    back_up_folder(lab.dir.path(), target, prune).await
+}
+
+async fn back_up_folder(data_dir: &Path, target: &Path, prune: bool) -> Result<(bool, String)> {
     let config = BackupConfig {
         target: target.to_owned(),
-        data_dir: lab.dir.path().to_owned(),
+        data_dir: data_dir.to_owned(),
         verify: false,
         prune,
         database: DatabaseConfig::default(),
@@ -202,4 +206,81 @@ async fn a_folder_that_cannot_be_replaced_is_refused_before_the_copy() {
     let mut names: Vec<_> = fs::read_dir(folders.dir.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
     assert_eq!(names, ["backup", "place"], "no draft is left");
+}
+
+/// A new and empty lab is what a server makes where the disk of its data folder is not mounted.
+#[tokio::test]
+async fn the_backup_of_another_lab_is_not_replaced() {
+    let (lab, folders) = (lab().await, Backups::new());
+    let (target, new) = (folders.path("backup"), folders.path("new"));
+    back_up(&lab, &target, false).await.unwrap();
+    let earlier = Manifest::read(&target).unwrap().unwrap();
+    let (other, store) = testing::sqlite().await;
+    let task = testing::task(&store).await;
+    for content in [b"success".as_slice(), b"of another lab"] {
+        let error = back_up_folder(other.path(), &target, true).await.unwrap_err();
+        assert!(error.kind() == Kind::Precondition && error.message().contains("of its 3 blobs"), "{error}");
+        // One recording of the two labs is the same.
+        let upload = testing::upload(&task, content);
+        Blobs::open(other.path()).unwrap().put(content).unwrap();
+        store.finish_upload(&upload, &testing::inspected(&task, &upload)).await.unwrap();
+    }
+    assert!(back_up_folder(other.path(), &target, true).await.is_err());
+    assert_eq!(Manifest::read(&target).unwrap().unwrap(), earlier);
+    assert!(checked(&target, false).await.sound);
+    // A restored lab has another name and the same blobs.
+    assert!(restore_to(&target, &new).await.unwrap());
+    assert!(back_up_folder(&new, &target, true).await.unwrap().0);
+}
+
+#[tokio::test]
+async fn a_lab_that_keeps_few_blobs_is_known_by_the_name_of_its_folder() {
+    let (lab, folders) = (lab().await, Backups::new());
+    let (target, database) = (folders.path("backup"), crate::store::Database::in_folder(lab.dir.path()));
+    // As the first start of a server.
+    Store::open_with_blobs(&database, &lab.blobs, false).await.unwrap().close().await;
+    back_up(&lab, &target, false).await.unwrap();
+    let (manifest, blobs) = (Manifest::read(&target).unwrap().unwrap(), Blobs::open(&target).unwrap());
+    (0..9_u8).for_each(|number| drop(blobs.put(&[number]).unwrap()));
+    Manifest { blobs: 12, folder: Some("of another".to_owned()), ..manifest.clone() }.write(&target).unwrap();
+    let error = back_up(&lab, &target, true).await.unwrap_err();
+    assert!(error.message().contains("names only 3 of its 12 blobs"), "{error}");
+    Manifest { blobs: 12, ..manifest }.write(&target).unwrap();
+    assert!(back_up(&lab, &target, true).await.unwrap().1.contains("9 removed"));
+}
+
+/// A person in a hurry starts the server on the backup itself. From then on its recordings may be nowhere else.
+#[tokio::test]
+async fn a_backup_that_a_server_has_used_is_not_replaced() {
+    let (lab, folders) = (lab().await, Backups::new());
+    let target = folders.path("backup");
+    back_up(&lab, &target, false).await.unwrap();
+    let blobs = Blobs::open(&target).unwrap();
+    let store = Store::open_with_blobs(&crate::store::Database::in_folder(&target), &blobs, false).await.unwrap();
+    let upload = testing::upload(&lab.task, b"acknowledged there");
+    blobs.put(b"acknowledged there").unwrap();
+    store.finish_upload(&upload, &testing::inspected(&lab.task, &upload)).await.unwrap();
+    store.close().await;
+    let database = fs::read(target.join("gleaner.db")).unwrap();
+    let error = back_up(&lab, &target, true).await.unwrap_err();
+    assert!(error.kind() == Kind::Precondition && error.message().contains("a server has used"), "{error}");
+    assert!(fs::read(target.join("gleaner.db")).unwrap() == database && blobs.contains(&upload.blake3));
+}
+
+/// The server refuses to start on such a folder; the nightly backup must not copy it either.
+#[tokio::test]
+async fn a_database_that_is_older_than_its_blobs_replaces_no_backup() {
+    let (lab, folders) = (lab().await, Backups::new());
+    let (target, path) = (folders.path("backup"), lab.dir.path().join("gleaner.db"));
+    lab.store.clone().close().await;
+    let older = fs::read(&path).unwrap();
+    let database = crate::store::Database::in_folder(lab.dir.path());
+    Store::open_with_blobs(&database, &lab.blobs, false).await.unwrap().close().await;
+    back_up(&lab, &target, false).await.unwrap();
+    let earlier = Manifest::read(&target).unwrap().unwrap();
+    fs::write(&path, older).unwrap();
+    let error = back_up(&lab, &target, true).await.unwrap_err();
+    assert!(error.kind() == Kind::Precondition && error.message().contains("older than the blobs"), "{error}");
+    assert_eq!(Manifest::read(&target).unwrap().unwrap(), earlier);
+    assert!(checked(&target, false).await.sound);
 }

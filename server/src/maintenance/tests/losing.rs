@@ -153,3 +153,20 @@ async fn a_recording_without_a_description_stays_in_the_trash() {
     }
     assert_eq!(lab.blobs.list_trash().unwrap()[0].id.as_ref(), Some(&id));
 }
+
+/// A database without its row was accepted for a while, and then the one that has the row was put back.
+#[tokio::test]
+async fn a_blob_in_the_trash_that_a_row_names_is_restored() {
+    let lab = lab().await;
+    let sweeper = sweeper(&lab, 0);
+    for id in [&lab.checkpoint, &lab.recording] {
+        let removing = lab.blobs.removing().await.unwrap().unwrap();
+        lab.blobs.discard(id, &removing).unwrap();
+    }
+    let report = checked(lab.dir.path(), true).await;
+    let restores = |found: &&crate::maintenance::report::Finding| found.detail.contains("next sweep restores it");
+    assert_eq!(report.findings.iter().filter(restores).count(), 2, "{:?}", report.findings);
+    assert_eq!(sweeper.sweep(in_days(40)).await.unwrap().blobs, 0);
+    assert!(lab.blobs.get(&lab.checkpoint).is_ok() && lab.blobs.get(&lab.recording).is_ok());
+    assert!(lab.blobs.list_trash().unwrap().is_empty() && checked(lab.dir.path(), false).await.sound);
+}
