@@ -73,7 +73,8 @@ impl Client {
     /// called as each one ends.
     ///
     /// # Errors
-    /// The first session that fails ends the evaluation with its error.
+    /// The first session that fails ends the evaluation with its error, and so does a session of another policy than the
+    /// earlier ones: the deployment was changed meanwhile.
     pub async fn drive(&self, plan: &DrivePlan, mut on_episode: impl FnMut(&DrivenEpisode)) -> Result<Driven> {
         let started = Instant::now();
         let spec = gleaner_sim::task_spec(plan.task, &plan.config);
@@ -101,10 +102,10 @@ impl Client {
         };
         let mut runs = futures::stream::iter(runs).buffer_unordered(plan.sessions.max(1));
         while let Some(run) = runs.try_next().await? {
+            driven.expect_policy(&plan.deployment, run.policy_id)?;
             on_episode(&run.episode);
             driven.episodes.push(run.episode);
             driven.latencies.extend(run.latencies);
-            driven.policy_id = run.policy_id;
             if let Some(report) = run.control {
                 driven.control.get_or_insert_default().add(&report);
             }

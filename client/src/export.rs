@@ -74,9 +74,7 @@ impl Client {
     /// [`ClientError::Invalid`] when the file exists; the codes of `GetEpisodeScores`; as for
     /// [`Client::download_episode`]; [`ClientError::Recording`] when the recording cannot be copied.
     pub async fn export_episode(&self, episode_id: &str, run_id: &str, beta: f64, out: &Path) -> Result<Episode> {
-        if out.exists() {
-            return Err(ClientError::Invalid(format!("{} exists; give another name or remove it", out.display())));
-        }
+        expect_new_file(out)?;
         let request = GetEpisodeScoresRequest { score_run_id: run_id.to_owned(), episode_id: episode_id.to_owned() };
         let scores = self.scores().get_episode_scores(request).await?.into_inner().scores;
         let scores = scores.ok_or(ClientError::Contract { missing: "scores" })?;
@@ -112,6 +110,17 @@ pub fn expect_new_folder(folder: &Path) -> Result<()> {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
         Err(error) => Err(ClientError::io(folder)(error)),
     }
+}
+
+/// Checks that a file does not exist, before work begins whose result goes there.
+///
+/// # Errors
+/// [`ClientError::Invalid`] when there is a file, a folder or a device of this name.
+pub fn expect_new_file(file: &Path) -> Result<()> {
+    if file.exists() {
+        return Err(ClientError::Invalid(format!("{} exists; give another name or remove it", file.display())));
+    }
+    Ok(())
 }
 
 fn parent(path: &Path) -> &Path {
@@ -160,6 +169,10 @@ mod tests {
         assert!(message.contains("has files in it"), "{message}");
         assert!(matches!(expect_new_folder(&file), Err(ClientError::Io { .. })));
         assert_eq!(std::fs::read(&file).unwrap(), b"mine");
+        expect_new_file(&folder.path().join("b")).unwrap();
+        for taken in [&file, folder.path(), Path::new("/dev/null")] {
+            assert!(expect_new_file(taken).unwrap_err().to_string().contains("exists; give another name"));
+        }
     }
 
     #[test]

@@ -9,6 +9,7 @@ use gleaner_proto::v1::Outcome;
 use serde::Deserialize;
 
 use crate::error::{ClientError, Result};
+use crate::rows::rows;
 
 /// One row of a labels.csv: `file,task,outcome,cohort`. Other columns are ignored.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,20 +56,11 @@ pub fn read_labels(csv_path: &Path) -> Result<Vec<LabelledFile>> {
     let text = std::fs::read_to_string(csv_path).map_err(ClientError::io(csv_path))?;
     let folder = csv_path.parent().unwrap_or_else(|| Path::new(""));
     let wrong = |problem: String| ClientError::Invalid(format!("{}: {problem}", csv_path.display()));
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let headers = reader.headers().map_err(|error| wrong(error.to_string()))?;
-    for needed in ["file", "outcome"] {
-        if !headers.iter().any(|header| header == needed) {
-            return Err(wrong(format!(
-                "column {needed:?} is missing; the first line must be file,task,outcome,cohort (task and cohort may be left out)"
-            )));
-        }
-    }
+    let form = "file,task,outcome,cohort (task and cohort may be left out)";
     let mut seen = BTreeSet::new();
     let mut files = Vec::new();
-    for (index, row) in reader.deserialize().enumerate() {
-        let row: Row = row.map_err(|error| wrong(error.to_string()))?;
-        let at_line = |problem: String| wrong(format!("line {}: {problem}", index + 2));
+    for (line, row) in rows::<Row>(&text, ["file", "outcome"], form).map_err(wrong)? {
+        let at_line = |problem: String| wrong(format!("line {line}: {problem}"));
         if row.file.is_empty() {
             return Err(at_line("the file is empty".into()));
         }
@@ -77,7 +69,7 @@ pub fn read_labels(csv_path: &Path) -> Result<Vec<LabelledFile>> {
         }
         files.push(LabelledFile {
             path: folder.join(&row.file),
-            line: index as u64 + 2,
+            line,
             task: row.task.filter(|task| !task.is_empty()),
             outcome: outcome_from_word(&row.outcome).map_err(at_line)?,
             cohort: row.cohort.unwrap_or_default(),
@@ -134,7 +126,8 @@ mod tests {
             ("file,outcome\na.mcap,success\na.mcap,failure\n", "line 3: a.mcap is listed twice"),
             ("file,cohort\na.mcap,x\n", "column \"outcome\" is missing"),
             ("file,outcome\n,success\n", "line 2: the file is empty"),
-            ("file,outcome\na.mcap\n", "line: 2"),
+            ("file,outcome\na.mcap\n", "line 2: has 1 cells"),
+            ("file,outcome\n\na.mcap,success\n\nb.mcap,maybe\n", "line 5: outcome \"maybe\""),
         ] {
             let message = read(text).unwrap_err().to_string();
             assert!(message.contains(part) && message.contains("labels.csv"), "{message}");

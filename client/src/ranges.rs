@@ -11,6 +11,7 @@ use serde::Deserialize;
 
 use crate::error::{ClientError, Result};
 use crate::labels::outcome_from_word;
+use crate::rows::rows;
 
 /// One row of a file of ranges: `start,end,success,name`. Other columns are ignored.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,20 +38,12 @@ struct Row {
 pub fn read_ranges(csv_path: &Path) -> Result<Vec<NamedRange>> {
     let text = std::fs::read_to_string(csv_path).map_err(ClientError::io(csv_path))?;
     let wrong = |problem: String| ClientError::Invalid(format!("{}: {problem}", csv_path.display()));
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let headers = reader.headers().map_err(|error| wrong(error.to_string()))?;
-    for needed in ["start", "end"] {
-        if !headers.iter().any(|header| header == needed) {
-            return Err(wrong(format!(
-                "column {needed:?} is missing; the first line must be start,end,success,name (success and name may be left out)"
-            )));
-        }
-    }
+    let form = "start,end,success,name (success and name may be left out)";
     let mut names = BTreeSet::new();
     let mut ranges = Vec::new();
-    for (index, row) in reader.deserialize().enumerate() {
-        let Row { start, end, success, name } = row.map_err(|error| wrong(error.to_string()))?;
-        let at_line = |problem: String| wrong(format!("line {}: {problem}", index + 2));
+    for (line, row) in rows(&text, ["start", "end"], form).map_err(wrong)? {
+        let Row { start, end, success, name } = row;
+        let at_line = |problem: String| wrong(format!("line {line}: {problem}"));
         let name = name.unwrap_or_default();
         if let Some(odd) = name.chars().find(|c| !c.is_ascii_alphanumeric() && !"_-.".contains(*c)) {
             return Err(at_line(format!("the name {name:?} has {odd:?}; use letters, digits, `_`, `-` and `.`")));
@@ -114,7 +107,8 @@ mod tests {
         for (text, part) in [
             ("start,stop\n1,2\n", "column \"end\" is missing"),
             ("start,end\n", "it has no ranges"),
-            ("start,end\n1,late\n", "line: 2"),
+            ("start,end\n1,late\n", "line 2: end: invalid float"),
+            ("start,end,success\n\n1,2,true\n\n3,4,maybe\n", "line 5: success \"maybe\""),
             ("start,end,success\n1,2,true\n3,4,maybe\n", "line 3: success \"maybe\""),
             ("start,end,name\n1,2,../x\n", "line 2: the name \"../x\" has '/'"),
             ("start,end,name\n1,2,a\n3,4,a\n", "line 3: the name a is given twice"),

@@ -64,6 +64,21 @@ pub(crate) fn split(paths: &[PathBuf]) -> (Vec<Candidate>, Vec<PathBuf>) {
     (datasets, others)
 }
 
+/// Refuses an option of datasets of other programs where none is given, rather than to ignore it.
+pub(crate) fn expect_datasets(datasets: &[Candidate], assumed: &Assumed) -> Result<()> {
+    let Assumed { rate_hz, success_column } = assumed;
+    let (flag, remedy) = match (rate_hz, success_column) {
+        (_, Some(_)) => ("--success-column", "labels of recordings are in a labels.csv (--labels)"),
+        (Some(_), None) => ("--rate", "recordings have the times of their messages, and a task file has rate_hz"),
+        (None, None) => return Ok(()),
+    };
+    if datasets.is_empty() {
+        let problem = format!("{flag} applies to datasets of other programs, and none is given");
+        return Err(Failure::message(format!("{problem}; {remedy}")));
+    }
+    Ok(())
+}
+
 /// The recordings of these paths; what is skipped is noted.
 ///
 /// # Errors
@@ -236,6 +251,20 @@ mod tests {
         let found = |name: &str| Candidate { path: at(name), searched: true };
         assert_eq!(datasets, ["exports/lift/b.hdf5", "exports/pick"].map(found));
         assert_eq!(others, [folder.path().to_owned()], "beside recordings, datasets are given by name");
+    }
+
+    #[test]
+    fn options_of_datasets_are_refused_without_a_dataset() {
+        let given = [Candidate { path: "x.hdf5".into(), searched: false }];
+        let (rate, column) = (Some(30.0), Some("next.success".to_owned()));
+        let refused = |rate_hz, success_column: Option<String>| {
+            let assumed = Assumed { rate_hz, success_column };
+            assert!(expect_datasets(&given, &assumed).is_ok());
+            expect_datasets(&[], &assumed).err().map(|error| error.to_string())
+        };
+        assert!(refused(rate, None).unwrap().starts_with("--rate applies to datasets of other programs, and none"));
+        assert!(refused(None, column).unwrap().starts_with("--success-column applies to datasets"));
+        assert_eq!(refused(None, None), None);
     }
 
     #[test]

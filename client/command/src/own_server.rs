@@ -9,9 +9,9 @@ use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, BufReader, Lines};
 use tokio::process::{Child, ChildStdout, Command};
-use tokio::signal::unix::{SignalKind, signal};
 
 use crate::failure::{Failure, Result};
+use crate::interrupt::unless_interrupted;
 
 const READY: &str = "listening on ";
 const START_PATIENCE: Duration = Duration::from_secs(60);
@@ -124,19 +124,6 @@ impl ServerProcess {
                 Err(Failure::message("the server did not stop on request and was killed"))
             }
         }
-    }
-}
-
-/// The result of the work, or a failure with this message if the keyboard or the system asks to stop first.
-pub(crate) async fn unless_interrupted<T>(
-    work: impl Future<Output = Result<T>>,
-    interrupted: &'static str,
-) -> Result<T> {
-    let mut terminate = signal(SignalKind::terminate())?;
-    tokio::select! {
-        done = work => done,
-        _ = tokio::signal::ctrl_c() => Err(Failure::message(interrupted)),
-        _ = terminate.recv() => Err(Failure::message(interrupted)),
     }
 }
 

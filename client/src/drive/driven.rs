@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use gleaner_core::statistics;
 
+use crate::error::{ClientError, Result};
 use crate::lowest::LowestScore;
 use crate::robot::ControlReport;
 
@@ -81,6 +82,20 @@ impl Driven {
         self.episodes.iter().map(|episode| episode.episode_ids.len()).sum()
     }
 
+    /// Refuses a session of another policy than the others: their episodes are not the result of one.
+    pub(super) fn expect_policy(&mut self, deployment: &str, policy_id: String) -> Result<()> {
+        if self.policy_id.is_empty() {
+            self.policy_id = policy_id;
+        } else if self.policy_id != policy_id {
+            return Err(ClientError::Invalid(format!(
+                "{deployment} was changed from {} to {policy_id} during the evaluation, whose result would be of neither; \
+                 start it again",
+                self.policy_id
+            )));
+        }
+        Ok(())
+    }
+
     fn total(&self) -> u32 {
         u32::try_from(self.episodes.len()).unwrap_or(u32::MAX)
     }
@@ -114,6 +129,17 @@ mod tests {
         assert_eq!(result.latency(0.5), Duration::from_millis(50));
         assert_eq!(result.latency(0.99), Duration::from_millis(99));
         assert_eq!(result.latency(1.0), Duration::from_millis(100));
+    }
+
+    #[test]
+    fn an_evaluation_has_one_policy() {
+        let mut result = driven(&[], &[]);
+        for _ in 0..2 {
+            result.expect_policy("pick@prod", "pol_1".into()).unwrap();
+        }
+        let message = result.expect_policy("pick@prod", "pol_2".into()).unwrap_err().to_string();
+        assert!(message.starts_with("pick@prod was changed from pol_1 to pol_2"), "{message}");
+        assert_eq!(result.policy_id, "pol_1");
     }
 
     #[test]

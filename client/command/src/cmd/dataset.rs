@@ -152,7 +152,7 @@ async fn stream(context: &Context, args: StreamArgs) -> Result<()> {
         if let (false, Some(fields)) = (args.frames, line.as_object_mut()) {
             fields.remove("frames");
         }
-        context.output.line(line)?;
+        context.output.json_line(&line)?;
         count += 1;
     }
     context.output.note(format_args!("{count} segments"));

@@ -17,7 +17,31 @@ pub(super) struct From<'a> {
     /// `None`: a new snapshot of the task.
     pub(super) snapshot: Option<&'a str>,
     pub(super) priority: i32,
+    /// The key of the score job; may be empty.
+    pub(super) key: &'a str,
     pub(super) engine_options: &'a str,
+}
+
+impl From<'_> {
+    /// The job of an encoder of one step. It has a key of its own if the score job has one, so that the same command
+    /// returns both jobs.
+    fn request(&self, task: &str) -> SubmitJobRequest {
+        let spec = PretrainSpec {
+            snapshot_id: self.snapshot.unwrap_or_default().to_owned(),
+            settings: Some(to_struct(&Values::from_iter([("steps".to_owned(), 1.into())]))),
+            ..PretrainSpec::default()
+        };
+        // A digest, because a key has a greatest length.
+        let key = || format!("encoder of {}", blake3::hash(self.key.as_bytes()).to_hex());
+        SubmitJobRequest {
+            task: task.to_owned(),
+            spec: Some(JobSpec { spec: Some(Spec::Pretrain(spec)) }),
+            priority: self.priority,
+            key: if self.key.is_empty() { String::new() } else { key() },
+            engine_options: self.engine_options.to_owned(),
+            ..SubmitJobRequest::default()
+        }
+    }
 }
 
 /// The newest encoder of a task. In a task without one, a scorer that reads no encoder gets one of a single step.
@@ -34,19 +58,7 @@ pub(super) async fn newest(
     if let Some(newest) = ids::newest_if_any(context, client, Kind::Encoder, task).await? {
         return Ok(newest);
     }
-    let spec = PretrainSpec {
-        snapshot_id: from.snapshot.unwrap_or_default().to_owned(),
-        settings: Some(to_struct(&Values::from_iter([("steps".to_owned(), 1.into())]))),
-        ..PretrainSpec::default()
-    };
-    let request = SubmitJobRequest {
-        task: task.to_owned(),
-        spec: Some(JobSpec { spec: Some(Spec::Pretrain(spec)) }),
-        priority: from.priority,
-        engine_options: from.engine_options.to_owned(),
-        ..SubmitJobRequest::default()
-    };
-    let job = present(client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
+    let job = present(client.jobs().submit_job(from.request(task)).await?.into_inner().job, "a job")?;
     let encoder = job.result_id;
     context.output.note(format_args!("encoder {encoder} (of one step, because the scorer does not read it)"));
     Ok(encoder)
@@ -69,5 +81,21 @@ pub(super) async fn expect_trained(client: &Client, task: &str, dataset: &str, s
             policy.name
         ))),
         Some(_) | None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_score_job_with_a_key_has_one_encoder_however_often_it_is_submitted() {
+        let request = |key| From { snapshot: None, priority: 2, key, engine_options: "" }.request("lift");
+        let long = "k".repeat(200);
+        assert_eq!(request("nightly"), request("nightly"));
+        assert_eq!(request("").key, "");
+        let [one, other] = ["nightly", long.as_str()].map(|key| request(key).key);
+        assert!(one != other && !one.is_empty() && one != "nightly" && other.len() <= 200, "{one} {other}");
+        assert_eq!(request("nightly").priority, 2);
     }
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gleaner_client::outcome_from_word;
+use gleaner_client::{expect_new_file, outcome_from_word};
 use gleaner_proto::v1::{Episode, Finding, GetEpisodeRequest, GetEpisodeResponse, ListEpisodesRequest, Outcome};
 
 use crate::context::Context;
@@ -138,13 +138,14 @@ fn findings(findings: &[Finding]) -> String {
 pub(crate) struct DownloadArgs {
     /// Id of the episode, or the file name of its recording.
     id: String,
-    /// File to write.
+    /// New file to write.
     #[arg(short, long, alias = "output", value_name = "FILE")]
     out: PathBuf,
 }
 
 impl DownloadArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        expect_new_file(&self.out)?;
         let client = context.client().await?;
         let bar = context.progress.spinner("download");
         let episode = client.download_episode(&self.id, &self.out, |bytes| bar.set_position(bytes)).await?;
@@ -155,5 +156,27 @@ impl DownloadArgs {
         )?;
         context.output.next(format_args!("gleaner episode {}", episode.id));
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use crate::cli::Cli;
+    use crate::context::Context;
+    use crate::output::Output;
+
+    #[tokio::test]
+    async fn a_download_does_not_replace_a_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("notes.txt");
+        std::fs::write(&file, "mine").unwrap();
+        let words = ["gleaner", "--server", "http://127.0.0.1:9", "download", "ep_1", "--out", file.to_str().unwrap()];
+        let cli = Cli::try_parse_from(words).unwrap();
+        let context = Context::new(cli.connection, Output::new(false));
+        let message = cli.command.run(&context).await.unwrap_err().to_string();
+        assert!(message.contains("notes.txt exists; give another name"), "{message}");
+        assert_eq!(std::fs::read(&file).unwrap(), b"mine");
     }
 }

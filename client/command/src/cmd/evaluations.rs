@@ -28,7 +28,7 @@ impl EvaluationsArgs {
         context.output.result(|| json::value(&reply), || listing(&reply.evaluations))?;
         match reply.evaluations.first() {
             Some(evaluation) => context.output.next(format_args!("gleaner evaluation {}", evaluation.id)),
-            None => context.output.next(evaluation_of(context, &client, &self.policy).await?),
+            None => context.output.next(evaluation_of(context, &client, &self.policy).await),
         }
         Ok(())
     }

@@ -11,7 +11,7 @@ use gleaner_proto::v1::{
 };
 
 use super::follow;
-use super::selection::beta_of;
+use super::selection::{beta_of, threshold};
 use super::submit::{EngineArgs, task_of_dataset};
 use crate::context::Context;
 use crate::failure::{Result, present};
@@ -33,13 +33,13 @@ pub(crate) struct ExportArgs {
     #[arg(required_unless_present = "episode")]
     dataset: Option<String>,
     /// Id of an episode to write whole, with the scores of every step, as one MCAP file.
-    #[arg(long, value_name = "EPISODE", requires = "scores", conflicts_with_all = ["dataset", "format", "depth"])]
+    #[arg(long, value_name = "EPISODE", requires = "scores", conflicts_with_all = ["dataset", "format", "depth", "options"])]
     episode: Option<String>,
     /// Id of the score run of the episode.
     #[arg(long, value_name = "RUN", requires = "episode", conflicts_with = "dataset")]
     scores: Option<String>,
     /// Threshold above which a step of the episode is marked as kept, 0 to 1. Default: that of the run.
-    #[arg(long, requires = "episode", conflicts_with = "dataset")]
+    #[arg(long, requires = "episode", conflicts_with = "dataset", value_parser = threshold)]
     beta: Option<f64>,
     /// Format of the files.
     #[arg(long, value_enum, default_value = "mcap")]

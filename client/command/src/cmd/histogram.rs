@@ -8,6 +8,7 @@ use gleaner_core::proto::score::expert_ranking;
 use gleaner_core::score::ExpertRanking;
 use gleaner_proto::v1::{CohortCounts, GetHistogramRequest, GetHistogramResponse, KeptCount};
 
+use super::selection::decimals;
 use crate::context::Context;
 use crate::failure::Result;
 use crate::output::terminal_width;
@@ -46,18 +47,20 @@ impl HistogramArgs {
 /// Bars of the counts, and what each threshold keeps.
 pub(crate) fn histogram(histogram: &GetHistogramResponse, width: usize) -> String {
     let most = histogram.counts.iter().copied().max().unwrap_or(0);
-    let room = width.saturating_sub(26).clamp(10, 60);
+    // Enough decimals for the edges of neighbouring bins to differ.
+    let places = if histogram.counts.len() > 100 { 3 } else { 2 };
+    let room = width.saturating_sub(22 + 2 * places).clamp(10, 60);
     #[expect(clippy::cast_precision_loss, reason = "there are at most 1000 bins")]
     let edge = |bin: usize| bin as f64 / histogram.counts.len() as f64;
     let mut lines = vec![format!("q of {} segments", histogram.segments)];
     for (bin, &count) in histogram.counts.iter().enumerate() {
         let bar = chart::bar(count, most, room);
-        lines.push(format!("{:.2}–{:.2} {count:>8} {bar}", edge(bin), edge(bin + 1)).trim_end().to_owned());
+        lines.push(format!("{:.places$}–{:.places$} {count:>8} {bar}", edge(bin), edge(bin + 1)).trim_end().to_owned());
     }
     let columns = [Right("β"), Right("KEPT"), Right("SHARE"), Right("FROM EPISODES"), Right("OF EXPERTS")];
     let row = |kept: &KeptCount| {
         [
-            format!("{:.2}", kept.beta),
+            decimals(kept.beta),
             kept.segments.to_string(),
             words::percent(kept.segments, histogram.segments),
             kept.episodes.to_string(),
@@ -168,5 +171,14 @@ mod tests {
              0.50    11  68.8 %              3      50.0 %\n\
              0.90     0   0.0 %              0       0.0 %"
         );
+    }
+
+    #[test]
+    fn narrow_bins_and_thresholds_have_the_decimals_that_they_need() {
+        let kept = vec![KeptCount { beta: 0.995, ..KeptCount::default() }];
+        let drawn = histogram(&GetHistogramResponse { counts: vec![1; 300], kept, ..Default::default() }, 80);
+        let edges: Vec<&str> = drawn.lines().skip(1).take(300).filter_map(|line| line.split(' ').next()).collect();
+        assert_eq!(edges[..3], ["0.000–0.003", "0.003–0.007", "0.007–0.010"]);
+        assert!(drawn.lines().last().unwrap().starts_with("0.995"), "{drawn}");
     }
 }

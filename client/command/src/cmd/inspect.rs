@@ -38,6 +38,7 @@ impl InspectArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let (datasets, others) = intake::split(&self.paths);
         let assumed = Assumed { rate_hz: self.rate, ..Assumed::default() };
+        intake::expect_datasets(&datasets, &assumed)?;
         let Opened { intakes, skipped, refused } = Intake::open_all(context, &datasets, &assumed).await?;
         let mut found = if others.is_empty() { Found::default() } else { find_recordings(&others)? };
         // A dataset in a folder may be given by its own path too.

@@ -14,6 +14,7 @@ use super::metrics::{self, curves};
 use super::submit::{after, outcome};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
+use crate::output::unless_closed;
 use crate::table::Column::{Left, Right};
 use crate::table::{facts, table};
 use crate::{json, words};
@@ -116,7 +117,9 @@ async fn export(context: &Context, task: String, tensorboard: Option<&Path>) -> 
         if let Some(folder) = tensorboard.filter(|_| !read.metrics.is_empty()) {
             metrics::write(&folder.join(&job.id), job, &read.metrics)?;
         }
-        context.output.line(line)?;
+        let printed = context.output.json_line(&line);
+        // The curves of the other jobs are written although the lines have no reader.
+        if tensorboard.is_some() { unless_closed(printed) } else { printed }?;
     }
     if let Some(folder) = tensorboard {
         context.output.next(format_args!("tensorboard --logdir {}", folder.display()));
@@ -226,7 +229,7 @@ impl WatchArgs {
             stream(context, &client, &self.id).await?
         } else {
             let job = follow::to_end(context, &client, &self.id).await?;
-            context.output.line(outcome(&job))?;
+            context.output.result(|| json::value(&job), || outcome(&job))?;
             job
         };
         if job.state() != JobState::Succeeded {
@@ -242,11 +245,11 @@ async fn stream(context: &Context, client: &Client, job_id: &str) -> Result<Job>
     let mut printed = Ok(());
     let print = |event: &WatchJobResponse| {
         if printed.is_ok() {
-            printed = json::value(event).and_then(|event| context.output.line(event));
+            printed = json::value(event).and_then(|event| context.output.json_line(&event));
         }
     };
     let job = client.watch(job_id, print).await?;
-    printed.map(|()| job)
+    unless_closed(printed).map(|()| job)
 }
 
 #[derive(Args, Debug)]

@@ -1,10 +1,10 @@
 //! `kinds`: the policies, weightings, objectives and scorers of the server, and the settings of each job.
 
 use clap::Args;
-use gleaner_proto::v1::{Kind, ListKindsRequest, Setting};
+use gleaner_proto::v1::{Kind, ListKindsRequest, ListKindsResponse, Setting};
 
 use crate::context::Context;
-use crate::failure::Result;
+use crate::failure::{Failure, Result};
 use crate::json;
 use crate::table::Column::Left;
 use crate::table::table;
@@ -17,7 +17,10 @@ pub(crate) struct KindsArgs {
 
 impl KindsArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let reply = context.client().await?.jobs().list_kinds(ListKindsRequest {}).await?.into_inner();
+        let mut reply = context.client().await?.jobs().list_kinds(ListKindsRequest {}).await?.into_inner();
+        if let Some(name) = &self.kind {
+            reply = named(reply, name).map_err(Failure::message)?;
+        }
         let families = [
             ("job", &reply.jobs),
             ("policy", &reply.policies),
@@ -28,20 +31,23 @@ impl KindsArgs {
         let all = || families.iter().flat_map(|(family, kinds)| kinds.iter().map(move |kind| (*family, kind)));
         let text = || match &self.kind {
             None => listing(all()),
-            Some(name) => {
-                let named: Vec<String> =
-                    all().filter(|(_, kind)| kind.name == *name).map(|(family, kind)| settings(family, kind)).collect();
-                if named.is_empty() {
-                    format!("{name}: unknown kind; `gleaner kinds` lists them")
-                } else {
-                    named.join("\n")
-                }
-            }
+            Some(_) => all().map(|(family, kind)| settings(family, kind)).collect::<Vec<_>>().join("\n"),
         };
         context.output.result(|| json::value(&reply), text)?;
         context.output.next(if self.kind.is_some() { "gleaner train --help" } else { "gleaner kinds act" });
         Ok(())
     }
+}
+
+/// The kinds of one name alone.
+fn named(mut reply: ListKindsResponse, name: &str) -> std::result::Result<ListKindsResponse, String> {
+    let ListKindsResponse { jobs, policies, weightings, objectives, scorers } = &mut reply;
+    let mut found = false;
+    for kinds in [jobs, policies, weightings, objectives, scorers] {
+        kinds.retain(|kind| kind.name == name);
+        found |= !kinds.is_empty();
+    }
+    if found { Ok(reply) } else { Err(format!("{name}: unknown kind; `gleaner kinds` lists them")) }
 }
 
 fn listing<'a>(kinds: impl Iterator<Item = (&'a str, &'a Kind)>) -> String {
@@ -62,5 +68,25 @@ fn allowed(setting: &Setting) -> String {
         "integer" | "number" => format!("{} to {}", setting.least, setting.most),
         "numbers" => setting.names.join(", "),
         other => other.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_kind_is_shown_alone_and_an_unknown_one_is_an_error() {
+        let kinds =
+            |names: &[&str]| names.iter().map(|name| Kind { name: (*name).into(), ..Kind::default() }).collect();
+        let reply = ListKindsResponse {
+            jobs: kinds(&["train"]),
+            policies: kinds(&["bc", "act"]),
+            scorers: kinds(&["raw"]),
+            ..ListKindsResponse::default()
+        };
+        let act = named(reply.clone(), "act").unwrap();
+        assert_eq!(act, ListKindsResponse { policies: kinds(&["act"]), ..ListKindsResponse::default() });
+        assert!(named(reply, "atc").unwrap_err().starts_with("atc: unknown kind"));
     }
 }

@@ -7,14 +7,14 @@ use std::process::{ExitStatus, Stdio};
 
 use clap::{Args, ValueEnum};
 use futures::{StreamExt as _, stream};
-use gleaner_client::Client;
+use gleaner_client::{Client, expect_new_file};
 use gleaner_proto::v1::{
     Episode, GetEpisodeRequest, GetEpisodeResponse, GetEpisodeScoresRequest, ListScoreRunsRequest, Outcome, ScoreRun,
 };
 use tokio::process::Command;
 use tonic::Code;
 
-use super::selection::beta_of;
+use super::selection::{beta_of, threshold};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
 use crate::{json, words};
@@ -44,7 +44,7 @@ pub(crate) struct OpenArgs {
     #[arg(long, value_name = "RUN")]
     scores: Option<String>,
     /// Threshold above which a step of the episode is marked as kept, 0 to 1. Default: that of the run.
-    #[arg(long)]
+    #[arg(long, value_parser = threshold)]
     beta: Option<f64>,
     /// New MCAP file, which remains. Default: one in a new folder for temporary files.
     #[arg(long, value_name = "FILE")]
@@ -55,6 +55,7 @@ impl OpenArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
         let file = self.file()?;
+        expect_new_file(&file)?;
         let reply = self.write(context, &client, &file).await?;
         let steps = reply.episode.as_ref().map_or(0, |episode| episode.steps);
         let text = format!("{} ({steps} steps) in {}", self.episode, file.display());

@@ -78,22 +78,29 @@ impl DeployArgs {
         let reply = client.policies().deploy(request).await?.into_inner();
         let deployment = present(reply.deployment.as_ref(), "a deployment")?;
         context.output.result(|| json::value(&reply), || pointed(deployment))?;
-        context.output.next(evaluation(&client, deployment).await?);
+        context.output.next(evaluation(&client, deployment).await);
         Ok(())
     }
 }
 
-/// How to evaluate a deployment: in the embedded simulator if that knows its task, else in one's own.
-async fn evaluation(client: &Client, deployment: &Deployment) -> Result<String> {
+/// How to evaluate a deployment: in the embedded simulator if that knows its task, else in one's own. What the command did
+/// is done, so a lookup that fails is no failure of it.
+async fn evaluation(client: &Client, deployment: &Deployment) -> String {
     let Deployment { name, policy_id, task_id, .. } = deployment;
-    if is_simulated(client, task_id).await? {
-        return Ok(format!("gleaner drive {name} (evaluates it in the simulator)"));
+    match is_simulated(client, task_id).await {
+        Ok(true) => format!("gleaner drive {name} (evaluates it in the simulator)"),
+        Ok(false) => elsewhere(name, policy_id),
+        Err(_) => "gleaner deployments".to_owned(),
     }
-    Ok(elsewhere(name, policy_id))
 }
 
-/// How to evaluate a policy, deployed or not.
-pub(super) async fn evaluation_of(context: &Context, client: &Client, policy: &str) -> Result<String> {
+/// How to evaluate a policy, deployed or not. A restored server may have a policy without its job.
+pub(super) async fn evaluation_of(context: &Context, client: &Client, policy: &str) -> String {
+    let found = found_evaluation_of(context, client, policy).await;
+    found.unwrap_or_else(|_| format!("gleaner deploy NAME --policy {policy}"))
+}
+
+async fn found_evaluation_of(context: &Context, client: &Client, policy: &str) -> Result<String> {
     let task = context.task_of_result(client, None, policy).await?;
     let simulated = is_simulated(client, &task).await?;
     let known = client.policies().list_policies(ListPoliciesRequest { task }).await?.into_inner().policies;
@@ -187,9 +194,31 @@ impl DeploymentsArgs {
         };
         context.output.result(|| json::value(&reply), || table(columns, reply.deployments.iter().map(row)))?;
         match reply.deployments.first() {
-            Some(deployment) => context.output.next(evaluation(&client, deployment).await?),
+            Some(deployment) => context.output.next(evaluation(&client, deployment).await),
             None => context.output.next("gleaner deploy NAME --policy POLICY"),
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+    use crate::cli::Cli;
+    use crate::output::Output;
+
+    #[tokio::test]
+    async fn a_hint_without_a_server_is_no_failure_of_the_command() {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        let cli = Cli::try_parse_from(["gleaner", "--server", &url, "evaluations", "pol_1"]).unwrap();
+        let context = Context::new(cli.connection, Output::new(false));
+        let client = context.client().await.unwrap();
+        drop(listener);
+        let deployment = Deployment { name: "pick@prod".into(), policy_id: "pol_1".into(), ..Deployment::default() };
+        assert_eq!(evaluation(&client, &deployment).await, "gleaner deployments");
+        assert_eq!(evaluation_of(&context, &client, "pol_1").await, "gleaner deploy NAME --policy pol_1");
     }
 }

@@ -83,10 +83,7 @@ impl PushArgs {
         if !found.is_empty() {
             return self.push_datasets(context, &found, &others).await;
         }
-        if self.success_column.is_some() {
-            let problem = "--success-column applies to datasets of other programs, and none is given";
-            return Err(Failure::message(format!("{problem}; labels of recordings are in a labels.csv (--labels)")));
-        }
+        intake::expect_datasets(&found, &self.assumed())?;
         let marks = match (&self.episodes_from, &self.ranges) {
             (Some(topic), _) => Some(Marks::Topic(topic.clone())),
             (None, Some(ranges)) => Some(Marks::Ranges(read_ranges(ranges)?)),
@@ -107,6 +104,11 @@ impl PushArgs {
         report(context, &pushed, &skipped, &task)
     }
 
+    /// What datasets of other programs do not state.
+    fn assumed(&self) -> Assumed {
+        Assumed { rate_hz: self.rate, success_column: self.success_column.clone() }
+    }
+
     async fn push_datasets(self, context: &Context, found: &[Candidate], others: &[PathBuf]) -> Result<()> {
         let first = found.first().map(|dataset| dataset.path.display().to_string()).unwrap_or_default();
         if let Some(other) = others.first() {
@@ -125,8 +127,7 @@ impl PushArgs {
                 return Err(Failure::message(format!("{problem}; `gleaner task check` checks its episodes")));
             }
         }
-        let assumed = Assumed { rate_hz: self.rate, success_column: self.success_column.clone() };
-        let opened = Intake::open_all(context, found, &assumed).await?;
+        let opened = Intake::open_all(context, found, &self.assumed()).await?;
         let client = context.client().await?;
         let (mut pushed, task) = datasets::push(&self, context, &client, &opened.intakes).await?;
         let refused = opened.refused.into_iter();

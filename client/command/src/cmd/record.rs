@@ -41,7 +41,7 @@ pub(crate) struct RecordArgs {
     /// Name of the simulated task.
     #[arg(long, default_value = "pick_cube")]
     task: Task,
-    /// Output folder for recordings, labels.csv and marks.csv.
+    /// Output folder for recordings, labels.csv and marks.csv. It must not have a labels.csv yet.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Agent and number of episodes, such as expert:40 or weak=early_release:0.5:20; can be repeated. The name is the
@@ -58,6 +58,7 @@ pub(crate) struct RecordArgs {
 
 impl RecordArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        expect_no_labels(&self.out)?;
         let config = sim_config(self.image)?;
         let cohorts = self.agents.into_iter().map(|agent| agent.0).collect();
         let set = RecordSet { task: self.task, config, cohorts, seed: self.seed };
@@ -74,6 +75,16 @@ impl RecordArgs {
         ));
         Ok(())
     }
+}
+
+/// Refuses a folder of an earlier set, whose labels and recordings of the same seeds would be replaced.
+fn expect_no_labels(folder: &Path) -> Result<()> {
+    let labels = folder.join("labels.csv");
+    if labels.exists() {
+        let problem = format!("{} exists and would be replaced", labels.display());
+        return Err(Failure::message(format!("{problem}; give another folder, or remove this one first")));
+    }
+    Ok(())
 }
 
 /// What to record.
@@ -156,6 +167,18 @@ mod tests {
             let message = check(seed).unwrap_err();
             assert!(message.starts_with("seed: ") && message.contains("at most 4294967291"), "{message}");
         }
+    }
+
+    #[test]
+    fn the_labels_of_an_earlier_set_are_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(expect_no_labels(&folder.path().join("new")).is_ok());
+        // An interrupted set has recordings and no labels yet.
+        std::fs::write(folder.path().join("pick_cube-expert-000000.mcap"), "").unwrap();
+        assert!(expect_no_labels(folder.path()).is_ok());
+        std::fs::write(folder.path().join("labels.csv"), "").unwrap();
+        let message = expect_no_labels(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("labels.csv exists") && message.contains("another folder"), "{message}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use clap::Args;
 use gleaner_proto::v1::{Finding, Role, Severity};
 
 use super::scores::shown;
-use super::selection::beta_of;
+use super::selection::{beta_of, threshold};
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::json;
@@ -18,7 +18,7 @@ pub(crate) struct ScoreRecordingArgs {
     /// Path of the recording (MCAP).
     file: PathBuf,
     /// Threshold that the chart shows as a line, 0 to 1. Default: that of the run.
-    #[arg(long)]
+    #[arg(long, value_parser = threshold)]
     beta: Option<f64>,
     /// Also list the nearest expert step of each step with its distances.
     #[arg(long)]

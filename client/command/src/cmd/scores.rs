@@ -4,7 +4,7 @@ use clap::Args;
 use gleaner_core::selection::Filter;
 use gleaner_proto::v1::{EpisodeScores, GetEpisodeScoresRequest, ListScoreRunsRequest, ScoreRun};
 
-use super::selection::beta_of;
+use super::selection::{beta_of, threshold};
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::output::terminal_width;
@@ -66,7 +66,7 @@ pub(crate) struct ScoresArgs {
     /// Id of the episode, or the file name of its recording.
     episode: String,
     /// Threshold that the chart shows as a line, 0 to 1. Default: that of the run.
-    #[arg(long)]
+    #[arg(long, value_parser = threshold)]
     beta: Option<f64>,
     /// Also list the nearest expert step of each step with its distances.
     #[arg(long)]

@@ -52,6 +52,23 @@ pub(crate) async fn beta_of(client: &Client, run: &str, given: Option<f64>) -> R
     Ok(present(reply.score_run, "a score run")?.default_beta)
 }
 
+/// Reads a threshold on q.
+pub(crate) fn threshold(text: &str) -> std::result::Result<f64, String> {
+    let beta: f64 = text.parse().map_err(|_| "expected a number between 0 and 1".to_owned())?;
+    if (0.0..=1.0).contains(&beta) { Ok(beta) } else { Err(format!("is {beta}, must be between 0 and 1")) }
+}
+
+/// A threshold in a table: two decimals, or as many as it has.
+pub(super) fn decimals(beta: f64) -> String {
+    let two = format!("{beta:.2}");
+    if two.parse::<f64>() == Ok(beta) { two } else { beta.to_string() }
+}
+
+/// A fraction in percent, without the digits that the multiplication adds.
+fn percent(fraction: f64) -> f64 {
+    (fraction * 1e8).round() / 1e6
+}
+
 /// A selection as options of a command.
 pub(crate) fn options(Selection { rule, shape }: Selection) -> String {
     let rule = match rule {
@@ -67,7 +84,7 @@ pub(crate) fn selected(selection: Option<&v1::Selection>) -> String {
     let Some(v1::Selection { rule: Some(rule), shape }) = selection else { return "-".into() };
     let rule = match rule {
         v1::selection::Rule::Beta(beta) => format!("q > {beta}"),
-        v1::selection::Rule::TopFraction(fraction) => format!("top {} %", fraction * 100.0),
+        v1::selection::Rule::TopFraction(fraction) => format!("top {} %", percent(*fraction)),
     };
     match shape_from_proto("shape", *shape) {
         Ok(shape) if shape.is_off() => rule,
@@ -107,6 +124,19 @@ mod tests {
         assert_eq!(selected(Some(&selection_to_proto(selection))), text);
         assert_eq!(selected(Some(&selection_to_proto(Selection::beta(0.5)))), "q > 0.5");
         assert_eq!(selected(None), "-");
+        for (fraction, text) in [(0.07, "top 7 %"), (0.29, "top 29 %"), (0.001_234, "top 0.1234 %"), (1.0, "top 100 %")]
+        {
+            assert_eq!(selected(Some(&selection_to_proto(Selection::top_fraction(fraction)))), text);
+        }
+    }
+
+    #[test]
+    fn a_threshold_is_between_0_and_1_and_shown_with_its_decimals() {
+        assert_eq!(["0", "0.5", "1"].map(threshold), [Ok(0.0), Ok(0.5), Ok(1.0)]);
+        for text in ["3", "-0.1", "nan", "inf", "half", ""] {
+            assert!(threshold(text).unwrap_err().contains("between 0 and 1"), "{text}");
+        }
+        assert_eq!([0.5, 0.05, 0.995, 0.0001].map(decimals), ["0.50", "0.05", "0.995", "0.0001"]);
     }
 
     #[test]

@@ -111,8 +111,12 @@ impl ScoreCommand {
             Some(encoder) => encoder,
             None if extends.is_empty() => {
                 let task = context.task(&client, self.task.as_deref()).await?;
-                let (priority, engine_options) = (self.submit.priority, self.job.engine.options.as_str());
-                let from = encoder::From { snapshot: self.snapshot.as_deref(), priority, engine_options };
+                let from = encoder::From {
+                    snapshot: self.snapshot.as_deref(),
+                    priority: self.submit.priority,
+                    key: &self.job.key,
+                    engine_options: &self.job.engine.options,
+                };
                 encoder::newest(context, &client, &task, &self.settings.values, from).await?
             }
             None => String::new(),
@@ -231,8 +235,11 @@ impl Submission {
 
 /// One line on a job: what it is doing or did, and what it makes.
 pub(crate) fn outcome(job: &Job) -> String {
-    let took = words::between(job.start_time.as_ref(), job.end_time.as_ref());
-    let took = if job.end_time.is_some() { format!(" after {took}") } else { String::new() };
+    // A job that was cancelled in the queue never began.
+    let took = match (&job.start_time, &job.end_time) {
+        (Some(start), Some(end)) => format!(" after {}", words::between(Some(start), Some(end))),
+        _ => String::new(),
+    };
     let (kind, state) = (words::job_kind(job.kind()), words::job_state(job.state()));
     let error = if job.error.is_empty() { String::new() } else { format!(": {}", job.error) };
     let makes = match job.kind() {
@@ -277,5 +284,7 @@ mod tests {
         };
         assert_eq!(outcome(&job), "pretrain job job_1 succeeded after 1 min 30 s; encoder enc_1");
         assert_eq!(after(&job), "gleaner score --encoder enc_1 --wait");
+        let cancelled = Job { state: JobState::Cancelled.into(), start_time: None, ..job };
+        assert_eq!(outcome(&cancelled), "pretrain job job_1 cancelled; encoder enc_1");
     }
 }

@@ -10,7 +10,7 @@ use gleaner_proto::v1::{
 use serde_json::json;
 
 use super::histogram::of_experts;
-use super::selection::{beta_of, options, selected};
+use super::selection::{beta_of, decimals, options, selected};
 use crate::context::Context;
 use crate::failure::Result;
 use crate::table::Column::{Left, Right};
@@ -95,7 +95,7 @@ fn compared(counts: &CountKeptResponse, histogram: &GetHistogramResponse, defaul
         let kept = count.total.unwrap_or_default();
         let is_default = (above.beta - default).abs() < f64::EPSILON;
         [
-            format!("{:.2}", above.beta),
+            decimals(above.beta),
             kept.segments.to_string(),
             words::percent(kept.segments, kept.of_segments),
             format!("{} of {}", kept.episodes, kept.of_episodes),

@@ -20,7 +20,8 @@ use super::state::State;
 use super::submit::Submitter;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
-use crate::own_server::{Address, ServerProcess, unless_interrupted};
+use crate::interrupt::unless_interrupted;
+use crate::own_server::{Address, ServerProcess};
 use gleaner_core::{Device, Words as _};
 
 const DATA: &str = "data";

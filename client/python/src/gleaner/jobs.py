@@ -120,7 +120,7 @@ class Jobs:
         return self._rpc.unary("JobService/CancelJob", request, pb.CancelJobResponse).job
 
     def metrics(self, job: str | Job) -> dict[str, Curve]:
-        """Every metric that a job has reported, by name."""
+        """The metrics that a job has reported, by name; of very many, evenly spaced ones."""
         request = pb.ListMetricsRequest(job_id=_id(job))
         metrics = self._rpc.safe("JobService/ListMetrics", request, pb.ListMetricsResponse).metrics
         rows: dict[str, list[tuple[int, float]]] = {}

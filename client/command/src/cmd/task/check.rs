@@ -35,13 +35,14 @@ impl CheckArgs {
         let spec = read_spec(&self.spec)?;
         gleaner_recording::validate(&spec)?;
         let (datasets, others) = intake::split(&self.recordings);
+        let assumed = Assumed { rate_hz: self.rate, ..Assumed::default() };
+        intake::expect_datasets(&datasets, &assumed)?;
         let recordings = match others.as_slice() {
             [] => Vec::new(),
             paths => intake::recordings(context, paths)?,
         };
         let inspector = Inspector::find()?;
         let mut reports = inspector.check(&recordings, &spec).await?;
-        let assumed = Assumed { rate_hz: self.rate, ..Assumed::default() };
         let Opened { intakes, skipped, refused } = Intake::open_all(context, &datasets, &assumed).await?;
         intake::note(context, &skipped);
         reports.extend(refused.into_iter().map(|(path, why)| (path, Err(why))));

@@ -38,6 +38,8 @@ pub(crate) struct DraftArgs {
 impl DraftArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let (datasets, others) = intake::split(&self.paths);
+        let assumed = Assumed { rate_hz: self.rate, ..Assumed::default() };
+        intake::expect_datasets(&datasets, &assumed)?;
         if let Some(first) = datasets.first() {
             let alone = |path: &Path| {
                 let problem = format!("{} is a dataset of another program; draft a task from it alone", path.display());
@@ -46,7 +48,10 @@ impl DraftArgs {
             if !others.is_empty() {
                 return alone(&first.path);
             }
-            let assumed = Assumed { rate_hz: self.rate, ..Assumed::default() };
+            if !self.action.is_empty() {
+                let problem = format!("{} is a dataset of another program, which has no topics", first.path.display());
+                return Err(Failure::message(format!("{problem}; leave out --action, and change the draft")));
+            }
             let opened = Intake::open_all(context, &datasets, &assumed).await?;
             opened.note(context);
             return match opened.intakes.as_slice() {
@@ -100,7 +105,11 @@ fn name_beside(recordings: &[PathBuf]) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser as _;
+
     use super::*;
+    use crate::cli::Cli;
+    use crate::output::Output;
 
     #[test]
     fn a_task_is_named_by_its_labels_or_its_folder() {
@@ -111,5 +120,27 @@ mod tests {
         assert_eq!(name_beside(&recordings).unwrap(), "pick_up");
         std::fs::write(runs.join(LABELS), "file,task,outcome\na.mcap,PickCube-v0,success\n").unwrap();
         assert_eq!(name_beside(&recordings).unwrap(), "PickCube-v0");
+    }
+
+    /// Neither needs a server or an inspector.
+    #[tokio::test]
+    async fn an_option_of_the_other_kind_of_input_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+        for name in ["a.mcap", "b.hdf5"] {
+            std::fs::write(path(name), "").unwrap();
+        }
+        for (command, part) in [
+            (vec!["task", "draft", &path("a.mcap"), "--rate", "30"], "--rate applies to datasets of other programs"),
+            (vec!["inspect", &path("a.mcap"), "--rate", "30"], "--rate applies to datasets of other programs"),
+            (vec!["push", &path("a.mcap"), "--rate", "30"], "--rate applies to datasets of other programs"),
+            (vec!["task", "draft", &path("b.hdf5"), "--action", "/cmd"], "leave out --action"),
+        ] {
+            let words = [vec!["gleaner", "--server", "http://127.0.0.1:9"], command].concat();
+            let cli = Cli::try_parse_from(words).unwrap();
+            let context = Context::new(cli.connection, Output::new(false));
+            let message = cli.command.run(&context).await.unwrap_err().to_string();
+            assert!(message.contains(part), "{message}");
+        }
     }
 }
