@@ -26,7 +26,7 @@ pub struct TaskOverview {
     pub hours: f64,
     /// Size of the recordings on disk, in bytes.
     pub bytes: u64,
-    /// Number of cohorts of its episodes; no cohort counts as one.
+    /// Number of cohorts that its episodes name.
     pub cohorts: u64,
 }
 

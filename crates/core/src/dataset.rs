@@ -105,8 +105,17 @@ pub struct DatasetContents {
 pub struct KeptEpisode {
     /// The episode.
     pub episode_id: EpisodeId,
-    /// Its kept segments by end step.
-    pub segments: Vec<KeptSegment>,
+    /// Its kept segments by end step, without their matches: a dataset may have millions.
+    pub segments: Vec<WeightedSegment>,
+}
+
+/// One kept segment by its place and weight alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WeightedSegment {
+    /// The step the segment ends at.
+    pub end_step: u32,
+    /// Its q.
+    pub weight: f32,
 }
 
 /// One kept segment.

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 const LONGEST: usize = 1000;
 
 /// Options that the server sets or needs, and those that read files, change the user or end sbatch.
-const OWNED: [&str; 37] = [
+const OWNED: [&str; 38] = [
     "array",
     "batch",
     "bb",
@@ -26,6 +26,7 @@ const OWNED: [&str; 37] = [
     "input",
     "job-name",
     "kill-on-bad-exit",
+    "nodefile",
     "nodes",
     "no-requeue",
     "ntasks",
@@ -48,7 +49,7 @@ const OWNED: [&str; 37] = [
 ];
 
 /// The short forms of the same.
-const OWNED_SHORT: &str = "aeiJhnoDMNQVW";
+const OWNED_SHORT: &str = "aeiJhnoDFMNQVW";
 /// Short options without a value, which sbatch accepts in one word with others.
 const SHORT_FLAGS: &str = "HkOsvI";
 
@@ -141,6 +142,9 @@ mod tests {
             "--",
             "--=x",
             "--container=/x",
+            "--nodefile=/etc/shadow",
+            "--nodef=/etc/shadow",
+            "-F/etc/shadow",
         ] {
             assert!(refused(text).contains("is set by the server"), "{text}");
         }

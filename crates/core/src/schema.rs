@@ -223,16 +223,17 @@ fn several(
     of: &str,
 ) -> Result<Value, String> {
     let given = value.as_array().ok_or_else(|| expected(value, &format!("a list of {of}")))?;
-    let mut checked = Vec::with_capacity(given.len().min(most));
+    // First, because each value is compared with those before it: a caller's list may have millions.
+    if given.is_empty() || given.len() > most {
+        return Err(format!("has {} values, must have between 1 and {most}", given.len()));
+    }
+    let mut checked = Vec::with_capacity(given.len());
     for (place, each) in given.iter().enumerate() {
         let each = one(each).map_err(|message| format!("[{place}] {message}"))?;
         if checked.contains(&each) {
             return Err(format!("[{place}] is {} again; name each value once", brief(&each)));
         }
         checked.push(each);
-    }
-    if checked.is_empty() || checked.len() > most {
-        return Err(format!("has {} values, must have between 1 and {most}", checked.len()));
     }
     Ok(Value::Array(checked))
 }

@@ -10,7 +10,8 @@ use crate::RecordingsConfig;
 #[derive(Debug, Clone, PartialEq, Args)]
 pub struct Order {
     /// The recording.
-    #[arg(long)]
+    // Like the other paths and names of users, it may begin with a dash.
+    #[arg(long, allow_hyphen_values = true)]
     pub recording: PathBuf,
     /// The task's spec, as JSON.
     #[arg(long)]
@@ -19,16 +20,16 @@ pub struct Order {
     #[arg(long)]
     pub report: PathBuf,
     /// Write the decoded frames to this file.
-    #[arg(long)]
+    #[arg(long, allow_hyphen_values = true)]
     pub frames: PathBuf,
     /// Copy the intact part of the recording to this file instead of inspecting it; the spec is not read.
-    #[arg(long)]
+    #[arg(long, allow_hyphen_values = true)]
     pub salvage: Option<PathBuf>,
     /// Report what the recording holds instead of inspecting it; the spec is not read and no frames are written.
     #[arg(long, conflicts_with = "salvage")]
     pub survey: bool,
     /// With --survey, write the first picture of each camera into this folder.
-    #[arg(long, requires = "survey")]
+    #[arg(long, requires = "survey", allow_hyphen_values = true)]
     pub pictures: Option<PathBuf>,
     /// The recording is a dataset of another program: report what it holds; the spec is not read and no frames are written.
     #[arg(long, conflicts_with_all = ["salvage", "survey"])]
@@ -38,7 +39,7 @@ pub struct Order {
     #[arg(long, value_name = "FIRST..END", value_parser = range, conflicts_with_all = ["salvage", "survey", "describe"])]
     pub convert: Option<Range<u64>>,
     /// Cut the recording into episodes at the messages of this topic, into the folder of frames; the spec is not read.
-    #[arg(long, value_name = "TOPIC", conflicts_with_all = ["salvage", "survey", "describe", "convert"])]
+    #[arg(long, value_name = "TOPIC", allow_hyphen_values = true, conflicts_with_all = ["salvage", "survey", "describe", "convert"])]
     pub cut: Option<String>,
     /// Cut the recording into episodes by the ranges of time in this JSON file, into the folder of frames; the spec is not
     /// read.
@@ -48,10 +49,10 @@ pub struct Order {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["salvage", "survey", "describe", "convert", "cut", "cut_ranges"])]
     pub extract: Option<PathBuf>,
     /// With --describe or --convert, the column of a dataset that states whether an episode succeeded.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", allow_hyphen_values = true)]
     pub success_column: Option<String>,
     /// With --describe or --convert, the steps per second of a dataset that does not state them.
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true)]
     pub rate_hz: Option<f64>,
     /// Maximum memory in bytes.
     #[arg(long)]
@@ -206,7 +207,19 @@ mod tests {
         let extract = Order { extract: Some("kept.json".into()), ..order.clone() };
         let ranges = Order { cut_ranges: Some("a/ranges.json".into()), ..order.clone() };
         let cut = Order { cut: Some("/episode marker".into()), ..order.clone() };
-        for order in [salvage, survey, describe, convert, cut, ranges, extract, order] {
+        let dashes = Order {
+            recording: "-odd=name.mcap".into(),
+            frames: "-".into(),
+            success_column: Some("-ok".into()),
+            cut: Some("--cut".into()),
+            rate_hz: Some(-1.0),
+            ..order.clone()
+        };
+        let dashed_paths = Order { salvage: Some("--report".into()), ..order.clone() };
+        let dashed_pictures = Order { survey: true, pictures: Some("-p".into()), ..order.clone() };
+        for order in
+            [salvage, survey, describe, convert, cut, ranges, extract, dashes, dashed_paths, dashed_pictures, order]
+        {
             let words = [vec!["x".into()], order.arguments()].concat();
             assert_eq!(Flags::try_parse_from(words).unwrap().order, order);
         }

@@ -225,7 +225,7 @@ pub trait Jobs: Send + Sync {
     async fn inputs(&self, job: &Job) -> Result<Vec<(Input, Option<Job>)>>;
     /// The results made from a job's result.
     async fn lineage(&self, job: &Job) -> Result<Lineage>;
-    /// A job's metrics in at most `points` steps each.
+    /// A job's metrics for a plot: about `points` of each name, with every peak, and the newest.
     async fn sparse_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>>;
     /// The newest lines of a job's log, at most `bytes`.
     async fn job_log(&self, job: &JobId, bytes: u64) -> Result<String>;

@@ -30,6 +30,11 @@ pub(super) fn is_json(headers: &HeaderMap) -> bool {
     headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/json"))
 }
 
+/// Whether the request comes from a form.
+pub(super) fn is_form(headers: &HeaderMap) -> bool {
+    headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/x-www-form"))
+}
+
 /// The response to a change: a redirect to `page`, or the JSON.
 pub(super) fn done(json: bool, page: &str, answer: Value) -> Response {
     if json {

@@ -4,14 +4,11 @@
 use axum::{
     body::Body,
     extract::Request,
-    http::{
-        HeaderMap,
-        header::{CONTENT_TYPE, HOST},
-    },
+    http::{HeaderMap, header::HOST},
 };
 use gleaner_core::{Error, Result};
 
-use super::AppState;
+use super::{AppState, change::is_form};
 
 /// The header with the proof that a request comes from one of our scripts.
 const PROOF: &str = "x-gleaner-proof";
@@ -37,12 +34,11 @@ pub(super) async fn checked(request: Request, most: usize, proof: Option<&str>) 
 /// The proof in a request.
 fn sent_proof<'a>(headers: &'a HeaderMap, body: &'a [u8]) -> Option<&'a str> {
     let in_header = headers.get(PROOF).and_then(|value| value.to_str().ok());
-    let form = headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/x-www-form"));
     let in_form = || {
         let pairs = std::str::from_utf8(body).unwrap_or_default().split('&').filter_map(|pair| pair.split_once('='));
         pairs.into_iter().find(|(name, _)| *name == "proof").map(|(_, value)| value)
     };
-    in_header.or_else(|| if form { in_form() } else { None })
+    in_header.or_else(|| if is_form(headers) { in_form() } else { None })
 }
 
 impl AppState {

@@ -61,6 +61,8 @@ struct AppState {
     backend: Arc<dyn Backend>,
     connections: Connections,
     signed_in: SignedIn,
+    /// Held while a deployment is rolled back, so that a second click sees the first one's change.
+    rolling_back: tokio::sync::Mutex<()>,
     /// The name of the browsers' cookie.
     cookie: String,
     /// Whether the connection to the browser is encrypted.
@@ -83,6 +85,7 @@ impl Site {
             backend,
             connections: connections.clone(),
             signed_in: SignedIn::default(),
+            rolling_back: tokio::sync::Mutex::default(),
             cookie: Browser::cookie_name(address.port()),
             encrypted,
             loopback: address.ip().is_loopback(),

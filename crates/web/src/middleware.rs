@@ -120,7 +120,7 @@ async fn serve(
     Ok(response.map(|body| {
         let body = match caller {
             // A download ends when its token expires or is revoked.
-            Caller::Known { ended, .. } if page == Page::EpisodeRecording => {
+            Caller::Known { ended, .. } if page.is_download() => {
                 Body::from_stream(body.into_data_stream().take_until(ended.cancelled_owned()))
             }
             Caller::Known { .. } | Caller::Anyone => body,

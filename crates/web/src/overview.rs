@@ -14,6 +14,7 @@ use serde_json::json;
 use super::{
     Backend,
     backend::Disk,
+    jobs,
     page_request::PageRequest,
     paging,
     refusal::Answer,
@@ -75,8 +76,7 @@ pub(super) async fn show(request: PageRequest) -> Answer {
                 thead { tr { th { "State" } th { "Kind" } th { "Job" } th { "Summary" } th.number { "Submitted (UTC)" } } }
                 tbody { @for job in &jobs { (job_row(job)) } }
             } }
-            p.formats { a href="/jobs" { "All jobs" } ", and as " a href="/jobs?format=json" { "JSON" } " or "
-                a href="/jobs?format=csv" { "CSV" } }
+            p.formats { a href="/jobs" { "All jobs" } }
         }
     };
     let head = Head { title: "Overview", tab: Tab::Overview, task: None, script: None };
@@ -159,7 +159,7 @@ fn all(counts: &OutcomeCounts) -> u64 {
 fn job_row(job: &Job) -> Markup {
     html! {
         tr {
-            td { span class=(format!("tag {}", job.state.as_str())) { (job.state.as_str()) } }
+            td { (jobs::state(job)) }
             td { (job.spec.kind().as_str()) }
             td { a.id href=(format!("/jobs/{}", job.id)) { (job.id) } }
             td {

@@ -61,6 +61,11 @@ impl Page {
         self.rule() == Rule::Open
     }
 
+    /// Whether its response is a recording, which takes as long as the reader does.
+    pub fn is_download(self) -> bool {
+        matches!(self, Self::EpisodeRecording | Self::ScoredEpisode)
+    }
+
     /// Whether a request for it changes data.
     pub fn changes(self) -> bool {
         matches!(self.rule(), Rule::Changes(_))

@@ -48,10 +48,10 @@ impl Frame {
                 data-top=(top) data-bottom=(bottom) {
                 @for &value in &up {
                     line.grid x1=(left) x2=(right) y1=(at(self.y(value))) y2=(at(self.y(value))) {}
-                    text x=(left - 6.0) y=(at(self.y(value) + 4.0)) text-anchor="end" { (short(value)) }
+                    text x=(left - 6.0) y=(at(self.y(value) + 4.0)) text-anchor="end" { (short(value, apart(&up))) }
                 }
                 @for &value in &across {
-                    text x=(at(self.x(value))) y=(bottom + 14.0) text-anchor="middle" { (short(value)) }
+                    text x=(at(self.x(value))) y=(bottom + 14.0) text-anchor="middle" { (short(value, apart(&across))) }
                 }
                 (inside)
                 line.axis x1=(left) x2=(right) y1=(bottom) y2=(bottom) {}
@@ -117,7 +117,12 @@ pub(super) fn range(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
 }
 
 fn widened((lo, hi): (f64, f64)) -> (f64, f64) {
-    if hi - lo > f64::EPSILON * lo.abs().max(1.0) { (lo, hi) } else { (lo - 0.5, lo + 0.5) }
+    if hi - lo > f64::EPSILON * lo.abs().max(1.0) {
+        return (lo, hi);
+    }
+    // Half a unit is less than the precision of a large number, such as a time in nanoseconds.
+    let room = 0.5_f64.max(lo.abs() * 1e-3);
+    (lo - room, lo + room)
 }
 
 /// At most about `most` round numbers between two.
@@ -154,14 +159,41 @@ fn at(place: f64) -> String {
     format!("{place:.1}")
 }
 
-/// A number beside an axis.
-fn short(value: f64) -> String {
-    let size = value.abs();
-    if value == 0.0 || (1e-3..1e5).contains(&size) {
-        let text = format!("{value:.3}");
-        return text.trim_end_matches('0').trim_end_matches('.').to_owned();
+/// The distance of neighbouring marks; of a single one, a thousandth of it.
+fn apart(ticks: &[f64]) -> f64 {
+    match ticks {
+        [first, second, ..] => second - first,
+        [only] => only.abs() * 1e-3,
+        [] => 0.0,
     }
-    format!("{value:.0e}")
+}
+
+/// A number beside an axis whose marks are `step` apart, with the digits by which neighbours differ.
+fn short(value: f64, step: f64) -> String {
+    let size = value.abs();
+    if size <= step * 1e-6 {
+        return "0".to_owned();
+    }
+    let (first, last) = (power(size), power(step).min(power(size)));
+    let digits = usize::try_from(first - last).unwrap_or(0);
+    if !(1e-3..1e5).contains(&size) && digits <= 3 {
+        let text = format!("{value:.digits$e}");
+        return text
+            .split_once('e')
+            .map_or_else(String::new, |(mantissa, exponent)| format!("{}e{exponent}", trimmed(mantissa)));
+    }
+    trimmed(&format!("{value:.*}", usize::try_from(-last).unwrap_or(0))).to_owned()
+}
+
+/// Without zeros at the end of its decimals.
+fn trimmed(text: &str) -> &str {
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { text }
+}
+
+/// The power of ten of a number's first digit.
+#[expect(clippy::cast_possible_truncation, reason = "a float's power of ten has three digits")]
+fn power(number: f64) -> i32 {
+    (number.log10() + 1e-9).floor() as i32
 }
 
 #[cfg(test)]
@@ -177,7 +209,30 @@ mod tests {
             assert!((2..=12).contains(&ticks.len()), "{ticks:?}");
             assert!(ticks.iter().all(|&tick| tick >= lo && tick <= hi * 1.0001), "{ticks:?}");
         }
+        let short = |value| short(value, apart(&[value]));
         assert_eq!([0.0, 0.25, 1500.0, 2e7].map(short), ["0", "0.25", "1500", "2e7"]);
+    }
+
+    #[test]
+    fn neighbouring_marks_of_an_axis_have_different_numbers() {
+        let marks = |lo, hi, most| {
+            let ticks = ticks(lo, hi, most);
+            ticks.iter().map(|&tick| short(tick, apart(&ticks))).collect::<Vec<_>>()
+        };
+        assert_eq!(marks(0.0, 200_000.0, 4), ["0", "50000", "1e5", "1.5e5", "2e5"]);
+        assert_eq!(marks(0.0, 2e-4, 4), ["0", "5e-5", "1e-4", "1.5e-4", "2e-4"]);
+        assert_eq!(marks(1000.0, 1000.001, 2), ["1000", "1000.0005", "1000.001"]);
+        assert_eq!(marks(-1.0, 1.0, 4), ["-1", "-0.5", "0", "0.5", "1"]);
+        assert_eq!(marks(999_999.5, 1_000_000.5, 2), ["999999.5", "1000000", "1000000.5"]);
+        assert_eq!(marks(3.0, 3.0, 4), ["3"]);
+    }
+
+    #[test]
+    fn a_constant_larger_than_its_precision_is_drawn() {
+        let stamp = f64::from(1.7e18_f32);
+        let frame = Frame::new((600.0, 200.0), (0.0, 1.0), roomy([stamp, stamp]));
+        let drawn = frame.draw("t", ("s", "ns"), &frame.line(&[(0.0, stamp), (1.0, stamp)], "c1")).into_string();
+        assert!(!drawn.contains("NaN") && !drawn.contains("inf"), "{drawn}");
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! The settings of the process: its end with its server or at a signal, its priority below serving, and its peak memory.
+//! The settings of the process: its end with its server or at a signal, its priority below serving, for processors and for
+//! memory, and its peak memory.
 
 use rustix::process::{Pid, Signal};
 use thread_priority::{
@@ -12,7 +13,13 @@ use tokio_util::sync::CancellationToken;
 use crate::config::WorkerConfig;
 use gleaner_core::error::{Error, Result};
 
-/// Sets the niceness, and has the system kill this process when the server that started it ends.
+/// What the system adds to the memory of a worker, in thousandths of the machine's, when it chooses a process to kill
+/// because memory has run out. The server starts a job again for as long as the server is the one that is killed; the end
+/// of a worker counts as an attempt. Not 1000: another program that has taken most of the memory is then chosen first.
+const OUT_OF_MEMORY: &str = "500";
+
+/// Sets the niceness, has the system kill this process when the server that started it ends, and before that server when
+/// memory runs out.
 ///
 /// # Errors
 /// Unavailable when that server has already ended.
@@ -25,6 +32,9 @@ pub(crate) fn adopt_priority(config: &WorkerConfig) -> Result<()> {
         if rustix::process::getppid() != expected {
             return Err(Error::unavailable("the server that started this worker is gone"));
         }
+        if let Err(error) = yield_memory("self") {
+            tracing::warn!(%error, "the system may end the server before this worker when memory runs out");
+        }
     }
     if config.nice > 0
         && let Err(error) = rustix::process::setpriority_process(None, config.nice)
@@ -32,6 +42,11 @@ pub(crate) fn adopt_priority(config: &WorkerConfig) -> Result<()> {
         tracing::warn!(%error, "the worker runs at normal priority");
     }
     Ok(())
+}
+
+/// Has the system kill a process before others when memory runs out. `process`: its id, or `self`.
+fn yield_memory(process: &str) -> std::io::Result<()> {
+    std::fs::write(format!("/proc/{process}/oom_score_adj"), OUT_OF_MEMORY)
 }
 
 /// Requests the work to stop at SIGTERM, which a cluster sends some seconds before it kills a job: the work saves a
@@ -84,6 +99,24 @@ mod tests {
         let idle = Some(ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle));
         assert_eq!(policies.join().ok(), Some((idle, idle)));
         assert_ne!(thread_schedule_policy().ok(), idle, "the others stay as they are");
+    }
+
+    #[test]
+    fn a_worker_is_killed_before_its_server_when_memory_runs_out() {
+        // A process of its own, because an unprivileged one cannot take it back.
+        let mut other = std::process::Command::new("cat").stdin(std::process::Stdio::piped()).spawn().unwrap();
+        let pid = other.id().to_string();
+        let set = yield_memory(&pid);
+        let stored = std::fs::read_to_string(format!("/proc/{pid}/oom_score_adj"));
+        let worse = |process: &str| -> u64 {
+            std::fs::read_to_string(format!("/proc/{process}/oom_score")).unwrap().trim().parse().unwrap()
+        };
+        let scores = (worse(&pid), worse("self"));
+        other.kill().unwrap();
+        other.wait().unwrap();
+        set.unwrap();
+        assert_eq!(stored.unwrap().trim(), OUT_OF_MEMORY);
+        assert!(scores.0 > scores.1, "{scores:?}");
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //! group that shares the work. Independent of the kind of job.
 
 use std::{
-    net::{IpAddr, SocketAddr, UdpSocket},
+    io,
+    net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket},
     time::Duration,
 };
 
@@ -94,12 +95,27 @@ fn own_address(server: &str) -> Result<IpAddr> {
     let host = uri.host().ok_or_else(|| Error::invalid("--server", "names no host"))?;
     let host = host.trim_start_matches('[').trim_end_matches(']');
     let port = uri.port_u16().unwrap_or(443);
-    let any = if host.contains(':') { "[::]:0" } else { "0.0.0.0:0" };
-    let found = UdpSocket::bind(any).and_then(|socket| {
-        socket.connect((host, port))?;
-        socket.local_addr()
-    });
-    Ok(found.map_err(|error| Error::internal("finding the address of this machine", error))?.ip())
+    let found = (host, port).to_socket_addrs().and_then(|addresses| own_address_towards(addresses.collect()));
+    found.map_err(|error| Error::internal("finding the address of this machine", error))
+}
+
+/// The address of this machine on the way to one of these addresses. IPv4 comes first, because all ranks need the same
+/// protocol; a name may have no address of it.
+fn own_address_towards(mut addresses: Vec<SocketAddr>) -> io::Result<IpAddr> {
+    addresses.sort_by_key(SocketAddr::is_ipv6);
+    let mut last = io::Error::from(io::ErrorKind::AddrNotAvailable);
+    for address in addresses {
+        let any: IpAddr = if address.is_ipv6() { Ipv6Addr::UNSPECIFIED.into() } else { Ipv4Addr::UNSPECIFIED.into() };
+        let found = UdpSocket::bind((any, 0)).and_then(|socket| {
+            socket.connect(address)?;
+            socket.local_addr()
+        });
+        match found {
+            Ok(own) => return Ok(own.ip()),
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
 }
 
 #[cfg(test)]
@@ -110,6 +126,12 @@ mod tests {
     fn the_address_for_other_ranks_is_that_of_the_way_to_the_server() {
         assert_eq!(own_address("http://127.0.0.1:7402").unwrap().to_string(), "127.0.0.1");
         assert_eq!(own_address("https://[::1]:7402").unwrap().to_string(), "::1");
+        let of_a_name = |addresses: &[&str]| {
+            own_address_towards(addresses.iter().map(|address| address.parse().unwrap()).collect())
+        };
+        assert_eq!(of_a_name(&["[::1]:7402"]).unwrap().to_string(), "::1", "a name without IPv4");
+        assert_eq!(of_a_name(&["[::1]:7402", "127.0.0.1:7402"]).unwrap().to_string(), "127.0.0.1");
+        assert!(of_a_name(&[]).is_err());
         for wrong in ["", "/nowhere", "not a url"] {
             assert!(own_address(wrong).unwrap_err().to_string().starts_with("--server: "), "{wrong}");
         }

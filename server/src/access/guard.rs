@@ -50,7 +50,7 @@ enum GuardMode {
     /// The listener of all clients; workers' calls are rejected.
     Callers(Callers),
     /// The listener of the server's workers; all other calls are rejected.
-    Workers(Jobs),
+    Workers(Jobs, Connections),
 }
 
 struct Callers {
@@ -68,8 +68,8 @@ impl Guard {
     }
 
     /// The guard of the listener that our own workers call.
-    pub(crate) fn of_workers(jobs: Jobs) -> Self {
-        Self(Arc::new(GuardMode::Workers(jobs)))
+    pub(crate) fn of_workers(jobs: Jobs, connections: Connections) -> Self {
+        Self(Arc::new(GuardMode::Workers(jobs, connections)))
     }
 }
 
@@ -119,13 +119,17 @@ impl Guard {
         secret::hide(request.headers_mut());
         match &*self.0 {
             GuardMode::Callers(callers) => callers.serve(inner, request).await,
-            GuardMode::Workers(jobs) => serve_worker(jobs, inner, request).await,
+            GuardMode::Workers(jobs, connections) => serve_worker((jobs, connections), inner, request).await,
         }
     }
 }
 
 /// Serves a worker, whose token is checked before its request is read.
-async fn serve_worker<S, B>(jobs: &Jobs, mut inner: S, mut request: Request<Body>) -> Answered
+async fn serve_worker<S, B>(
+    (jobs, connections): (&Jobs, &Connections),
+    mut inner: S,
+    mut request: Request<Body>,
+) -> Answered
 where
     S: Service<Request<Body>, Response = Response<B>, Error = Infallible>,
     B: http_body::Body<Data = Bytes, Error = Status> + Send + 'static,
@@ -134,8 +138,10 @@ where
         Some(Rule { need: Need::Job, .. }) => {}
         Some(_) | None => return Ok(no_such_rpc().into_http()),
     }
-    let worker = match jobs.expect_leader() {
-        Ok(()) => Worker::authenticate(jobs, request.headers()).await,
+    // Counted for the address before the disk is read. Calls of an attempt have the pace of its job, and no other limit.
+    let counted = count_for_address(connections, &request);
+    let worker = match counted.and_then(|counted| jobs.expect_leader().map(|()| counted)) {
+        Ok(_counted) => Worker::authenticate(jobs, request.headers()).await,
         Err(error) => Err(error),
     };
     match worker {
@@ -207,17 +213,24 @@ impl Callers {
     /// # Errors
     /// Exhausted, with the time to wait before a retry.
     fn count(&self, request: &Request<Body>, known: Option<&LiveToken>) -> Result<Option<Call>> {
-        let client = match known {
-            Some(live) => Some(Client::token(&live.token.id)),
-            // Connections of unit tests have no state.
-            None => request.extensions().get::<ConnectionState>().map(connections::client),
-        };
-        client.map(|client| self.connections.count(client)).transpose().map_err(refused)
+        match known {
+            Some(live) => self.connections.count(Client::token(&live.token.id)).map(Some).map_err(refused),
+            None => count_for_address(&self.connections, request),
+        }
     }
 
     async fn authenticate(&self, hash: Result<Option<String>>, known: Option<Arc<LiveToken>>) -> Result<Caller> {
         self.authenticator.authenticate(hash?.as_deref(), known).await
     }
+}
+
+/// Counts a call for its address, if its connection has one: those of unit tests have none.
+///
+/// # Errors
+/// Exhausted, with the time to wait before a retry.
+fn count_for_address(connections: &Connections, request: &Request<Body>) -> Result<Option<Call>> {
+    let client = request.extensions().get::<ConnectionState>().map(connections::client);
+    client.map(|client| connections.count(client)).transpose().map_err(refused)
 }
 
 fn peer(request: &Request<Body>) -> String {

@@ -96,6 +96,8 @@ impl TokenCache {
     pub(super) async fn refresh(&self) {
         loop {
             tokio::time::sleep(READ_EVERY).await;
+            // Also while the database cannot be read.
+            self.end_expired();
             let mut read = self.0.read.lock().await;
             if let Err(error) = self.read_again(&mut read).await {
                 tracing::error!(%error, "the tokens cannot be read; the cached ones stay valid");
@@ -147,6 +149,18 @@ impl TokenCache {
     /// The live token with this hash, if it is in the cache.
     pub(super) fn known(&self, hash: &str) -> Option<Arc<LiveToken>> {
         self.live().get(hash).filter(|live| live.token.is_live(Millis::now())).cloned()
+    }
+
+    /// Removes expired tokens, and ends their calls.
+    fn end_expired(&self) {
+        let now = Millis::now();
+        self.live().retain(|_, live| {
+            let is_live = live.token.is_live(now);
+            if !is_live {
+                live.ended.cancel();
+            }
+            is_live
+        });
     }
 
     /// Replaces the cache with the live tokens of the database, and ends the calls of tokens that are no longer live.
@@ -242,6 +256,25 @@ mod tests {
             tokio::task::yield_now().await;
         }
         assert!(cache.find("soon").await.unwrap().is_none(), "also between two readings");
+    }
+
+    #[tokio::test]
+    async fn an_expired_token_ends_while_the_database_cannot_be_read() {
+        let (_dir, store) = testing::store().await;
+        let cache = TokenCache::open(store.clone()).await.unwrap();
+        let (token, stored_use) = (token(Some(Millis(1))), AtomicI64::new(0));
+        let live = Arc::new(LiveToken { token, ended: CancellationToken::new(), stored_use });
+        cache.live().insert("past".to_owned(), Arc::clone(&live));
+        store.close().await;
+        assert!(cache.read().await.is_err());
+        let ended = async {
+            tokio::select! {
+                () = cache.refresh() => {}
+                () = live.ended.cancelled() => {}
+            }
+        };
+        tokio::time::timeout(30 * READ_EVERY, ended).await.unwrap();
+        assert!(cache.is_empty());
     }
 
     #[tokio::test]

@@ -11,6 +11,7 @@ mod summary;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use quick_cache::sync::Cache;
+use tokio::sync::Semaphore;
 
 pub(crate) use self::summary::Summary;
 use self::{steps::Steps, summary::Weigh};
@@ -28,6 +29,8 @@ use crate::{
 
 /// Maximum memory of cached runs' scores, in bytes.
 const RUN_BYTES: u64 = 256 << 20;
+/// Maximum number of runs that are read at once: a run has no place in the cache, and so no bound, until it is read.
+const READS: usize = 2;
 /// Maximum number of recordings whose frame cache stays checked, for playback and for segments of several recordings.
 const OPEN_RECORDINGS: usize = 64;
 
@@ -39,6 +42,8 @@ struct Inner {
     store: Store,
     ingest: Ingest,
     runs: Cache<ScoreRunId, Arc<Summary>, Weigh>,
+    /// Places to read a run.
+    reads: Semaphore,
     open: Cache<EpisodeId, Arc<Steps>>,
     /// The last run that was summed up ahead of use: once evicted, it is not loaded again and again.
     warmed: Mutex<Option<ScoreRunId>>,
@@ -48,7 +53,8 @@ impl Curation {
     /// An empty cache.
     pub(crate) fn new(store: Store, ingest: Ingest) -> Self {
         let runs = Cache::with_weighter(16, RUN_BYTES, Weigh);
-        Self(Arc::new(Inner { store, ingest, runs, open: Cache::new(OPEN_RECORDINGS), warmed: Mutex::default() }))
+        let (reads, open) = (Semaphore::new(READS), Cache::new(OPEN_RECORDINGS));
+        Self(Arc::new(Inner { store, ingest, runs, reads, open, warmed: Mutex::default() }))
     }
 
     /// A finished run's scores of its imperfect episodes, read once for concurrent callers and cached by use.
@@ -57,6 +63,8 @@ impl Curation {
     /// NotFound; Precondition when the run's job has not succeeded.
     pub(crate) async fn summary(&self, run: &ScoreRunId) -> Result<Arc<Summary>> {
         let load = async {
+            let waiting = self.0.reads.acquire().await;
+            let _place = waiting.map_err(|error| Error::internal("waiting to read a run", error))?;
             let of = self.0.store.score_run(run).await?;
             let candidates = self.0.store.candidates(run, true).await?;
             let experts = self.0.store.expert_qualities(run).await?;

@@ -230,6 +230,22 @@ async fn concurrent_callers_share_one_read() {
     assert!(summaries.iter().all(|one| Arc::ptr_eq(one, &summaries[0])));
 }
 
+#[tokio::test]
+async fn few_runs_are_read_at_once() {
+    let lab = lab(&testing::spec()).await;
+    let (run, _) = run_with(&lab, &[&[0.5]]).await;
+    let places = lab.curation.0.reads.acquire_many(u32::try_from(READS).unwrap()).await.unwrap();
+    let mut reading = Box::pin(lab.curation.summary(&run));
+    assert!(futures::poll!(&mut reading).is_pending());
+    assert_eq!(lab.store.score_run(&run).await.unwrap().id, run, "the database answers others");
+    assert!(futures::poll!(&mut reading).is_pending(), "it waits for a place");
+    drop(places);
+    let summary = reading.await.unwrap();
+    let held = lab.curation.0.reads.acquire_many(u32::try_from(READS).unwrap()).await.unwrap();
+    assert!(Arc::ptr_eq(&summary, &lab.curation.summary(&run).await.unwrap()), "a run in memory needs no place");
+    drop(held);
+}
+
 /// A summary of this many segments, of one episode.
 async fn sized(lab: &Lab, run: &ScoreRunId, segments: usize) -> Arc<Summary> {
     let run = lab.store.score_run(run).await.unwrap();

@@ -123,7 +123,8 @@ fn find(folder: Option<&Path>, name: &str) -> Result<PathBuf> {
         let entry = entry.map_err(fault)?;
         // Names that a job could not have are not listed either.
         let weights = entry.file_name().into_string().ok().and_then(|name| ImageWeights::try_from(name).ok());
-        let found = weights.as_ref().and_then(ImageWeights::name).filter(|_| entry.path().is_file());
+        let plain = weights.as_ref().filter(|weights| weights.digest().is_none() && entry.path().is_file());
+        let found = plain.and_then(ImageWeights::name);
         match found {
             Some(found) if found == name => return Ok(entry.path()),
             Some(other) => names.push(other.to_owned()),

@@ -107,6 +107,11 @@ impl Jobs {
         Ok(())
     }
 
+    /// Records that the worker of an attempt is alive: it sends a part of its result.
+    pub(crate) fn renew(&self, attempt: &Attempt) {
+        self.0.leases.renew(attempt);
+    }
+
     /// Ends the job with its result. The scores of a large run take long to store, while the worker waits.
     ///
     /// # Errors

@@ -227,7 +227,7 @@ impl Jobs for PageBackend {
     }
 
     async fn sparse_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>> {
-        self.services.store.sparse_metrics(job, points).await
+        self.services.store.plotted_metrics(job, points).await
     }
 
     async fn job_log(&self, job: &JobId, bytes: u64) -> Result<String> {

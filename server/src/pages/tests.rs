@@ -3,6 +3,7 @@
 mod access;
 mod artifacts;
 mod audit;
+mod deployments;
 mod episode;
 mod episodes;
 mod jobs;

@@ -66,7 +66,7 @@ impl<S: Scorer> LoadedRuns<S> {
             runs.finish(&run, cell, loaded.as_ref().ok());
             // The caller may be gone.
             let _ = sender.send(loaded);
-            runs.make_room(None);
+            runs.make_room();
         };
         tokio::spawn(loading.in_current_span());
         let ready = receiver.await.map_err(|error| Error::internal("loading a scorer", error))??;
@@ -77,11 +77,10 @@ impl<S: Scorer> LoadedRuns<S> {
         }
     }
 
-    /// Unloads idle runs, the least recently used first, until the budget holds. `parting` is a run that its caller is
-    /// about to drop.
-    pub(super) fn make_room(&self, parting: Option<&Arc<Ready<S>>>) {
+    /// Unloads idle runs, the least recently used first, until the budget holds.
+    pub(super) fn make_room(&self) {
         // Dropped after the lock: giving memory back takes time.
-        let unloaded = self.runs().ready.make_room(0, parting);
+        let unloaded = self.runs().ready.make_room(0, None);
         for (run, _ready) in unloaded {
             tracing::info!(score_run.id = %run, "scorer unloaded to make room");
         }

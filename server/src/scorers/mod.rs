@@ -5,6 +5,7 @@
 
 mod engine;
 mod episode_queue;
+mod held;
 mod load;
 mod loaded_runs;
 mod model;
@@ -23,6 +24,7 @@ use gleaner_recording::FrameCache;
 
 use self::{engine::Engine, episode_queue::EpisodeQueue, loaded_runs::LoadedRuns, source::Unstored};
 pub(crate) use self::{
+    held::Held,
     model::Scorer,
     steps::{Output, Terms, score_steps},
     watch::{DecodedObservation, Watch},
@@ -55,7 +57,7 @@ impl Scorers {
         Self(Arc::new(Inner { store, blobs, ingest, loaded: LoadedRuns::new(most) }))
     }
 
-    /// Returns a run; loads it if needed. It stays loaded while a caller holds it.
+    /// Returns a run; loads it if needed. It stays loaded while a caller holds it: by a watch, or by [`Ready::held`].
     ///
     /// # Errors
     /// NotFound; Precondition when its job has not succeeded, when it was imported or its scorer cannot score live, or
@@ -90,7 +92,12 @@ pub(crate) struct Ready<S: Scorer = LiveScorer> {
 impl<S: Scorer> Ready<S> {
     /// A live scorer for a session that begins now.
     pub(crate) fn watch(self: &Arc<Self>) -> Watch<S> {
-        Watch::new(Arc::clone(self))
+        Watch::new(Arc::clone(self).held())
+    }
+
+    /// The run for a caller that uses it without a watch.
+    pub(crate) fn held(self: Arc<Self>) -> Held<S> {
+        Held::new(self)
     }
 
     /// The task whose episodes it scores.
@@ -130,12 +137,5 @@ impl<S: Scorer> Ready<S> {
     /// The expert episode of a match.
     fn expert(&self, place: u32) -> Option<&EpisodeId> {
         usize::try_from(place).ok().and_then(|place| self.experts.get(place))
-    }
-
-    /// Called by a holder that is about to drop its reference.
-    fn part(self: &Arc<Self>) {
-        if let Some(loaded) = self.loaded.upgrade() {
-            loaded.make_room(Some(self));
-        }
     }
 }

@@ -64,7 +64,10 @@ where
                     return Err(Error::unavailable("the server is stopping; open the stream again"));
                 }
             };
-            Scoring { watch: ready.watch(), terms, outputs }.run(steps).await
+            let watch = ready.watch();
+            // From here on only the watch, and the steps, which end before it, hold the run.
+            drop(ready);
+            Scoring { watch, terms, outputs }.run(steps).await
         };
         if let Err(error) = ended.await {
             last.send(Err(error));

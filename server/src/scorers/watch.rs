@@ -6,7 +6,7 @@ use bytes::Bytes;
 use gleaner_learn::LiveScorer;
 
 use super::{
-    Ready,
+    Held,
     episode_queue::{EpisodeQueue, Stamped},
     model::{Scorer, Step},
 };
@@ -26,14 +26,14 @@ pub(crate) struct DecodedObservation {
 /// Follows one running episode. Per step, [`Watch::saw`] takes the observation and [`Watch::executed`] the action once
 /// it is known; that completes the segment, which is scored in the background.
 pub(crate) struct Watch<S: Scorer = LiveScorer> {
-    ready: Arc<Ready<S>>,
+    ready: Held<S>,
     queue: Arc<EpisodeQueue<S::History>>,
     /// The newest observation, while its action is unknown.
     open: Option<DecodedObservation>,
 }
 
 impl<S: Scorer> Watch<S> {
-    pub(super) fn new(ready: Arc<Ready<S>>) -> Self {
+    pub(super) fn new(ready: Held<S>) -> Self {
         let queue = Arc::new(EpisodeQueue::new(ready.window()));
         Self { ready, queue, open: None }
     }
@@ -92,12 +92,5 @@ impl<S: Scorer> Watch<S> {
     fn named(&self, (stamp_ns, score): Stamped) -> Option<SegmentScored> {
         let match_episode = self.ready.expert(score.match_episode)?.clone();
         Some(SegmentScored { stamp_ns, w: score.w, q: score.q, match_episode, match_step: score.match_step })
-    }
-}
-
-impl<S: Scorer> Drop for Watch<S> {
-    fn drop(&mut self) {
-        // A run held only by this watch may be unloaded.
-        self.ready.part();
     }
 }

@@ -1,5 +1,7 @@
 //! JobService: jobs in, their progress and results out.
 
+use std::collections::HashSet;
+
 use futures::TryStreamExt as _;
 use gleaner_proto::v1::{self, job_service_server::JobService};
 use tonic::{Request, Response};
@@ -10,7 +12,7 @@ use super::{
 };
 use crate::{
     access::Caller,
-    domain::{access::Role, order::JobFilter},
+    domain::{access::Role, id::JobId, job::Metric, order::JobFilter},
     error::Result,
     wire,
 };
@@ -18,8 +20,30 @@ use crate::{
 /// Longest part of a job's log in a response, in bytes.
 const LOG: u64 = 16 << 10;
 
+/// Room for one metric in a message, in bytes: about twice what one takes, because names are short.
+const METRIC_BYTES: usize = 64;
+
 /// Serves jobs.
 pub(crate) struct JobApi(pub(crate) Services);
+
+impl JobApi {
+    /// The metrics of a job in order of arrival. Of more than `most`, evenly spaced ones of each name with its newest, so
+    /// that a response fits a message; a watch of the job sends them all.
+    pub(super) async fn metrics(&self, job: &JobId, most: usize) -> Result<Vec<Metric>> {
+        let (store, count) = (&self.0.store, |count: usize| u32::try_from(count).unwrap_or(u32::MAX));
+        let all = store.metrics(job, 0, count(most.saturating_add(1))).await?;
+        if all.len() <= most {
+            return Ok(all);
+        }
+        let names = all.iter().map(|metric| metric.name.as_str()).collect::<HashSet<_>>().len();
+        drop(all);
+        // Each name has its newest value beside the spaced ones. Names that follow the first values were not counted.
+        let points = (most / 2 / names.max(1)).saturating_sub(1);
+        let mut sparse = store.sparse_metrics(job, count(points)).await?;
+        sparse.drain(..sparse.len().saturating_sub(most));
+        Ok(sparse)
+    }
+}
 
 #[tonic::async_trait]
 impl JobService for JobApi {
@@ -94,7 +118,8 @@ impl JobService for JobApi {
     async fn list_metrics(&self, request: Request<v1::ListMetricsRequest>) -> Reply<v1::ListMetricsResponse> {
         answer(async {
             let job = self.0.store.job(&wire::job::job_id(&request.get_ref().job_id)?).await?;
-            let metrics = self.0.store.metrics(&job.id, 0, u32::MAX).await?;
+            let most = self.0.config.limits.max_message_bytes / METRIC_BYTES;
+            let metrics = self.metrics(&job.id, most).await?;
             Ok(v1::ListMetricsResponse { metrics: metrics.into_iter().map(wire::job::metric).collect() })
         })
         .await

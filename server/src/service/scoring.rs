@@ -29,7 +29,7 @@ impl Services {
     ) -> Result<v1::ScoreRecordingResponse> {
         let mut requests = patient(requests, self.scoring_terms());
         let (run, declared) = scoring::recording_open(requests.next().await.transpose()?)?;
-        let ready = self.scorers.load(&run).await?;
+        let ready = self.scorers.load(&run).await?.held();
         let chunks = requests.map(|request| request.and_then(scoring::recording_data));
         let Passing { frames, report, room } = self.ingest.pass(client, &ready.task().spec, declared, chunks).await?;
         let scores = ready.score_recording(&frames, room).await?;

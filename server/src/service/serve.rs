@@ -31,6 +31,7 @@ use super::{
 use crate::{
     Listeners,
     access::{self, Guard, TokenCache},
+    config::ConnectionsConfig,
     connections::{Connections, connections},
     error::{Error, Result},
     telemetry::RpcLayer,
@@ -43,6 +44,9 @@ const CONNECTION_WINDOW: u32 = 16 << 20;
 const FRAME: u32 = 1 << 20;
 /// Largest message to a service that takes neither images nor recordings.
 const SMALL: usize = 4 << 20;
+/// The least limit on the calls of one machine's workers per second: dozens of them report several times a second, and a
+/// lower limit of clients is not theirs.
+const WORKERS_CALLS: u32 = 1000;
 /// How long the last messages of streams that the drain has ended may take to reach their readers.
 const LAST_MESSAGES: Duration = Duration::from_secs(1);
 
@@ -137,7 +141,9 @@ fn guard(services: &Services, tokens: TokenCache, encrypted: bool, connections: 
 
 /// Serves workers: `WorkerService` only, with limits of their own. Each call has the token of its job.
 fn for_workers(services: &Services, listener: TcpListener, tls: Option<Arc<Tls>>) -> AbortOnDropHandle<()> {
-    let connections = connections(&services.config.connections);
+    let config = &services.config.connections;
+    let calls_per_second = config.calls_per_second.max(WORKERS_CALLS);
+    let connections = connections(&ConnectionsConfig { calls_per_second, ..config.clone() });
     let limit = services.config.limits.max_message_bytes;
     let service = WorkerServiceServer::new(WorkerApi(services.clone()))
         .max_decoding_message_size(limit)
@@ -145,7 +151,7 @@ fn for_workers(services: &Services, listener: TcpListener, tls: Option<Arc<Tls>>
     let server = Server::builder()
         .max_concurrent_streams(services.config.limits.max_streams)
         .layer(RpcLayer(access::method))
-        .layer(Guard::of_workers(services.jobs.clone()))
+        .layer(Guard::of_workers(services.jobs.clone(), connections.clone()))
         .layer(connections.layer())
         .add_service(service);
     let incoming = connections.accept(listener, tls, Protocol::Http2);

@@ -1,6 +1,9 @@
 //! The audit entry of every rpc that changes something: each is called once through the guard. An audited rpc without a row
 //! fails here.
 
+mod metrics;
+mod workers;
+
 use std::{
     collections::HashSet,
     convert::Infallible,

@@ -1,7 +1,7 @@
 //! WorkerService: orders and base scores for running workers, and their reports. The guard has identified the attempt that
 //! each call comes from.
 
-use futures::{StreamExt as _, TryStreamExt as _, stream};
+use futures::{TryStreamExt as _, stream};
 use gleaner_proto::v1::{self, worker_service_server::WorkerService};
 use tonic::{Request, Streaming};
 
@@ -15,6 +15,9 @@ use crate::{
     error::Error,
     wire::{self, status::from_peer, worker::Completion},
 };
+
+/// Episodes whose scores are read by one query: few, because an episode may be long and the worker may read slowly.
+const EPISODES: u32 = 16;
 
 /// Serves workers.
 pub(crate) struct WorkerApi(pub(crate) Services);
@@ -42,7 +45,8 @@ impl WorkerService for WorkerApi {
         .await
     }
 
-    /// One episode's scores at a time, read as the worker takes them.
+    /// One episode's scores in each message. A few of them are read at a time, as the worker takes them, so that no query
+    /// stays open for a slow worker.
     async fn stream_base_scores(
         &self,
         request: Request<v1::StreamBaseScoresRequest>,
@@ -53,11 +57,14 @@ impl WorkerService for WorkerApi {
                 return Err(Error::precondition(format!("{} extends no earlier run", job.id)));
             };
             let store = self.0.store.clone();
-            let scores = stream::iter(store.scored_episodes(&run).await?).then(move |episode| {
+            let parts = stream::try_unfold(-1, move |behind| {
                 let (store, run) = (store.clone(), run.clone());
-                async move { store.episode_scores(&run, &episode).await }
+                async move {
+                    let read = store.scores_behind(&run, behind, EPISODES).await;
+                    read.map(|(scores, last)| last.map(|last| (stream::iter(scores.into_iter().map(Ok)), last)))
+                }
             });
-            Ok(responses(scores.map_ok(wire::worker::base_scores)))
+            Ok(responses(parts.try_flatten().map_ok(wire::worker::base_scores)))
         })
         .await
     }
@@ -108,6 +115,8 @@ impl WorkerService for WorkerApi {
             let Worker { attempt, job, .. } = worker?;
             let (mut messages, mut completion) = (request.into_inner(), Completion::default());
             while let Some(message) = messages.message().await.map_err(from_peer)? {
+                // A large result takes long, and the worker makes no other call meanwhile.
+                self.0.jobs.renew(&attempt);
                 completion.push(message)?;
             }
             self.0.jobs.complete(&attempt, &job, completion.whole()?).await?;

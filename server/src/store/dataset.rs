@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     domain::{
-        dataset::{Dataset, DatasetContents, DatasetCounts, KeptEpisode, KeptSegment, Nearest},
+        dataset::{Dataset, DatasetContents, DatasetCounts, KeptEpisode, KeptSegment, Nearest, WeightedSegment},
         id::{DatasetId, EpisodeId, ScoreRunId, TaskId},
         score::ScoreRun,
         selection::{Candidate, Kept, Resolved, Rule, Selection, ranked},
@@ -44,9 +44,15 @@ pub(crate) enum KeptDetail {
     Whole,
 }
 
+/// The marked segments of an episode with their q, possibly none.
+fn weighted<'a>(candidate: &'a Candidate, marked: &'a [bool]) -> impl Iterator<Item = WeightedSegment> + 'a {
+    let segments = (0..).zip(&candidate.q).map(|(end_step, &weight)| WeightedSegment { end_step, weight });
+    segments.zip(marked).filter_map(|(segment, &kept)| kept.then_some(segment))
+}
+
 impl Matched {
-    /// The marked segments, possibly none.
-    fn kept(self, marked: &[bool], experts: &[EpisodeId]) -> Result<KeptEpisode> {
+    /// The marked segments with their matches, possibly none.
+    fn kept(self, marked: &[bool], experts: &[EpisodeId]) -> Result<Vec<KeptSegment>> {
         let Self { candidate, match_episode, match_step } = self;
         // Without matches both lists are empty.
         let nearest = |step: usize| match (match_episode.get(step), match_step.get(step)) {
@@ -58,13 +64,11 @@ impl Matched {
             }
             (None, _) | (_, None) => Ok(None),
         };
-        let mut segments = Vec::new();
-        for ((end_step, step), (weight, &kept)) in (0..).zip(0..).zip(candidate.q.into_iter().zip(marked)) {
-            if kept {
-                segments.push(KeptSegment { end_step, weight, nearest: nearest(step)? });
-            }
-        }
-        Ok(KeptEpisode { episode_id: candidate.episode_id, segments })
+        let with_match = |WeightedSegment { end_step, weight }| {
+            let nearest = usize::try_from(end_step).map_or(Ok(None), &nearest)?;
+            Ok(KeptSegment { end_step, weight, nearest })
+        };
+        weighted(&candidate, marked).map(with_match).collect()
     }
 }
 
@@ -249,7 +253,7 @@ impl Store {
                     (similarities, qualities) = (matched.candidate.w.clone(), matched.candidate.q.clone());
                 }
             }
-            let KeptEpisode { segments, .. } = matched.kept(&marked, &run.expert_ids)?;
+            let segments = matched.kept(&marked, &run.expert_ids)?;
             if segments.is_empty() && detail != KeptDetail::Whole {
                 continue;
             }
@@ -268,18 +272,20 @@ impl Store {
         }
     }
 
-    /// Every imperfect episode with its kept segments, if any; rows are read one by one.
+    /// The imperfect episodes with at least one kept segment; rows are read one by one.
     async fn kept(&self, run: &ScoreRun, selection: Selection) -> Result<Vec<KeptEpisode>> {
         let candidates = self.to_resolve(run, selection).await?;
         let ranked = ranked(&candidates);
         let resolved = Resolved::new(selection, &ranked, &candidates);
         let mut rows = self.matched(run, selection.limits_phases()).await?;
         let (mut kept, mut marked) = (Vec::new(), Vec::new());
-        while let Some(found) = rows.try_next().await? {
-            resolved.mark(&found.candidate, &mut marked);
-            kept.push(found.kept(&marked, &run.expert_ids)?);
+        while let Some(Matched { candidate, .. }) = rows.try_next().await? {
+            resolved.mark(&candidate, &mut marked);
+            let segments: Vec<WeightedSegment> = weighted(&candidate, &marked).collect();
+            if !segments.is_empty() {
+                kept.push(KeptEpisode { episode_id: candidate.episode_id, segments });
+            }
         }
-        kept.retain(|episode| !episode.segments.is_empty());
         Ok(kept)
     }
 }

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId},
-        score::ScoreRun,
+        score::{EpisodeScores, ScoreRun},
         selection::{Candidate, places},
         work::InputEpisode,
     },
@@ -174,16 +174,32 @@ impl Store {
         run.expert_ids.iter().map(length).collect()
     }
 
-    /// The episodes with scores in a run, in the snapshot's order, for reading them one by one.
+    /// The scores of up to `most` episodes of a run in the snapshot's order, from behind this position, with the position
+    /// of the last one.
     ///
     /// # Errors
-    /// As for [`Store::score_run`].
-    pub(crate) async fn scored_episodes(&self, run: &ScoreRunId) -> Result<Vec<EpisodeId>> {
-        sql::query("select episode_id from episode_scores where score_run_id = $1 order by position")
-            .bind(run.param())
-            .try_map(row::read)
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("listing a run's episodes"))
+    /// Internal.
+    pub(crate) async fn scores_behind(
+        &self,
+        run: &ScoreRunId,
+        position: i64,
+        most: u32,
+    ) -> Result<(Vec<EpisodeScores>, Option<i64>)> {
+        let rows: Vec<(i64, EpisodeScores)> = sql::query(
+            "select * from episode_scores where score_run_id = $1 and position > $2 order by position limit $3",
+        )
+        .bind(run.param())
+        .bind(position)
+        .bind(most)
+        .try_map(|row| Ok((column(&row, "position")?, Record::decode(&row)?)))
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("reading a run's scores"))?;
+        let last = rows.last().map(|(position, _)| *position);
+        let scores: Vec<EpisodeScores> = rows.into_iter().map(|(_, scores)| scores).collect();
+        if scores.iter().all(EpisodeScores::fit) {
+            return Ok((scores, last));
+        }
+        Err(Error::internal("reading episode_scores", "the arrays of one row differ in length"))
     }
 }

@@ -1,5 +1,12 @@
 //! Reports of running jobs: progress on the job's row, and a row for each metric.
 
+mod plotted;
+
+use std::collections::HashMap;
+
+use futures::TryStreamExt as _;
+
+use self::plotted::Plotted;
 use super::{
     Store, attempt, fault,
     row::{self, Column as _, record},
@@ -60,8 +67,8 @@ impl Store {
 }
 
 impl Store {
-    /// A job's metrics for a plot, in order of arrival: about `points` of each name, evenly spaced, and the newest.
-    /// Values in between are left out, peaks included.
+    /// Some of a job's metrics, in order of arrival: about `points` of each name, evenly spaced, and the newest. Values in
+    /// between are left out, peaks included.
     pub(crate) async fn sparse_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>> {
         sql::query(
             "select id, step, name, value from (select *, row_number() over (partition by name order by id) as place, \
@@ -74,6 +81,29 @@ impl Store {
         .fetch_all(self.read())
         .await
         .map_err(fault("reading some of the metrics"))
+    }
+
+    /// A job's metrics for a plot, in order of arrival: about `points` of each name, with the extremes of evenly spaced
+    /// stretches, so that every peak is drawn, and the first and the newest.
+    ///
+    /// Rows are read one by one, because a sort by value takes longer than to read them all.
+    pub(crate) async fn plotted_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>> {
+        let mut rows = sql::query("select id, step, name, value from job_metrics where job_id = $1 order by id")
+            .bind(job.param())
+            .try_map(row::read::<Metric>)
+            .fetch(self.read());
+        let mut names: HashMap<String, Plotted> = HashMap::new();
+        while let Some(metric) = rows.try_next().await.map_err(fault("reading the metrics of a plot"))? {
+            match names.get_mut(&metric.name) {
+                Some(plotted) => plotted.add(metric),
+                None => {
+                    names.insert(metric.name.clone(), Plotted::new(points, metric));
+                }
+            }
+        }
+        let mut metrics: Vec<Metric> = names.into_values().flat_map(Plotted::metrics).collect();
+        metrics.sort_by_key(|metric| metric.sequence);
+        Ok(metrics)
     }
 }
 
@@ -115,5 +145,29 @@ mod tests {
         assert_eq!(rates, [10, 20, 30], "there are few");
         assert_eq!(steps(1000).await.0, (1..=95).collect::<Vec<_>>());
         assert_eq!(store.sparse_metrics(&JobId::new(), 10).await.unwrap(), []);
+    }
+
+    #[tokio::test]
+    async fn a_plot_has_every_peak_of_each_name_in_order_of_arrival() {
+        let (_dir, store) = testing::store().await;
+        let attempt = testing::claimed(&store, &testing::task(&store).await.id, "local").await;
+        let id = attempt.job_id.clone();
+        let loss = |step| if step == 42 { 9.0 } else { 0.5 };
+        let both = |step: u64| [(step, "loss".to_owned(), loss(step)), (step, "rate".to_owned(), -loss(step))];
+        let late = [(95, "share".to_owned(), 0.25)];
+        let progress = Progress { metrics: (1..=95).flat_map(both).chain(late).collect(), ..Progress::default() };
+        store.report_progress(&attempt, &progress).await.unwrap();
+
+        let metrics = store.plotted_metrics(&id, 10).await.unwrap();
+        assert!(metrics.is_sorted_by(|one, next| one.sequence < next.sequence), "each once");
+        let of = |name: &str| metrics.iter().filter(|one| one.name == name).map(|one| one.step).collect::<Vec<_>>();
+        for name in ["loss", "rate"] {
+            let steps = of(name);
+            assert!(steps.contains(&42) && steps.len() <= 12, "{steps:?}");
+            assert_eq!((steps.first(), steps.last()), (Some(&1), Some(&95)));
+        }
+        assert_eq!(of("share"), [95], "there are few");
+        assert_eq!(store.plotted_metrics(&id, 1000).await.unwrap(), store.metrics(&id, 0, 1000).await.unwrap());
+        assert_eq!(store.plotted_metrics(&JobId::new(), 10).await.unwrap(), []);
     }
 }

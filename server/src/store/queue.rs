@@ -77,8 +77,11 @@ impl Store {
             checkpoint_step: job.checkpoint_step,
             cancel_requested: job.cancel_requested,
         });
-        sql::query("update jobs set attempt = $1 where id = $2")
+        // The progress that the next attempt begins with: that of this one would make its rate look far too high.
+        let done = if next.state == JobState::Queued { job.checkpoint_step.unwrap_or(0) } else { job.done };
+        sql::query("update jobs set attempt = $1, done = $2 where id = $3")
             .bind(next.attempt)
+            .bind(done.param())
             .bind(job.id.param())
             .execute(&mut tx)
             .await

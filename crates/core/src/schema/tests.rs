@@ -32,6 +32,9 @@ fn an_invalid_value_is_rejected_with_the_allowed_ones() {
         (Shape::Words { words: words() }, json!(["a", "a"]), "x: [1] is \"a\" again; name each value once"),
         (Shape::Words { words: words() }, json!([]), "x: has 0 values, must have between 1 and 2"),
         (Shape::Integers { most: 5, count: 2 }, json!([1, 6]), "x: [1] is 6, must be between 0 and 5"),
+        // Before any value is looked at.
+        (Shape::Integers { most: 5, count: 2 }, json!([1, 2, 1]), "x: has 3 values, must have between 1 and 2"),
+        (Shape::Words { words: words() }, json!(["a", "a", "c"]), "x: has 3 values, must have between 1 and 2"),
         (Shape::Text, json!(null), "x: expected a text, got null"),
     ] {
         assert_eq!(problem(shape, value), expected);

@@ -46,17 +46,23 @@ impl ExpertRanking {
                 percent(all)
             )];
         }
-        let of_cohort = |(cohort, share): &(String, f64)| match *share {
-            share if share < 0.5 => Some(format!(
-                "the scores favour cohort {cohort} over experts ({} of pairs): check its labels and some of its episodes",
-                percent(share)
-            )),
-            share if share < HARDLY => Some(format!(
-                "the scores hardly tell cohort {cohort} from experts ({} of pairs): either its steps are as good, or the \
-                 scorer does not see what is wrong with them",
-                percent(share)
-            )),
-            _ => None,
+        let of_cohort = |(cohort, share): &(String, f64)| {
+            let (these, their, them) = match cohort.as_str() {
+                "" => ("episodes without a cohort".to_owned(), "their", "them"),
+                named => (format!("cohort {named}"), "its", "its episodes"),
+            };
+            match *share {
+                share if share < 0.5 => Some(format!(
+                    "the scores favour {these} over experts ({} of pairs): check {their} labels and some of {them}",
+                    percent(share)
+                )),
+                share if share < HARDLY => Some(format!(
+                    "the scores hardly tell {these} from experts ({} of pairs): either {their} steps are as good, or the \
+                     scorer does not see what is wrong with them",
+                    percent(share)
+                )),
+                _ => None,
+            }
         };
         self.cohorts.iter().filter_map(of_cohort).collect()
     }
@@ -119,6 +125,11 @@ mod tests {
         assert!(warnings[0].contains("favour cohort a over experts (48 % of pairs)"), "{warnings:?}");
         assert!(warnings[1].contains("hardly tell cohort b from experts (52 % of pairs)"), "{warnings:?}");
         assert_eq!(warnings.len(), 2);
+        let unnamed = ranking(0.6, &[("", 0.48)]).warnings();
+        assert!(unnamed[0].contains("favour episodes without a cohort over experts (48 % of pairs)"), "{unnamed:?}");
+        assert!(unnamed[0].ends_with("check their labels and some of them"), "{unnamed:?}");
+        let unnamed = ranking(0.6, &[("", 0.52)]).warnings();
+        assert!(unnamed[0].contains("hardly tell episodes without a cohort from experts"), "{unnamed:?}");
         let reversed = ranking(0.4, &[("a", 0.4)]).warnings();
         assert!(reversed.len() == 1 && reversed[0].contains("favour imperfect episodes over experts"), "{reversed:?}");
     }

@@ -67,7 +67,7 @@ impl Fault {
             AgentKind::Expert => {}
             AgentKind::MissedGrasp => {
                 aim.grasp_off = heading * grade * random.random_range(GRASP_OFF);
-                aim.recovers = false;
+                aim.recovers = grade == 0.0;
             }
             AgentKind::WrongGoal => {
                 let off = random.random_range(GOAL_OFF) * grade.powf(2.5);
@@ -75,8 +75,9 @@ impl Fault {
             }
             AgentKind::EarlyRelease => {
                 let (carry, end) = (rehearsal.carry as f32, rehearsal.carry_end as f32);
-                from = carry + 1.0 + (end - carry) * part * release_spread(grade);
-                aim.recovers = false;
+                let begin = carry + 1.0 + (end - carry) * part * release_spread(grade);
+                from = if grade > 0.0 { begin } else { f32::INFINITY };
+                aim.recovers = grade == 0.0;
             }
             AgentKind::Freeze | AgentKind::Wander => from = steps * (0.1 + 0.7 * part),
             AgentKind::Noise => from = steps * 0.6 * part,
@@ -146,7 +147,54 @@ fn single(grade: f64) -> f32 {
     grade as f32
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small positive step number")]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a positive step number, or never")]
 fn whole(step: f32) -> u32 {
     step as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::{Stream, random};
+
+    /// Whether the agent's actions equal the expert's over an attempt in which the cube is taken away from the closing
+    /// fingers, so that the expert tries again.
+    fn equals_the_expert_after_a_miss(task: Task, agent: AgentSpec, seed: u64) -> bool {
+        let mut world = (task.rules().begin)(&mut random(seed, Stream::World));
+        let (habits, place) = (random(seed, Stream::Expert), (task.rules().place)(&world, Vec2::ZERO).truncate());
+        let rehearsal = Rehearsal { steps: 60, carry: 10, carry_end: 20, place };
+        let mut expert = Expert::new(task, habits.clone());
+        let mut fault = Fault::new(task, agent, rehearsal, habits, random(seed, Stream::Fault));
+        let mut missed = false;
+        (0..60).all(|step| {
+            let (expected, action) = (expert.act(&world), fault.act(step, &world));
+            if !missed && expected[6] < 0.0 {
+                world.cubes[0].position.x += 0.06_f32.copysign(-world.cubes[0].position.x);
+                missed = true;
+            }
+            world.step(&expected);
+            action == expected
+        })
+    }
+
+    #[test]
+    fn grade_0_is_the_expert_also_after_a_miss() {
+        for (task, kind) in Task::ALL.into_iter().flat_map(|task| AgentKind::ALL.map(|kind| (task, kind))) {
+            let none = AgentSpec::new(kind, 0.0).unwrap();
+            for seed in 0..20 {
+                assert!(equals_the_expert_after_a_miss(task, none, seed), "{task} {kind}, seed {seed}");
+            }
+        }
+    }
+
+    #[test]
+    fn fingers_that_release_at_grade_0_never_open_early() {
+        let agent = AgentSpec::new(AgentKind::EarlyRelease, 0.0).unwrap();
+        let rehearsal = Rehearsal { steps: 60, carry: 10, carry_end: 20, place: Vec2::ZERO };
+        for seed in 0..5_000 {
+            let [habits, draw] = [Stream::Expert, Stream::Fault].map(|stream| random(seed, stream));
+            let fault = Fault::new(Task::PickCube, agent, rehearsal, habits, draw);
+            assert!(fault.from > rehearsal.steps, "seed {seed}: from step {}", fault.from);
+        }
+    }
 }

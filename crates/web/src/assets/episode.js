@@ -205,7 +205,8 @@
       return shade;
     }));
     const [count, of] = [above.filter(Boolean).length, above.length];
-    element('kept').textContent = `${count} of ${of} segments kept (${(100 * count / Math.max(of, 1)).toFixed(1)} %)`;
+    // A run keeps every segment of its experts.
+    if (element('kept')) element('kept').textContent = `${count} of ${of} segments kept (${(100 * count / Math.max(of, 1)).toFixed(1)} %)`;
     address();
   }
   [['beta', 'beta-number'], ['beta-number', 'beta']].forEach(([from, to]) => {
@@ -232,12 +233,13 @@
       Object.assign(rest, { className: 'soft', textContent: ` ${labelling.visible(cohort)} by ${labelling.visible(by)}, ${at} UTC` });
       item.append(tag, rest, ...(reason ? [document.createElement('br'), `“${labelling.visible(reason)}”`] : []));
       element('labels').prepend(item);
+      // A refused label keeps its reason in the field.
+      if (reason && element('reason').value.trim() === reason) element('reason').value = '';
     },
     back: () => {},
   });
   const label = (outcome) => {
     labelling.send([{ id: about.id }], { outcome, reason: element('reason').value.trim() });
-    element('reason').value = '';
   };
   document.querySelectorAll('[data-label]').forEach((one) =>
     one.addEventListener('click', () => label(one.dataset.label)));

@@ -1,17 +1,22 @@
 //! One deployment: its policy, its history, rolling back, and its sessions.
 
 use axum::{
-    extract::Path,
+    Form,
+    extract::{FromRequest as _, Path, Request},
     http::{StatusCode, header::LOCATION},
     response::{IntoResponse as _, Response},
 };
-use gleaner_core::policy::{Assignment, Deployment, DeploymentChange};
+use gleaner_core::{
+    Error, Result,
+    policy::{Assignment, Deployment, DeploymentChange},
+};
 use maud::{Markup, html};
+use serde::Deserialize;
 use serde_json::json;
 
 use super::live;
 use crate::{
-    change::change,
+    change::{change, is_form},
     page::Page,
     page_request::{PageRequest, escaped},
     refusal::Answer,
@@ -43,6 +48,7 @@ pub(crate) async fn show(request: PageRequest, Path(name): Path<String>) -> Answ
         @if let (Some(policy), true) = (back, request.may(Page::RollBack)) {
             form.row method="post" action=(format!("/deployments/{}/roll-back", escaped(&name))) {
                 input type="hidden" name="proof" value=(request.proof);
+                input type="hidden" name="changes" value=(deployment.history.len());
                 button.danger type="submit" { "Roll back" }
                 span.soft { "to " span.id { (policy) } ". Running sessions keep the policy they have." }
             }
@@ -52,16 +58,42 @@ pub(crate) async fn show(request: PageRequest, Path(name): Path<String>) -> Answ
     Ok(shell::page(&request, &head, &body).into_response())
 }
 
-pub(crate) async fn roll_back(request: PageRequest, Path(name): Path<String>) -> Response {
+pub(crate) async fn roll_back(page_request: PageRequest, Path(name): Path<String>, request: Request) -> Response {
     let rolled = async {
-        let deployment = request.backend().roll_back(&name).await?;
+        let (backend, shown) = (page_request.backend(), shown(request).await?);
+        let _alone = page_request.state.rolling_back.lock().await;
+        // A second click would restore the policy before the one that the page named.
+        if let Some(changes) = shown.changes
+            && backend.deployment(&name).await?.history.len() != changes
+        {
+            return Err(Error::precondition(format!(
+                "deployment {name} has changed since its page was shown; reload the page to see what it serves now"
+            ))
+            .into());
+        }
+        let deployment = backend.roll_back(&name).await?;
         if let Some(policy) = deployment.policy_id() {
-            request.audit.about("policy_id", policy.as_str());
+            page_request.audit.about("policy_id", policy.as_str());
         }
         let to = format!("/deployments/{}", escaped(&name));
         Ok((StatusCode::SEE_OTHER, [(LOCATION, to)]).into_response())
     };
-    change(&request, [("name", name.as_str())], rolled).await
+    change(&page_request, [("name", name.as_str())], rolled).await
+}
+
+/// What the form's page showed; programs need not send it.
+#[derive(Default, Deserialize)]
+struct Shown {
+    /// The length of the deployment's history.
+    changes: Option<usize>,
+}
+
+async fn shown(request: Request) -> Result<Shown> {
+    if !is_form(request.headers()) {
+        return Ok(Shown::default());
+    }
+    let read = Form::<Shown>::from_request(request, &()).await;
+    read.map(|Form(shown)| shown).map_err(|rejection| Error::invalid("body", rejection.body_text()))
 }
 
 fn facts(deployment: &Deployment) -> Markup {

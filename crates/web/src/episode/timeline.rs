@@ -64,8 +64,10 @@ fn quality(view: &View, scored: &Scored, times: &[f64]) -> Markup {
         }
         div.panel {
             (drawn(view, scores.q.as_slice(), &stretches, times))
-            p.formats aria-live="polite" {
-                span #kept { (text::count(count)) " of " (text::counted(of, "segment")) " kept (" (text::share(count, of)) ")" }
+            @if scores.role != Role::Expert {
+                p.formats aria-live="polite" {
+                    span #kept { (text::count(count)) " of " (text::counted(of, "segment")) " kept (" (text::share(count, of)) ")" }
+                }
             }
         }
         p.formats {

@@ -15,6 +15,10 @@ use crate::{Backend, link, page_request::PageRequest, refusal::Answer, text};
 
 /// The engine of the server's own machine.
 const LOCAL: &str = "local";
+/// The metric of jobs with checkpoints that has the milliseconds of each step.
+const MS_PER_STEP: &str = "ms_per_step";
+/// Steps from which the present rate is estimated.
+const NEWEST_STEPS: usize = 21;
 /// Points of a curve: more than its plot has pixels.
 const POINTS: u32 = 2000;
 
@@ -35,7 +39,7 @@ pub(super) async fn course(backend: &dyn Backend, job: &Job) -> Result<Markup> {
     }
     Ok(html! {
         div #course data-state=(job.state.as_str()) {
-            (standing(job, Millis::now()))
+            (standing(job, &metrics, Millis::now()))
             @if !job.error.is_empty() { p.note.bad role="alert" { (link::text(&job.error)) } }
             (panels(&metrics))
         }
@@ -43,7 +47,7 @@ pub(super) async fn course(backend: &dyn Backend, job: &Job) -> Result<Markup> {
     })
 }
 
-fn standing(job: &Job, now: Millis) -> Markup {
+fn standing(job: &Job, metrics: &[Metric], now: Millis) -> Markup {
     html! {
         div.panel.standing {
             div.row {
@@ -53,7 +57,7 @@ fn standing(job: &Job, now: Millis) -> Markup {
                     span { (text::count(job.done)) " of " (text::count(job.total)) }
                     span.soft { (text::share(job.done, job.total)) }
                 }
-                @if let Some(left) = left(job, now) { span.soft { "about " (text::seconds(left)) " left" } }
+                @if let Some(left) = left(job, metrics, now) { span.soft { "about " (text::seconds(left)) " left" } }
             }
             @if !job.message.is_empty() { p.message { (link::text(&job.message)) } }
             dl.facts.settings {
@@ -84,7 +88,7 @@ fn place(placement: &Placement) -> Markup {
 }
 
 /// Its state, as a tag.
-pub(super) fn state(job: &Job) -> Markup {
+pub(crate) fn state(job: &Job) -> Markup {
     let text = if job.state == JobState::Running && job.cancel_requested { "cancelling" } else { job.state.as_str() };
     html! { span class=(format!("tag {}", job.state.as_str())) { (text) } }
 }
@@ -97,12 +101,24 @@ fn took(job: &Job, now: Millis) -> Option<f64> {
 
 /// The estimated remaining seconds at the present rate.
 #[expect(clippy::cast_precision_loss, reason = "for reading")]
-fn left(job: &Job, now: Millis) -> Option<f64> {
-    // The progress of an earlier attempt is not counted.
-    let measured = job.state == JobState::Running && job.checkpoint_step.is_none_or(|_| job.attempt <= 1);
+fn left(job: &Job, metrics: &[Metric], now: Millis) -> Option<f64> {
     let (done, total) = (job.done as f64, job.total as f64);
-    let took = took(job, now).filter(|took| measured && *took > 2.0 && done > 0.0 && done < total)?;
-    Some(took * (total - done) / done)
+    let running = job.state == JobState::Running && done > 0.0 && done < total;
+    let took = took(job, now).filter(|took| running && *took > 2.0)?;
+    let per_step = match job.checkpoint_step {
+        None => took / done,
+        // The steps up to a checkpoint may be those of an earlier attempt, whose time is not counted.
+        Some(_) => seconds_per_step(metrics)?,
+    };
+    Some(per_step * (total - done))
+}
+
+/// The median of the newest steps that are known: a step with a validation takes longer.
+fn seconds_per_step(metrics: &[Metric]) -> Option<f64> {
+    let times = metrics.iter().rev().filter(|metric| metric.name == MS_PER_STEP).take(NEWEST_STEPS);
+    let mut times: Vec<f64> = times.map(|metric| metric.value / 1000.0).collect();
+    times.sort_by(f64::total_cmp);
+    times.get(times.len() / 2).copied()
 }
 
 #[expect(clippy::cast_precision_loss, reason = "for reading")]
@@ -160,14 +176,32 @@ mod tests {
     #[test]
     fn the_remaining_time_is_estimated_from_progress() {
         let now = Millis(11_000);
+        let left = |job: &Job, now| left(job, &[], now);
         assert_eq!((took(&running(), now), left(&running(), now)), (Some(10.0), Some(30.0)));
         assert_eq!(left(&running(), Millis(2000)), None, "too early to say");
-        let resumed = Job { attempt: 2, checkpoint_step: Some(20), ..running() };
-        assert_eq!(left(&resumed, now), None);
         let ended = Job { state: JobState::Succeeded, ended_at: Some(Millis(6000)), ..running() };
         assert_eq!((took(&ended, now), left(&ended, now)), (Some(5.0), None));
         let queued = Job { state: JobState::Queued, started_at: None, done: 0, total: 0, ..running() };
         assert_eq!((took(&queued, now), left(&queued, now)), (None, None));
+    }
+
+    /// An attempt that was stopped does not count, so that its successor is the first one again.
+    #[test]
+    fn steps_of_an_earlier_attempt_do_not_shorten_the_remaining_time() {
+        let metric = |name: &str, value| Metric { sequence: 0, step: 25, name: name.into(), value };
+        let metrics = [1900.0, 2000.0, 60_000.0].map(|ms| metric(MS_PER_STEP, ms));
+        let metrics = [&metrics[..], &[metric("loss", 0.5)]].concat();
+        for attempt in [1, 2] {
+            let resumed = Job { attempt, checkpoint_step: Some(24), ..running() };
+            assert_eq!(left(&resumed, &metrics, Millis(11_000)), Some(150.0));
+            assert_eq!(left(&resumed, &[], Millis(11_000)), None, "no rate is known");
+        }
+        let again = Job { attempt: 2, ..running() };
+        assert_eq!(
+            left(&again, &metrics, Millis(11_000)),
+            Some(30.0),
+            "an attempt without a checkpoint begins at zero"
+        );
     }
 
     #[test]
@@ -179,21 +213,21 @@ mod tests {
             waiting: text("Resources <x>"),
             ..Placement::default()
         };
-        let shown = standing(&Job { placement: waits.clone(), ..running() }, Millis(2000)).into_string();
+        let shown = standing(&Job { placement: waits.clone(), ..running() }, &[], Millis(2000)).into_string();
         for part in ["slurm", "17", "Resources &lt;x&gt;"] {
             assert!(shown.contains(part), "{shown}");
         }
         let runs = Placement { node: text("node1"), waiting: String::new(), ..waits };
-        let shown = standing(&Job { placement: runs, ..running() }, Millis(2000)).into_string();
+        let shown = standing(&Job { placement: runs, ..running() }, &[], Millis(2000)).into_string();
         assert!(shown.contains("node1") && !shown.contains("Waiting"), "{shown}");
         let local = Placement { engine: text(LOCAL), engine_id: text("4711"), ..Placement::default() };
-        let shown = standing(&Job { placement: local, ..running() }, Millis(2000)).into_string();
+        let shown = standing(&Job { placement: local, ..running() }, &[], Millis(2000)).into_string();
         assert!(!shown.contains("Engine") && !shown.contains("4711"), "{shown}");
     }
 
     #[test]
     fn the_state_and_message_are_shown_as_text() {
-        let text = standing(&Job { cancel_requested: true, ..running() }, Millis(2000)).into_string();
+        let text = standing(&Job { cancel_requested: true, ..running() }, &[], Millis(2000)).into_string();
         assert!(
             text.contains(">cancelling<") && text.contains("writing &lt;files&gt;") && text.contains("25.0 %"),
             "{text}"

@@ -10,7 +10,7 @@ mod spec;
 
 pub(super) use self::{
     act::{cancel, retry},
-    course::show as course,
+    course::{show as course, state},
     job::show,
     list::show as list,
     log::show as log,

@@ -19,7 +19,9 @@ use serde::Deserialize;
 use serde_json::json;
 
 use crate::{
-    Backend, link,
+    Backend,
+    jobs::state,
+    link,
     page_request::PageRequest,
     refusal::Answer,
     sheet::{self, Format, Sheet},
@@ -125,7 +127,7 @@ impl RunsOfTask {
                 tbody {
                     @for job in &self.coming { tr {
                         td { (link::brief(&job.result_id, Some(&format!("/jobs/{}", job.id)))) }
-                        td { span class=(format!("tag {}", job.state.as_str())) { (job.state.as_str()) } }
+                        td { (state(job)) }
                         td.soft colspan="6" {
                             @if job.total > 0 { progress value=(job.done) max=(job.total) aria-label="Progress" {} " " }
                             (job.message)

@@ -143,8 +143,11 @@ fn stairs(heights: &[f64]) -> Vec<(f64, f64)> {
 pub(super) fn separation(ranking: &ExpertRanking) -> Markup {
     let Some(all) = ranking.all else { return html! {} };
     let percent = |share: f64| format!("{:.0}\u{a0}%", 100.0 * share);
-    let cohorts: Vec<String> =
-        ranking.cohorts.iter().map(|(cohort, share)| format!("{cohort} {}", percent(*share))).collect();
+    let of_cohort = |(cohort, share): &(String, f64)| {
+        let name = if cohort.is_empty() { "none" } else { cohort };
+        format!("{name} {}", percent(*share))
+    };
+    let cohorts: Vec<String> = ranking.cohorts.iter().map(of_cohort).collect();
     html! {
         p.soft { "In " (percent(all))
             " of pairs the expert's segment has the higher q (ties count half)"
@@ -226,6 +229,8 @@ mod tests {
             "{shown}"
         );
         assert!(!shown.contains("Warning"), "{shown}");
+        let shown = ranking(0.63, &[("", 0.7), ("wrong", 0.56)]);
+        assert!(shown.contains("by cohort: none 70\u{a0}%, wrong"), "{shown}");
         assert!(ranking(0.49, &[("late", 0.49)]).contains("favour imperfect episodes"));
         assert!(ranking(0.6, &[("late", 0.7), ("wrong", 0.5)]).contains("hardly tell cohort wrong"));
     }

@@ -142,6 +142,9 @@ async fn every_job_of_a_pipeline_gets_its_content() {
 async fn files_that_the_server_lacks_are_rejected_with_those_it_has() {
     let (folder, bench) = bench().await;
     fs::write(folder.path().join("not a name"), b"x").unwrap();
+    // What an order names by this text is a file without the digest in its name.
+    let with_digest = format!("resnet34.safetensors@{}", digest(b"x").as_str());
+    fs::write(folder.path().join(with_digest), b"x").unwrap();
     fs::create_dir(folder.path().join("inner")).unwrap();
     let large = fs::File::create(folder.path().join("large.safetensors")).unwrap();
     large.set_len(super::LARGEST + 1).unwrap();

@@ -25,6 +25,13 @@ async fn a_report_resets_the_silence() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn the_largest_limit_never_ends_an_attempt() {
+    let lease = Leases::new(CancellationToken::new()).grant(&attempt(), Tie::Child);
+    let day = Duration::from_secs(24 * 60 * 60);
+    assert!(tokio::time::timeout(day, lease.silent_for(Duration::from_secs(u64::MAX))).await.is_err());
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_worker_is_not_silent_while_its_call_is_answered() {
     let leases = Leases::new(CancellationToken::new());
     let (attempt, begun) = (attempt(), Instant::now());

@@ -42,6 +42,19 @@ async fn each_rank_of_an_attempt_is_one_process_and_rank_0_reports_where_it_wait
 }
 
 #[tokio::test]
+async fn a_part_of_a_result_is_a_sign_of_life() {
+    let bench = Bench::new().await;
+    submit(&bench).await;
+    let issuer = Issuer::new();
+    let job = bench.store.claim_job(&issuer.hash, "local").await.unwrap().unwrap();
+    let attempt = issuer.attempt(&job.id);
+    let lease = bench.jobs.0.leases.grant(&attempt, Tie::Remote);
+    assert!(!lease.begun());
+    bench.jobs.renew(&attempt);
+    assert!(lease.begun());
+}
+
+#[tokio::test]
 async fn only_the_token_of_a_running_attempt_is_accepted() {
     let bench = Bench::new().await;
     submit(&bench).await;

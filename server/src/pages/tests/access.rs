@@ -72,6 +72,13 @@ async fn changes_are_posted_and_other_requests_are_not() {
 }
 
 #[tokio::test]
+async fn every_recording_ends_with_the_token_of_its_reader() {
+    for &page in Page::ALL {
+        assert_eq!(page.is_download(), page.path().ends_with(".mcap"), "{page:?}");
+    }
+}
+
+#[tokio::test]
 async fn another_site_cannot_make_a_browser_change_data() {
     let pages = Pages::open(false).await;
     let visitor = pages.visitor().await;

@@ -70,6 +70,9 @@ async fn a_scored_episode_shows_its_kept_segments_and_matches() {
     assert!(text.contains(&format!("/episodes/{}/frames/front/7?depth=true", weak.id)));
     assert!(text.contains("1.9]"), "steps are shown in seconds from the first");
 
+    let whole = lab.get(&format!("/episodes/{}?beta=1", expert.id)).await.text();
+    assert!(whole.contains("kept in full for every β") && !whole.contains("segments kept ("), "{whole}");
+
     let content = lab.get(&format!("/episodes/{}/scores.json", weak.id)).await;
     let content: Value = serde_json::from_slice(&content.body).unwrap();
     assert_eq!((&content["run"], content["q"].as_array().unwrap().len()), (&json!(run.id), 20));

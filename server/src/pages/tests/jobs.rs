@@ -53,6 +53,11 @@ async fn the_list_filters_and_continues_where_it_ended() {
     assert!(first.contains(&format!("<option value=\"{}\">", task.spec.name)), "names of tasks are suggested");
     let last = pages.get(&Client::default(), &older).await.text();
     assert!(last.contains(made[100].as_str()) && !last.contains("Older"));
+    let overview = pages.get(&Client::default(), "/").await.text();
+    assert!(
+        overview.contains("href=\"/jobs\"") && !overview.contains("/jobs?format="),
+        "a table of all jobs has pages"
+    );
 
     let count = async |query: &str| json(&pages, &format!("/jobs?format=json&{query}")).await.as_array().unwrap().len();
     assert_eq!(count("kind=score").await, 0);
@@ -81,6 +86,11 @@ async fn a_running_job_shows_its_progress() {
     }
     let whole = pages.get(&Client::default(), &format!("/jobs/{}", job.id)).await.text();
     assert!(whole.contains("id=\"course\"") && whole.contains(job.result_id.as_str()) && !whole.contains("style="));
+    store.cancel_job(&job.id).await.unwrap();
+    for list in ["/", "/jobs"] {
+        let shown = pages.get(&Client::default(), list).await.text();
+        assert!(shown.contains(">cancelling<") && !shown.contains(">running</span>"), "{list}: {shown}");
+    }
     assert_eq!(pages.get(&Client::default(), &format!("/jobs/{}", JobId::new())).await.status, StatusCode::NOT_FOUND);
     assert_eq!(pages.get(&Client::default(), "/jobs/run_1").await.status, StatusCode::BAD_REQUEST);
 }

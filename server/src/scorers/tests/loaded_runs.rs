@@ -1,16 +1,22 @@
 //! Which runs are in memory.
 
-use std::sync::{
-    Arc,
-    atomic::{AtomicU32, Ordering},
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicU32, Ordering},
+    },
+    time::Duration,
 };
 
+use futures::StreamExt as _;
 use tokio::sync::Notify;
+use tokio_util::sync::CancellationToken;
 
 use super::super::{
-    Ready,
+    Output, Ready, Terms,
     loaded_runs::LoadedRuns,
-    testing::{Parrot, ready_in},
+    score_steps,
+    testing::{Parrot, ready_in, seen},
 };
 use crate::{
     domain::id::ScoreRunId,
@@ -102,6 +108,41 @@ async fn a_run_stays_loaded_while_a_session_holds_it() {
     assert_eq!(in_memory(&loaded, &[a, b]), [true, false], "another session holds it");
     drop(two);
     assert_eq!(in_memory(&loaded, &[a, b]), [false, false]);
+}
+
+#[tokio::test]
+async fn a_run_without_a_watch_is_unloaded_once_its_last_caller_is_done() {
+    let (loaded, run) = (LoadedRuns::new(0), ScoreRunId::new());
+    let one = get(&loaded, &run).await.unwrap().held();
+    let other = get(&loaded, &run).await.unwrap().held();
+    drop(one);
+    assert_eq!(in_memory(&loaded, &[&run]), [true], "another caller uses it");
+    drop(other);
+    assert_eq!(in_memory(&loaded, &[&run]), [false]);
+}
+
+#[tokio::test]
+async fn a_run_is_unloaded_once_the_steps_of_an_episode_are_scored() {
+    let (loaded, run) = (LoadedRuns::new(0), ScoreRunId::new());
+    let ready = get(&loaded, &run).await.unwrap();
+    let terms =
+        Terms { idle: Duration::from_secs(60), drain: Duration::from_secs(20), stopping: CancellationToken::new() };
+    // As of the service, the steps hold the run until they end.
+    let decodes = Arc::clone(&ready);
+    let (client, sent) = futures::channel::mpsc::unbounded();
+    let steps = sent.map(move |stamp| {
+        let _shape = decodes.shape();
+        Ok((seen(stamp, 0.0), vec![1.0]))
+    });
+    let mut answers = score_steps(move || async { Ok((ready, steps)) }, terms);
+    for stamp in [1, 2] {
+        client.unbounded_send(stamp).unwrap();
+        assert!(matches!(answers.recv().await, Some(Ok(Output::Scored(_)))));
+        assert_eq!(in_memory(&loaded, &[&run]), [true]);
+    }
+    drop(client);
+    assert!(answers.recv().await.is_none(), "it ends with its steps");
+    assert_eq!(in_memory(&loaded, &[&run]), [false]);
 }
 
 #[tokio::test]

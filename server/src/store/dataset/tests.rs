@@ -24,13 +24,23 @@ async fn contents_are_the_experts_and_segments_above_beta() {
 
     let contents = store.dataset_contents(&dataset.id).await.unwrap();
     assert_eq!(contents.experts, std::slice::from_ref(&expert.id));
-    assert_eq!((contents.snapshot_id, contents.run.origin), (encoder.snapshot_id, run.origin));
-    let segment = |end_step, weight| {
-        let nearest = Some(Nearest { episode_id: expert.id.clone(), end_step });
-        KeptSegment { end_step, weight, nearest }
-    };
-    let segments = vec![segment(0, 0.95), segment(3, 1.0)];
-    assert_eq!(contents.kept, [KeptEpisode { episode_id: good.id, segments }]);
+    assert_eq!((&contents.snapshot_id, &contents.run.origin), (&encoder.snapshot_id, &run.origin));
+    let segments = [(0, 0.95), (3, 1.0)].map(|(end_step, weight)| WeightedSegment { end_step, weight });
+    // A stream of segments holds those of the whole dataset.
+    assert_eq!(size_of_val(&contents.kept[0].segments[0]), 8);
+    assert_eq!(contents.kept, [KeptEpisode { episode_id: good.id, segments: segments.to_vec() }]);
+
+    // Those of a job have their matches too, if it reads them.
+    for (detail, matched) in [(KeptDetail::Weights, false), (KeptDetail::Scores, true)] {
+        let (out, mut sent) = mpsc::channel(2);
+        store.send_kept((&contents.run, dataset.selection), detail, &out).await.unwrap();
+        let nearest = |end_step| matched.then(|| Nearest { episode_id: expert.id.clone(), end_step });
+        let with_match = |WeightedSegment { end_step, weight }| {
+            let nearest = nearest(end_step);
+            KeptSegment { end_step, weight, nearest }
+        };
+        assert_eq!(sent.recv().await.unwrap().segments, segments.map(with_match), "{detail:?}");
+    }
 }
 
 #[tokio::test]
@@ -86,7 +96,11 @@ async fn a_top_fraction_keeps_the_best_and_the_same_one_twice_is_one() {
     let ends = |kept: &KeptEpisode| kept.segments.iter().map(|segment| segment.end_step).collect::<Vec<_>>();
     let kept: Vec<_> = contents.kept.iter().map(|kept| (&kept.episode_id, ends(kept))).collect();
     assert_eq!(kept, [(&good.id, vec![0, 1, 3]), (&bad.id, vec![0])], "the third highest w occurs twice");
-    assert_eq!(contents.kept[1].segments[0].nearest, None);
+    let (out, mut sent) = mpsc::channel(3);
+    store.send_kept((&contents.run, dataset.selection), KeptDetail::Scores, &out).await.unwrap();
+    let matched =
+        [sent.recv().await.unwrap(), sent.recv().await.unwrap()].map(|kept| kept.segments[0].nearest.is_some());
+    assert_eq!(matched, [true, false], "the other scorer matches nothing");
 
     let again = store.insert_dataset(&run.id, Selection::top_fraction(0.5)).await.unwrap();
     let other = store.insert_dataset(&run.id, Selection::beta(0.5)).await.unwrap();

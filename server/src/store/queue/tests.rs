@@ -147,7 +147,7 @@ async fn a_crash_resumes_until_the_attempts_are_used_up() {
 }
 
 #[tokio::test]
-async fn a_requeued_job_drops_the_metrics_after_its_checkpoint() {
+async fn a_requeued_job_drops_the_metrics_and_the_progress_after_its_checkpoint() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let id = queue(&store, export(&task, 0, &[])).await.unwrap();
@@ -163,11 +163,27 @@ async fn a_requeued_job_drops_the_metrics_after_its_checkpoint() {
     let left = store.metrics(&id, 0, 100).await.unwrap();
     assert_eq!(left.iter().map(|metric| metric.step).collect::<Vec<_>>(), [1, 2, 3]);
     let (held, job) = claim(&store).await.unwrap();
-    assert_eq!((job.attempt, job.done, job.peak_memory_bytes), (1, 5, 7), "a stop costs no attempt");
+    assert_eq!((job.attempt, job.done, job.peak_memory_bytes), (1, 3, 7), "a stop costs no attempt");
     let again = Progress { metrics: vec![(4, "loss".to_owned(), 0.25)], ..progress };
     store.report_progress(&held, &again).await.unwrap();
     let watched = store.metrics(&id, seen.last().unwrap().sequence, 100).await.unwrap();
     assert_eq!(watched.len(), 1, "an earlier watcher receives later metrics");
+}
+
+#[tokio::test]
+async fn a_requeued_job_without_a_checkpoint_begins_at_zero_and_an_ended_one_keeps_its_progress() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = queue(&store, export(&task, 0, &[])).await.unwrap();
+    let progress = Progress { done: 5, total: 9, ..Progress::default() };
+    let wrong = AttemptEnd::Permanent("no such file".to_owned());
+    for (end, done) in [(AttemptEnd::Interrupted("node1 failed".to_owned()), 0), (wrong, 5)] {
+        let (held, _) = claim(&store).await.unwrap();
+        store.report_progress(&held, &progress).await.unwrap();
+        store.end_attempt(&held, &end).await.unwrap();
+        let job = store.job(&id).await.unwrap();
+        assert_eq!((job.done, job.total), (done, 9), "{end:?}");
+    }
 }
 
 /// Digesting a checkpoint takes seconds, within which an attempt may save the next one.

@@ -121,8 +121,8 @@ async fn reads(store: &Store) {
         }
         for run in store.score_runs(&task.id).await.unwrap() {
             assert!(store.run_counts(&run).await.unwrap().imperfect_segments > 0);
-            for episode in store.scored_episodes(&run.id).await.unwrap() {
-                store.episode_scores(&run.id, &episode).await.unwrap();
+            for scores in store.scores_behind(&run.id, -1, u32::MAX).await.unwrap().0 {
+                store.episode_scores(&run.id, &scores.episode_id).await.unwrap();
             }
         }
         for dataset in store.datasets(&task.id).await.unwrap() {
