@@ -103,6 +103,10 @@ impl CellSettings {
         }
         self.selection().map_err(|problem| format!("shape.{problem}"))?;
         self.check_settings()?;
+        let ratio = self.rule.imperfect_per_expert;
+        if !(ratio.is_finite() && ratio >= 0.0) {
+            return Err(format!("rule.imperfect_per_expert: {ratio} is not a number from 0 on; 0 is all of them"));
+        }
         match self.rule.cohorts.iter().find(|named| !cohorts.contains(&named.as_str())) {
             Some(unknown) => {
                 Err(format!("rule.cohorts: {unknown:?} is not recorded; [data] has {}", cohorts.join(", ")))
@@ -248,6 +252,10 @@ mod tests {
         assert!(text(&shaped("min_runs", json!(5))).starts_with("shape.min_runs: unknown setting"));
         let unknown = text(&|cell| cell.rule.cohorts = vec!["freese".into()]);
         assert!(unknown.contains("\"freese\"") && unknown.contains("freeze, noise"), "{unknown}");
+        for ratio in [-1.0, f64::NAN, f64::INFINITY] {
+            let ratio = text(&|cell| cell.rule.imperfect_per_expert = ratio);
+            assert!(ratio.starts_with("rule.imperfect_per_expert: "), "{ratio}");
+        }
         let alone = text(&|cell| (cell.method, cell.oracle) = (Method { policy: "bc", gleans: false }, true));
         assert!(alone.starts_with("oracle: BC keeps no segments"), "{alone}");
         let idle = text(&|cell| (cell.method, cell.evaluate) = (Method { policy: "bc", gleans: false }, false));

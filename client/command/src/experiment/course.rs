@@ -27,7 +27,7 @@ use gleaner_core::{Device, Words as _};
 const DATA: &str = "data";
 const RECORDINGS: &str = "recordings";
 const ADDRESS: &str = "server.json";
-const RESUMES: &str = "interrupted; the same command resumes from here";
+pub(super) const RESUMES: &str = "interrupted; the same command resumes from here";
 
 /// An experiment about to be run.
 pub(super) struct Course<'a> {
@@ -75,18 +75,19 @@ impl Course<'_> {
         let Self { context, experiment, graph, device, .. } = *self;
         if self.only_report {
             let submitted = self.existing(client).await?;
-            let recordings = self.recordings(client).await?;
+            // Those of a seed that was added to the file since have no stage, and a report makes no recording.
+            let recordings = self.recordings(client, |task| has_stage(graph, &submitted, task)).await?;
             return self.reporter(client, &recordings).report(&submitted).await;
         }
-        let recordings = self.recordings(client).await?;
+        let recordings = self.recordings(client, |_| true).await?;
         let mut state = State::open(self.out, self.experiment.sizes)?;
         context.output.note(planned(experiment, graph));
         let mut reporter = self.reporter(client, &recordings);
-        let mut left = graph.stages.len();
+        let (mut left, mut earlier) = (graph.stages.len(), Submitted::new());
         let mut site = Site::new(context.output, url, self.out);
         loop {
             let submitter = Submitter::new(client, &mut state, &recordings, experiment, device);
-            let mut submitted = submitter.with(&mut site).submit(graph).await?;
+            let mut submitted = submitter.after(&earlier).with(&mut site).submit(graph).await?;
             reporter.more(&submitted).await;
             let on_end = async |submitted: &Submitted| reporter.more(submitted).await;
             follow::to_the_end(context, client, graph, &mut submitted, on_end).await?;
@@ -95,7 +96,7 @@ impl Course<'_> {
             if waiting == 0 || waiting == left {
                 return reporter.report(&submitted).await;
             }
-            left = waiting;
+            (left, earlier) = (waiting, submitted);
         }
     }
 
@@ -116,9 +117,10 @@ impl Course<'_> {
         Failure::message(format!("no stage of {name} has run in {out} yet; run it without --report first"))
     }
 
-    async fn recordings(&self, client: &Client) -> Result<Recordings> {
+    /// The recordings of the collections whose tasks are wanted.
+    async fn recordings(&self, client: &Client, wanted: impl Fn(&str) -> bool) -> Result<Recordings> {
         let folder = |key: &str| self.out.join(RECORDINGS).join(key);
-        let all = self.experiment.recordings.all().into_iter();
+        let all = self.experiment.recordings.all().into_iter().filter(|collection| wanted(&collection.task));
         let all: Vec<_> = all.map(|collection| (collection, folder(&collection.key))).collect();
         Recordings::ready(self.context, client, &all).await
     }
@@ -137,5 +139,29 @@ impl Course<'_> {
             stages: Vec::new(),
         };
         Reporter::new(context, self.out, graph, Gatherer::new(client, recordings, experiment, graph), frame)
+    }
+}
+
+/// Whether a stage on the recordings of a task has been submitted.
+fn has_stage(graph: &Graph, submitted: &Submitted, task: &str) -> bool {
+    graph.stages.iter().zip(submitted).any(|(stage, result)| result.is_ok() && stage.task == task)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::standing::StageResult;
+
+    #[test]
+    fn a_report_needs_the_recordings_of_seeds_that_ran() {
+        let file = "name = \"x\"\ntask = \"pick_cube\"\n[data]\nexperts = 3\nseed_stride = 9\n\
+            cohorts = [{ agent = \"noise:1\", count = 2 }]\n[base]\nseeds = [0, 1]\n\
+            [[study]]\ntable = \"scoring\"\naxes = { scorer = [\"raw\"] }\n";
+        let experiment = Experiment::parse(file).unwrap();
+        let graph = Graph::new(&experiment, Device::Cpu);
+        let mut submitted: Submitted = graph.stages.iter().map(|_| Err(Gap::NotYet)).collect();
+        submitted[0] = Ok(StageResult { id: "snap_1".into(), job: None });
+        let [first, second] = [0, 1].map(|seed| experiment.recordings.of(seed).task.as_str());
+        assert!(has_stage(&graph, &submitted, first) && !has_stage(&graph, &submitted, second));
     }
 }

@@ -185,10 +185,19 @@ mod tests {
     #[test]
     fn the_committed_files_are_valid() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/experiments");
-        for name in ["pick_cube", "stack_cube", "scorers", "arms", "draws", "chunks", "quick"] {
-            let experiment = Experiment::read(&folder.join(name).with_extension("toml"), None, Sizes::Base).unwrap();
-            assert!(!experiment.studies.is_empty(), "{name}");
+        let elsewhere = crate::experiment::scale::tests::folder();
+        let mut count = 0;
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.extension().is_some_and(|extension| extension == "toml") {
+                let is_folder = std::fs::read_to_string(&path).unwrap().contains("\nfolder = ");
+                let recordings = is_folder.then_some(elsewhere.path());
+                let experiment = Experiment::read(&path, recordings, Sizes::Base).unwrap();
+                assert!(!experiment.studies.is_empty(), "{}", path.display());
+                count += 1;
+            }
         }
+        assert!(count > 20, "{count} files");
     }
 
     #[test]

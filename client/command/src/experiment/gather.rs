@@ -18,6 +18,7 @@ use super::fetch::{PARALLEL, scores, success};
 use super::file::{Experiment, Study};
 use super::follow::seconds;
 use super::pool::pool;
+use super::rate::Rate;
 use super::recordings::{Recordings, of_episode};
 use super::report::{CellReport, SeedReport, StageReport, StudyReport};
 use super::stage::{Chain, Graph};
@@ -34,7 +35,7 @@ struct Run {
     experts: Vec<u64>,
 }
 
-/// Fetches results; a score run is fetched once, however many cells share it and however often it is reported.
+/// Fetches results; each is fetched once and measured once, however many cells share it and however often it is reported.
 pub(crate) struct Gatherer<'a> {
     client: &'a Client,
     recordings: &'a Recordings,
@@ -46,6 +47,10 @@ pub(crate) struct Gatherer<'a> {
     looks: HashMap<String, Vec<Look>>,
     // By both runs.
     leads: HashMap<(String, String), Option<Lead>>,
+    // By run and selection; each ranks every segment.
+    selected: HashMap<(String, String), Selected>,
+    // By evaluation.
+    rates: HashMap<String, Rate>,
 }
 
 impl<'a> Gatherer<'a> {
@@ -63,6 +68,8 @@ impl<'a> Gatherer<'a> {
             runs: HashMap::new(),
             looks: HashMap::new(),
             leads: HashMap::new(),
+            selected: HashMap::new(),
+            rates: HashMap::new(),
         }
     }
 
@@ -143,7 +150,12 @@ impl<'a> Gatherer<'a> {
             looks: Vec::new(),
         };
         if let Some(Ok(result)) = self.graph.find(chain, "evaluate").map(|index| stage_result(submitted, index)) {
-            report.success = Some(success(self.client, &result.id).await?);
+            let rate = match self.rates.get(&result.id) {
+                Some(rate) => *rate,
+                None => success(self.client, &result.id).await?,
+            };
+            self.rates.insert(result.id.clone(), rate);
+            report.success = Some(rate);
         }
         for (stage, place) in [("train", ""), ("evaluate", ", acting")] {
             if let Some(Ok(result)) = self.graph.find(chain, stage).map(|index| stage_result(submitted, index))
@@ -163,7 +175,8 @@ impl<'a> Gatherer<'a> {
             report.histogram.clone_from(&run.histogram);
             report.experts.clone_from(&run.experts);
             let selection = cell.settings.selection().map_err(|problem| Failure::message(problem.to_string()))?;
-            let selected = select(&run.episodes, selection);
+            let key = (result.id.clone(), format!("{selection:?}"));
+            let selected = self.selected.entry(key).or_insert_with(|| select(&run.episodes, selection)).clone();
             let unmarked = |selected| Selected { precision: None, recall: None, ..selected };
             report.selected = Some(if self.recordings.are_marked { selected } else { unmarked(selected) });
         }

@@ -6,6 +6,9 @@ use statrs::distribution::{ContinuousCDF as _, StudentsT};
 
 use crate::quality::mean;
 
+/// A deviation up to this is rounding: means and differences of equal rates are not exact.
+const ROUNDING: f64 = 1e-9;
+
 /// The standard deviation of a sample (divisor n − 1); of two values or more.
 #[expect(clippy::cast_precision_loss, reason = "there are few seeds")]
 pub(crate) fn deviation(values: &[f64]) -> Option<f64> {
@@ -19,7 +22,7 @@ pub(crate) fn deviation(values: &[f64]) -> Option<f64> {
 /// trainings. `None` unless there are two values that differ: equal ones have no deviation to estimate from.
 #[expect(clippy::cast_precision_loss, reason = "there are few seeds")]
 pub(crate) fn student(values: &[f64]) -> Option<(f64, f64)> {
-    let deviation = deviation(values).filter(|deviation| *deviation > 0.0)?;
+    let deviation = deviation(values).filter(|deviation| *deviation > ROUNDING)?;
     let (centre, count) = (mean(values)?, values.len() as f64);
     let quantile = StudentsT::new(0.0, 1.0, count - 1.0).ok()?.inverse_cdf(0.975);
     let half = quantile * deviation / count.sqrt();
@@ -49,6 +52,8 @@ mod tests {
     #[test]
     fn one_seed_or_equal_seeds_have_no_interval() {
         assert_eq!((student(&[]), student(&[0.5]), student(&[0.5, 0.5, 0.5])), (None, None, None));
+        // In binary their means and differences are not exact.
+        assert_eq!((student(&[0.7; 3]), student(&[0.8 - 0.3, 0.7 - 0.2])), (None, None));
         assert_eq!((deviation(&[0.5]), deviation(&[0.5, 0.5])), (None, Some(0.0)));
     }
 }

@@ -17,7 +17,7 @@ pub(crate) fn markdown(report: &Report) -> String {
         "# {}: {}\n\nMade by `{}` on {} ({} cores).\n",
         report.name, report.task, report.command, report.device, report.cores
     );
-    let Progress { cells, complete, failed } = report.progress;
+    let Progress { cells, complete, failed, .. } = report.progress;
     if report.progress.unfinished() {
         let gaps = "Columns without all seeds are marked; results that do not exist yet are shown as -.";
         line(&mut text, format_args!("\n**Unfinished: {complete} of {cells} cells are complete. {gaps}**"));
@@ -75,16 +75,22 @@ fn section(report: &Report, number: usize, study: &StudyReport, text: &mut Strin
     let mut seeds: Vec<u64> = study.cells.iter().flat_map(|cell| cell.seeds.iter().map(|seed| seed.seed)).collect();
     seeds.sort_unstable();
     seeds.dedup();
+    let of_all =
+        if study.cells.iter().all(|cell| cell.seeds.len() == seeds.len()) { "" } else { ", not of every cell" };
     let seeds: Vec<String> = seeds.iter().map(ToString::to_string).collect();
-    let episodes = study.cells.iter().filter(|cell| cell.settings.evaluate).map(|cell| cell.settings.episodes).max();
-    let episodes = episodes.map_or_else(
-        || "no policies are trained".to_owned(),
-        |episodes| format!("{episodes} evaluation episodes for each seed"),
-    );
+    let evaluated = study.cells.iter().filter(|cell| cell.settings.evaluate);
+    let mut episodes: Vec<u32> = evaluated.map(|cell| cell.settings.episodes).collect();
+    episodes.sort_unstable();
+    episodes.dedup();
+    let numbers: Vec<String> = episodes.iter().map(ToString::to_string).collect();
+    let episodes = match numbers[..] {
+        [] => "no policies are trained".to_owned(),
+        _ => format!("{} evaluation episodes for each seed", numbers.join(" or ")),
+    };
     line(
         text,
         format_args!(
-            "`{}`; seeds {}; {episodes}; {} of machine time in {} stages (those shared with other studies count in \
+            "`{}`; seeds {}{of_all}; {episodes}; {} of machine time in {} stages (those shared with other studies count in \
              each).\n",
             report.command,
             seeds.join(", "),
@@ -94,11 +100,17 @@ fn section(report: &Report, number: usize, study: &StudyReport, text: &mut Strin
     );
     text.push_str(&tables::summary(report, study));
     if let Some(table) = difference::table(&study.differences) {
-        line(text, "\nDifferences of success under the same seeds: the same recordings, encoders and attempts.\n");
+        line(
+            text,
+            "\nDifferences of success under the same seeds: the same recordings and attempts, and the same encoder where cells share one.\n",
+        );
         text.push_str(&table);
     }
     for plot in plots::names(number, study) {
         line(text, format_args!("\n![{}]({plot})", study.name));
+    }
+    if let Some(legend) = plots::legend(study) {
+        line(text, format_args!("\n{legend}"));
     }
     if let Some(table) = tables::auroc(study) {
         line(
@@ -182,6 +194,27 @@ mod tests {
         assert!(!text.contains("failed") && !text.contains("## Problems"), "{text}");
         assert!(text.contains("| | BC | SSDF-base | SSDF (1 of 2 seeds) |"), "{text}");
         assert!(text.contains("| SSDF | 1 | not yet | - |"), "{text}");
+    }
+
+    #[test]
+    fn a_cell_with_a_failed_seed_and_an_outstanding_one_is_unfinished() {
+        let mut report = report();
+        let outstanding = SeedReport { seed: 2, unfinished: true, ..SeedReport::default() };
+        report.studies[0].cells[2].seeds.push(outstanding);
+        let (studies, stages) = (report.studies.clone(), report.stages.clone());
+        let text = markdown(&report.found(studies, stages));
+        assert!(text.contains("**Unfinished: 2 of 3 cells are complete"), "{text}");
+        assert!(text.contains("**1 of 3 cells lack seeds that failed"), "{text}");
+        assert!(text.contains("seeds 0, 1, 2, not of every cell; 10 evaluation episodes"), "{text}");
+    }
+
+    #[test]
+    fn the_head_of_a_study_has_each_number_of_episodes() {
+        let mut report = report();
+        report.studies[0].cells[0].settings.episodes = 50;
+        assert!(markdown(&report).contains("; seeds 0, 1; 10 or 50 evaluation episodes for each seed;"));
+        report.studies[0].cells.iter_mut().for_each(|cell| cell.settings.evaluate = false);
+        assert!(markdown(&report).contains("; no policies are trained;"));
     }
 
     #[test]

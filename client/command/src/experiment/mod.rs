@@ -1,9 +1,10 @@
 //! `experiment`: a grid of settings from a file, run as jobs of a server, in one report.
 //!
 //! `file`, `scale`, `collection`, `source`, `attempts`, `study`, `grid`, `method`, `cell` and `used` are the settings;
-//! `stage` makes a graph of them in which no stage is done twice, and `plan` shows it. `course` runs it: `recordings`,
-//! `submit`, `site` and `follow` do the work, `order` has the messages, `existing`, `known` and `state` find the work of earlier runs, and `standing`
-//! is the progress. `gather` and `fetch` return the results; `pool`, `interval`, `difference` and `auroc` sum them up;
+//! `stage` makes a graph of them in which no stage is done twice, and `plan` shows it. `course` runs it: `recordings`
+//! (with `mark_rows`), `submit`, `site` and `follow` do the work, `order` has the messages, `existing`, `known` and
+//! `state` find the work of earlier runs, and `standing` is the progress. `gather` and `fetch` return the results; `pool`,
+//! `interval`, `difference` and `auroc` sum them up;
 //! `report`, `markdown`, `tables`, `plots` and `reporter` show them.
 //! `demo` is a preset with a report of its own, and `compare` runs stages on a snapshot or encoders that exist.
 
@@ -23,6 +24,7 @@ mod gather;
 mod grid;
 mod interval;
 mod known;
+mod mark_rows;
 mod markdown;
 mod method;
 mod order;
@@ -51,6 +53,7 @@ use gleaner_client::ClientError;
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
+use crate::interrupt::unless_interrupted;
 use course::Course;
 use file::Experiment;
 use gleaner_core::{Device, Words as _};
@@ -112,11 +115,14 @@ impl ExperimentArgs {
             return Err(course.nothing_yet());
         }
         std::fs::create_dir_all(&out).map_err(ClientError::io(&out))?;
+        let _held = if only_report { None } else { Some(state::hold(&out)?) };
         if !only_report {
             state.begin()?;
         }
         let report = if context.connection.names_server() {
-            course.on(&context.client().await?, context.connection.url()).await?
+            let client = context.client().await?;
+            // So that a command that evaluates ends with this one.
+            unless_interrupted(course.on(&client, context.connection.url()), course::RESUMES).await?
         } else {
             course.on_own_server(&self.server_bin()?).await?
         };
@@ -142,10 +148,11 @@ impl ExperimentArgs {
     fn command(&self, experiment: &Experiment, out: &Path) -> String {
         let device = self.device.filter(|device| *device != experiment.device);
         let device = device.map(|device| format!(" --device {}", device.as_str())).unwrap_or_default();
-        let recordings = self.recordings.as_ref().map(|folder| format!(" --recordings {}", folder.display()));
+        let path = |path: &Path| shell_word(&path.display().to_string());
+        let recordings = self.recordings.as_ref().map(|folder| format!(" --recordings {}", path(folder)));
         let recordings = recordings.unwrap_or_default();
         let scale = if self.scale { " --scale" } else { "" };
-        format!("gleaner experiment {}{scale} --out {}{recordings}{device}", self.file.display(), out.display())
+        format!("gleaner experiment {}{scale} --out {}{recordings}{device}", path(&self.file), path(out))
     }
 
     fn server_bin(&self) -> Result<PathBuf> {
@@ -161,6 +168,15 @@ impl ExperimentArgs {
             beside.display()
         )))
     }
+}
+
+/// A word of a command, quoted if a shell would change it.
+fn shell_word(word: &str) -> String {
+    let is_plain = |character: char| character.is_alphanumeric() || "-_./:=,+@%".contains(character);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
 }
 
 #[cfg(test)]

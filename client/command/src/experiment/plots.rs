@@ -6,6 +6,9 @@ use super::tables::behaviour;
 use crate::failure::Result;
 use crate::figure::{Axis, Bar, Line, bars, lines, spread, two_panels};
 
+/// The room for the labels under the bars of a plot, and that of a character of them, in pixels.
+const ROOM: usize = 620;
+const CHARACTER: usize = 7;
 const SUCCESS: Axis<'static> = Axis { name: "success, %", low: 0.0, high: 100.0 };
 
 /// The file names of a study's plots, in the report's order. `number` counts studies from 1.
@@ -18,6 +21,31 @@ pub(crate) fn names(number: usize, study: &StudyReport) -> Vec<String> {
         names.push(format!("study_{number}_q.svg"));
     }
     names
+}
+
+/// The labels of the bars, where the bars have numbers since there is no room for labels beside each other.
+pub(crate) fn legend(study: &StudyReport) -> Option<String> {
+    let drawn = drawn(study);
+    let are_lines = study.table == TableKind::Quantity && drawn.iter().any(|(_, cell)| cell.pooled.success.is_some());
+    if drawn.is_empty() || are_lines || has_room(study) {
+        return None;
+    }
+    let entries: Vec<String> = drawn.iter().map(|(number, cell)| format!("{number} {}", cell.label)).collect();
+    Some(format!("Bars of the first plot: {}.", entries.join("; ")))
+}
+
+/// The cells of the main plot, each with its number in the table: those with a success, or else with an AUROC.
+fn drawn(study: &StudyReport) -> Vec<(usize, &CellReport)> {
+    let of = |has: fn(&CellReport) -> bool| (1..).zip(&study.cells).filter(|(_, cell)| has(cell)).collect::<Vec<_>>();
+    let succeeded = of(|cell| cell.pooled.success.is_some());
+    if succeeded.is_empty() { of(|cell| cell.auroc().is_some()) } else { succeeded }
+}
+
+/// Whether the labels have room beside each other.
+fn has_room(study: &StudyReport) -> bool {
+    let drawn = drawn(study);
+    let longest = drawn.iter().map(|(_, cell)| cell.label.chars().count()).max().unwrap_or(0);
+    (longest + 1) * CHARACTER * drawn.len() <= ROOM
 }
 
 /// A study's plots with their file names.
@@ -36,27 +64,30 @@ pub(crate) fn draw(report: &Report, number: usize, study: &StudyReport) -> Resul
 }
 
 fn main_plot(report: &Report, study: &StudyReport) -> Result<String> {
-    let succeeded: Vec<&CellReport> = study.cells.iter().filter(|cell| cell.pooled.success.is_some()).collect();
-    if succeeded.is_empty() {
+    let (drawn, has_room) = (drawn(study), has_room(study));
+    let labelled = |of: fn(&CellReport) -> Option<Bar>| -> Vec<Bar> {
+        let bar = |(number, cell): &(usize, &CellReport)| {
+            let bar = of(cell)?;
+            Some(if has_room { bar } else { Bar { label: number.to_string(), ..bar } })
+        };
+        drawn.iter().filter_map(bar).collect()
+    };
+    let success = labelled(rate);
+    if success.is_empty() {
         let axis = Axis { name: "AUROC of q", low: 0.0, high: 1.0 };
-        return bars(&study.name, axis, &study.cells.iter().filter_map(auroc).collect::<Vec<_>>());
+        return bars(&study.name, axis, &labelled(auroc));
     }
-    let success: Vec<Bar> = succeeded.iter().filter_map(|cell| rate(cell)).collect();
     match study.table {
         TableKind::Beta => {
-            let kept = |cell: &&CellReport| Bar {
-                label: cell.label.clone(),
-                value: cell.pooled.kept.unwrap_or_default(),
-                interval: None,
-            };
-            let kept: Vec<Bar> = succeeded.iter().map(kept).collect();
+            let kept = labelled(kept);
             let most = kept.iter().map(|bar| bar.value).fold(1.0, f64::max);
             let axis = Axis { name: "reserved segments", low: 0.0, high: most * 1.2 };
             two_panels(&study.name, (SUCCESS, &success), (axis, &kept))
         }
         TableKind::Quantity => {
             let x = Axis { name: "success of the agents that recorded, %", low: 0.0, high: 100.0 };
-            lines(&study.name, x, SUCCESS, &by_ratio(report, &succeeded))
+            let cells: Vec<&CellReport> = drawn.iter().map(|(_, cell)| *cell).collect();
+            lines(&study.name, x, SUCCESS, &by_ratio(report, &cells))
         }
         TableKind::Objectives | TableKind::Similarity | TableKind::Methods | TableKind::Scoring | TableKind::Cells => {
             bars(&study.name, SUCCESS, &success)
@@ -68,6 +99,10 @@ fn rate(cell: &CellReport) -> Option<Bar> {
     let success = cell.pooled.success?;
     let interval = Some((success.low * 100.0, success.high * 100.0));
     Some(Bar { label: cell.label.clone(), value: success.rate * 100.0, interval })
+}
+
+fn kept(cell: &CellReport) -> Option<Bar> {
+    Some(Bar { label: cell.label.clone(), value: cell.pooled.kept.unwrap_or_default(), interval: None })
 }
 
 fn auroc(cell: &CellReport) -> Option<Bar> {
@@ -116,6 +151,26 @@ mod tests {
             assert_eq!(drawn, ["study_2.svg", "study_2_q.svg"]);
             assert!(plots.iter().all(|plot| plot.1.starts_with("<svg")));
         }
+    }
+
+    #[test]
+    fn bars_whose_labels_have_no_room_are_numbered_as_in_the_table() {
+        let labels = ["experts only", "not yet", "the best fifth by raw segments", "everything", "the good steps"];
+        let mut study = report().studies.remove(0);
+        assert_eq!(legend(&study), None);
+        study.table = TableKind::Cells;
+        let successes = |label: &str| if label == "not yet" { None } else { Some(5) };
+        let of = |label: &&str| cell(label, CellSettings::default(), vec![seed(0, successes(label), None)]);
+        study.cells = labels.iter().map(of).collect();
+        let svg = draw(&report(), 1, &study).unwrap().remove(0).1;
+        for (number, label) in (1..).zip(labels) {
+            let expected = usize::from(label != "not yet");
+            assert_eq!(svg.matches(&format!("\n{number}\n")).count(), expected, "{number} in {svg}");
+            assert!(!svg.contains(&format!("\n{label}\n")), "{label} in {svg}");
+        }
+        let expected =
+            "Bars of the first plot: 1 experts only; 3 the best fifth by raw segments; 4 everything; 5 the good steps.";
+        assert_eq!(legend(&study).as_deref(), Some(expected));
     }
 
     #[test]

@@ -7,11 +7,11 @@ use std::time::Duration;
 
 use gleaner_client::{Client, ClientError, LabelledFile, PushItem, Pushed, UploadLabel, read_labels};
 use gleaner_proto::v1::{CreateTaskRequest, GetTaskRequest, Outcome};
-use gleaner_sim::{LABELS, MARKS};
-use serde::de::DeserializeOwned;
+use gleaner_sim::LABELS;
 use serde::{Deserialize, Serialize};
 
 use super::collection::Collection;
+use super::mark_rows::FolderMarks;
 use super::source::Source;
 use crate::cmd::{push, record};
 use crate::context::Context;
@@ -22,13 +22,6 @@ use crate::quality::Mark;
 const COMPLETE: &str = "complete";
 // Results do not depend on the order of uploads: snapshots are in the order of digests, reports in that of recordings.
 const PARALLEL_UPLOADS: usize = 4;
-
-/// One recording's row of the marks.
-#[derive(Clone, Debug, Deserialize)]
-struct Row {
-    file: String,
-    went_wrong: Option<u32>,
-}
 
 /// One recording that the server holds.
 #[derive(Clone, Debug)]
@@ -81,24 +74,17 @@ impl Recordings {
         let files = read_labels(&folder.join(LABELS))?;
         let successes: HashMap<_, _> =
             files.iter().map(|file| (file.path.clone(), file.outcome == Outcome::Success)).collect();
-        let pushed = pushed(context, client, collection, files).await?;
         let are_marked = collection.source.is_marked();
-        let marks = if are_marked { marks(folder)? } else { HashMap::new() };
+        // Before the uploads, which take a while.
+        let mut marks = if are_marked { Some(FolderMarks::read(folder)?) } else { None };
+        let pushed = pushed(context, client, collection, files).await?;
         // By the pushed file, whatever name its content may have on the server.
         let episodes = pushed.results.iter().filter_map(|item| Some((&item.path, &item.result.as_ref().ok()?.episode)));
         let before = self.by_episode.len();
         for (place, (path, episode)) in episodes.enumerate() {
-            let file = path.file_name().unwrap_or_default().to_string_lossy();
-            let went_wrong = match marks.get(file.as_ref()) {
-                Some(went_wrong) => *went_wrong,
-                None if are_marked => {
-                    let marks = folder.join(MARKS);
-                    return Err(Failure::message(format!("{file} has no row in {}", marks.display())));
-                }
-                None => None,
-            };
+            let mark = marks.as_mut().map_or_else(|| Ok(Mark::default()), |marks| marks.take(path))?;
             let success = successes.get(path).copied().unwrap_or_default();
-            let (cohort, steps, mark) = (episode.cohort.clone(), episode.steps, Mark { went_wrong });
+            let (cohort, steps) = (episode.cohort.clone(), episode.steps);
             let recording = Recording { place: before + place, cohort, success, steps, mark };
             self.by_episode.insert(episode.id.clone(), recording);
         }
@@ -174,35 +160,7 @@ async fn pushed(
     Ok(pushed)
 }
 
-/// The first wrong step of each file that has one.
-fn marks(folder: &Path) -> Result<HashMap<String, Option<u32>>> {
-    let rows: Vec<Row> = rows(&folder.join(MARKS))?;
-    Ok(rows.into_iter().map(|row| (row.file, row.went_wrong)).collect())
-}
-
-/// The rows of a CSV file with a header.
-pub(super) fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>> {
-    let wrong = |error: csv::Error| Failure::message(format!("{}: {error}", path.display()));
-    let mut reader = csv::Reader::from_path(path).map_err(wrong)?;
-    reader.deserialize().collect::<std::result::Result<_, _>>().map_err(wrong)
-}
-
 /// The recording of an episode that a job used.
 pub(crate) fn of_episode<'a>(recordings: &'a Recordings, episode_id: &str) -> Result<&'a Recording> {
     present(recordings.by_episode.get(episode_id), "an episode that this experiment recorded")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn marks_are_read_with_their_gaps() {
-        let folder = tempfile::tempdir().unwrap();
-        let text = "file,agent,grade,seed,success,went_wrong,departure\n\
-                    a.mcap,expert,0,0,true,,\nb.mcap,noise,1,1,false,3,0 0.5 2\n";
-        std::fs::write(folder.path().join(MARKS), text).unwrap();
-        let marks = marks(folder.path()).unwrap();
-        assert_eq!((marks["a.mcap"], marks["b.mcap"]), (None, Some(3)));
-    }
 }

@@ -155,6 +155,7 @@ impl Report {
             cells: cells().count(),
             complete: cells().filter(|cell| cell.complete_seeds() == cell.seeds.len()).count(),
             failed: cells().filter(failed).count(),
+            unfinished: cells().filter(|cell| cell.seeds.iter().any(|seed| seed.unfinished)).count(),
         };
         Self { progress, studies, stages, ..self }
     }
@@ -277,7 +278,7 @@ pub(super) mod tests {
             (&json!(0), &json!(8), &json!(10))
         );
         assert!(seed["success"]["low"].as_f64() > Some(0.49) && seed["success"]["high"].as_f64() < Some(0.95));
-        assert_eq!(report().progress, Progress { cells: 3, complete: 2, failed: 1 });
+        assert_eq!(report().progress, Progress { cells: 3, complete: 2, failed: 1, unfinished: 0 });
         assert!(!report().progress.unfinished());
     }
 }

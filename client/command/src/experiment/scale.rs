@@ -141,4 +141,4 @@ impl Scale {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

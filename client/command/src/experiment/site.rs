@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use gleaner_client::Client;
 use gleaner_proto::v1::{DeployRequest, ReportEvaluationRequest};
+use tonic::Code;
 
 use super::attempts::{self, Trial};
 use super::known::known_evaluation;
@@ -60,13 +61,17 @@ impl Site {
             hide_history: trial.hide_history,
             ..DeployRequest::default()
         };
-        client.policies().deploy(request).await?;
+        match client.policies().deploy(request).await {
+            Ok(_) => {}
+            // This policy cannot be deployed; the others may.
+            Err(status) if status.code() == Code::FailedPrecondition => {
+                return Ok(Err(self.failure(key, format!("deploying {policy_id}: {}", status.message()))));
+            }
+            Err(status) => return Err(status.into()),
+        }
         let result = match attempts::run(&self.server, &name, &self.log, trial).await {
             Ok(result) => result,
-            Err(failure) => {
-                self.failed.insert(key.to_owned(), failure.to_string());
-                return Ok(Err(Gap::Failed(failure.to_string())));
-            }
+            Err(failure) => return Ok(Err(self.failure(key, failure.to_string()))),
         };
         let solved = format_args!("evaluate {} of {} solved ({label})", result.successes, result.episodes);
         self.output.note(solved);
@@ -76,5 +81,11 @@ impl Site {
         let id = present(reply.evaluation, "an evaluation")?.id;
         state.remember_evaluation(key, &id)?;
         Ok(Ok(StageResult { id, job: None }))
+    }
+
+    /// Keeps the problem of a run, which is not tried again.
+    fn failure(&mut self, key: &str, problem: String) -> Gap {
+        self.failed.insert(key.to_owned(), problem.clone());
+        Gap::Failed(problem)
     }
 }

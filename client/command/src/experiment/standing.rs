@@ -92,18 +92,20 @@ pub(crate) fn settled(graph: &Graph, submitted: &Submitted) -> HashSet<(usize, u
     settled
 }
 
-/// How many cells a report has, and how many of them are complete or failed in some seed.
+/// How many cells a report has, and how many of them are complete, failed in some seed or have outstanding seeds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Progress {
     pub(crate) cells: usize,
     pub(crate) complete: usize,
     pub(crate) failed: usize,
+    #[serde(default)]
+    pub(crate) unfinished: usize,
 }
 
 impl Progress {
     /// Whether results are outstanding.
     pub(crate) fn unfinished(self) -> bool {
-        self.complete + self.failed < self.cells
+        self.unfinished > 0
     }
 }
 

@@ -2,6 +2,7 @@
 //! file beside its report. Jobs and datasets need no file: the server finds them by their keys and selections.
 
 use std::collections::BTreeMap;
+use std::fs::{File, TryLockError};
 use std::io::Write as _;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
@@ -107,6 +108,23 @@ impl State {
     }
 }
 
+/// Holds a folder for one run, until the returned value is dropped or the process ends: two runs would each replace the
+/// other's file, and the first to end would stop the server of both.
+///
+/// # Errors
+/// Another run holds the folder.
+pub(crate) fn hold(folder: &Path) -> Result<File> {
+    let held = File::open(folder).map_err(ClientError::io(folder))?;
+    match held.try_lock() {
+        // Some file systems cannot lock a folder.
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(held),
+        Err(TryLockError::WouldBlock) => Err(Failure::message(format!(
+            "another run uses {}; wait for its end, name another folder with --out, or write a report with --report",
+            folder.display()
+        ))),
+    }
+}
+
 /// Replaces the content of a file: a reader sees the old content or the new, never a part.
 pub(crate) fn replace(path: &Path, content: &[u8]) -> std::io::Result<()> {
     let folder = path.parent().unwrap_or_else(|| Path::new("."));
@@ -153,6 +171,16 @@ mod tests {
         assert!(text.contains("has runs without --scale; leave the flag out, or name another folder"), "{text}");
         // Files of versions without the flag are of the base's sizes, and theirs stay readable to those versions.
         assert!(!std::fs::read_to_string(folder.path().join(FILE)).unwrap().contains("sizes"));
+    }
+
+    #[test]
+    fn a_folder_has_one_run_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = hold(folder.path()).unwrap();
+        let problem = hold(folder.path()).unwrap_err().to_string();
+        assert!(problem.contains("another run uses") && problem.contains("--out"), "{problem}");
+        drop(first);
+        hold(folder.path()).unwrap();
     }
 
     #[test]

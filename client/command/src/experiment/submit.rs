@@ -1,10 +1,12 @@
 //! Submits every stage at once, each naming the results that it works on. The stages of an earlier run are found again
 //! and not submitted twice.
 
-use gleaner_client::{Client, ScoredEpisode};
+use std::collections::HashMap;
+
+use gleaner_client::{Client, ScoredEpisode, has_ended};
 use gleaner_core::proto::selection::selection_to_proto;
 use gleaner_proto::v1::{
-    CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, JobSpec, Role, SubmitJobRequest,
+    CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, Job, JobSpec, Role, SubmitJobRequest,
 };
 use tonic::Code;
 
@@ -41,6 +43,8 @@ pub(crate) struct Submitter<'a> {
     simulation: &'a str,
     device: Device,
     made: Option<Made<'a>>,
+    /// Jobs of this run that have ended, by their keys.
+    ended: HashMap<String, Job>,
 }
 
 impl<'a> Submitter<'a> {
@@ -54,7 +58,14 @@ impl<'a> Submitter<'a> {
     ) -> Self {
         let made = Made { state, recordings, source: experiment.recordings.source(), site: None };
         let simulation = experiment.recordings.source().task_name();
-        Self { client, simulation, device, made: Some(made) }
+        Self { client, simulation, device, made: Some(made), ended: HashMap::new() }
+    }
+
+    /// After an earlier submission of the same run. Its jobs that have ended are not submitted again: the server would
+    /// queue those that failed once more for each submission, and a run tries each once.
+    pub(super) fn after(mut self, earlier: &Submitted) -> Self {
+        self.ended = ended(earlier);
+        self
     }
 
     /// With a place where commands evaluate.
@@ -68,7 +79,7 @@ impl<'a> Submitter<'a> {
 
     /// For stages on results that exist.
     pub(super) fn on_results(client: &'a Client, simulation: &'a str, device: Device) -> Self {
-        Self { client, simulation, device, made: None }
+        Self { client, simulation, device, made: None, ended: HashMap::new() }
     }
 
     /// All stages, in their order. A stage whose input failed is left out, and so is one that is done at once before
@@ -176,11 +187,15 @@ impl<'a> Submitter<'a> {
     }
 
     async fn job(&self, stage: &Stage, input: Input<'_>) -> Result<StageResult> {
+        let key = job_key(stage, input.id);
+        if let Some(job) = self.ended.get(&key) {
+            return Ok(StageResult { id: job.result_id.clone(), job: Some(job.clone()) });
+        }
         let spec = present(order::job(&stage.work, input, self.simulation, self.device), "a job for this stage")?;
         let request = SubmitJobRequest {
             task: stage.task.clone(),
             spec: Some(JobSpec { spec: Some(spec) }),
-            key: job_key(stage, input.id),
+            key,
             ..SubmitJobRequest::default()
         };
         let job = present(self.client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
@@ -192,4 +207,36 @@ impl<'a> Submitter<'a> {
 /// what works on it is new as well.
 pub(crate) fn job_key(stage: &Stage, input: &str) -> String {
     format!("experiment/{}/{input}", stage.key)
+}
+
+/// The jobs of a submission that have ended, by their keys.
+fn ended(submitted: &Submitted) -> HashMap<String, Job> {
+    let jobs = submitted.iter().filter_map(|result| result.as_ref().ok()?.job.as_ref());
+    jobs.filter(|job| has_ended(job.state())).map(|job| (job.key.clone(), job.clone())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use gleaner_proto::v1::JobState;
+
+    use super::*;
+
+    #[test]
+    fn a_run_submits_no_job_again_that_has_ended() {
+        let job = |key: &str, state: JobState| {
+            let job = Job { key: key.into(), state: state.into(), ..Job::default() };
+            Ok(StageResult { id: format!("x_{key}"), job: Some(job) })
+        };
+        let snapshot = Ok(StageResult { id: "snap_1".into(), job: None });
+        let submitted = vec![
+            snapshot,
+            job("a", JobState::Succeeded),
+            job("b", JobState::Failed),
+            job("c", JobState::Running),
+            Err(Gap::NotYet),
+        ];
+        let mut keys: Vec<String> = ended(&submitted).into_keys().collect();
+        keys.sort();
+        assert_eq!(keys, ["a", "b"]);
+    }
 }

@@ -36,3 +36,15 @@ fn the_command_names_a_device_other_than_the_files() {
     assert_eq!(run("--scale --device cuda").1, "gleaner experiment x.toml --scale --out x_scaled");
     assert_eq!(run("--scale --device cpu").1, "gleaner experiment x.toml --scale --out x_scaled --device cpu");
 }
+
+#[test]
+fn words_that_a_shell_would_change_are_quoted() {
+    for word in ["raw", "train.steps=5", "results/a-1", "λ=0.3"] {
+        assert_eq!(shell_word(word), word);
+    }
+    assert_eq!(shell_word("raw local_scale=false"), "'raw local_scale=false'");
+    assert_eq!(shell_word("objectives=[\"tr\"]"), "'objectives=[\"tr\"]'");
+    assert_eq!(shell_word("a'b$c"), r"'a'\''b$c'");
+    assert_eq!(shell_word(""), "''");
+    assert_eq!(run("--out a(b").1, "gleaner experiment x.toml --out 'a(b'");
+}

@@ -65,15 +65,20 @@ impl CellSettings {
         used.settings.retain(|name, _| {
             (pretrains && has("pretrain", name))
                 || scorer.as_ref().is_some_and(|scorer| has("score", name) && scorer.uses(name))
-                || (has("train", name)
+                || (self.evaluate
+                    && has("train", name)
                     && training.uses(name)
                     && (self.method.gleans || !of_weighting(name))
                     && (sees_history || name != "history_dropout")
                     && (sees_history && hides || name != "hidden_history"))
         });
-        used.hide_history &= sees_history;
+        used.hide_history &= sees_history && self.evaluate;
         if !self.method.gleans {
             (used.beta, used.top, used.shape) = (default.beta, default.top, default.shape);
+            used.train.retain(|name, _| !of_weighting(name));
+        }
+        if !self.evaluate {
+            (used.train, used.episodes) = (default.train, default.episodes);
         }
         if !pretrains {
             used.pretrain = default.pretrain;
@@ -92,8 +97,8 @@ impl CellSettings {
                     Some(scorer) if self.method.gleans => format!(" scored by {scorer}"),
                     _ => String::new(),
                 };
-                let method = self.method.title();
-                return Err(format!("{key}: has no effect on {method}{scorer}; leave it out of this cell"));
+                let (method, end) = (self.method.title(), if self.evaluate { "" } else { " without a training" });
+                return Err(format!("{key}: has no effect on {method}{scorer}{end}; leave it out of this cell"));
             }
         }
         Ok(())
@@ -184,6 +189,26 @@ mod tests {
         assert_eq!((alone.pretrains(), names(&alone.used())), (false, vec!["lambda"]));
         assert!(finetuned.pretrains());
         assert_eq!(names(&finetuned.used()), ["history_dropout", "lambda", "objectives", "segment_length"]);
+    }
+
+    #[test]
+    fn settings_of_a_training_have_no_effect_without_one() {
+        let mut scored = CellSettings { evaluate: false, episodes: 7, ..cell("ssdf") };
+        scored.train.insert("steps".into(), json!(3));
+        for key in ["train.steps", "train", "episodes", "lambda", "history_dropout"] {
+            let text = scored.check_varied([key].into_iter()).unwrap_err();
+            assert!(
+                text.starts_with(&format!("{key}: has no effect on SSDF scored by ssdf without a training")),
+                "{text}"
+            );
+        }
+        assert!(scored.check_varied(["similarity", "segment_length", "beta", "method"].into_iter()).is_ok());
+        // Those of the weighting have none without gleaned segments, wherever they are named.
+        let mut experts = cell("bc");
+        experts.train.insert("lambda".into(), json!(0.9));
+        assert!(experts.check_varied(["train.lambda"].into_iter()).unwrap_err().contains("no effect on BC"));
+        experts.method = Method::SSDF;
+        assert!(experts.check_varied(["train.lambda"].into_iter()).is_ok());
     }
 
     #[test]

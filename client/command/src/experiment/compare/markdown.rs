@@ -95,6 +95,15 @@ fn marked(found: &Comparison) -> String {
 fn agreement(found: &Comparison) -> String {
     let labels: Vec<String> = found.scorers.iter().map(|scorer| scorer.label.clone()).collect();
     let header: Vec<String> = std::iter::once(String::new()).chain(labels.iter().cloned()).collect();
+    let scorer = |label: &str| found.scorers.iter().find(|scorer| scorer.label == label);
+    let runs = |label: &str, seed: u64| {
+        scorer(label).is_some_and(|of| of.seeds.iter().any(|one| one.seed == seed && one.run.is_some()))
+    };
+    let reason = |one: &str, other: &str| {
+        let seeds = scorer(one).map(|of| &of.seeds[..]).unwrap_or_default();
+        let both = seeds.iter().any(|seed| runs(one, seed.seed) && runs(other, seed.seed));
+        if both { "constant" } else { "no run" }
+    };
     let matrix = |of: &dyn Fn(&Agreement) -> Option<f64>| -> String {
         let cell = |one: &String, other: &String| {
             if one == other {
@@ -103,7 +112,7 @@ fn agreement(found: &Comparison) -> String {
             let same = |pair: &&Agreement| {
                 (&pair.one, &pair.other) == (one, other) || (&pair.one, &pair.other) == (other, one)
             };
-            value(found.agreement.iter().find(same).and_then(of), "no run")
+            value(found.agreement.iter().find(same).and_then(of), reason(one, other))
         };
         let row =
             |one: &String| std::iter::once(one.clone()).chain(labels.iter().map(|other| cell(one, other))).collect();

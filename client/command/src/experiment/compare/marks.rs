@@ -5,32 +5,17 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use serde::Deserialize;
-
-use super::super::recordings::rows;
+use super::super::mark_rows::{self, MarkRow};
 use crate::failure::Result;
 use crate::quality::Mark;
 
-/// A row of the file; further columns have no effect.
-#[derive(Clone, Debug, Deserialize)]
-struct Row {
-    /// The episode's id, or
-    #[serde(default)]
-    episode: Option<String>,
-    /// the name of its recording.
-    #[serde(default)]
-    file: Option<String>,
-    /// The first wrong step, from 0; empty if it never went wrong. Text, because the column must exist.
-    went_wrong: String,
-}
-
 /// The rows of a file.
 #[derive(Clone, Debug)]
-pub(super) struct Marks(Vec<Row>);
+pub(super) struct Marks(Vec<MarkRow>);
 
 impl Marks {
     pub(super) fn read(path: &Path) -> Result<Self> {
-        Ok(Self(rows(path)?))
+        Ok(Self(mark_rows::read(path)?))
     }
 
     /// The mark of each of these episodes (id, file name). Rows of other episodes have no effect.
@@ -42,13 +27,8 @@ impl Marks {
         episodes: &[(String, String)],
     ) -> std::result::Result<HashMap<String, Mark>, String> {
         let mut marks = HashMap::new();
-        for (line, row) in (2..).zip(&self.0) {
-            let here = |problem: &str| format!("line {line}: {problem}");
-            let text = row.went_wrong.trim();
-            let step =
-                text.parse::<u32>().map(Some).or_else(|error| if text.is_empty() { Ok(None) } else { Err(error) });
-            let went_wrong =
-                step.map_err(|_| here(&format!("went_wrong: expected a step or nothing, got {text:?}")))?;
+        for row in &self.0 {
+            let here = |problem: &str| format!("line {}: {problem}", row.line);
             let named: Vec<&String> = match (&row.episode, &row.file) {
                 (Some(id), _) => episodes.iter().filter(|episode| episode.0 == *id).map(|(id, _)| id).collect(),
                 (None, Some(file)) => episodes.iter().filter(|episode| episode.1 == *file).map(|(id, _)| id).collect(),
@@ -59,7 +39,7 @@ impl Marks {
                 return Err(here(&format!("{} episodes are named {file}; name them in a column episode", named.len())));
             }
             for id in named {
-                if marks.insert(id.clone(), Mark { went_wrong }).is_some() {
+                if marks.insert(id.clone(), row.mark).is_some() {
                     return Err(here(&format!("{id}: is duplicated")));
                 }
             }
@@ -104,6 +84,7 @@ mod tests {
             ("file,went_wrong\na.mcap,late\n", "line 2: went_wrong: expected a step"),
             ("episode,went_wrong\nep_1,1\nep_1,2\n", "line 3: ep_1: is duplicated"),
             ("agent,went_wrong\nfreeze,1\n", "line 2: has no column"),
+            ("file,went_wrong\n\na.mcap,1\n\n\na.mcap,2\n", "line 6: ep_1: is duplicated"),
             ("file,success\na.mcap,true\n", "went_wrong"),
             ("file,went_wrong\nz.mcap,1\n", "no row of an imperfect episode"),
         ] {

@@ -50,7 +50,9 @@ pub(super) fn summary(found: &Comparison) -> String {
     rows.add("correlation with length", |scorer| {
         value(scorer.length.first().and_then(|length| length.spearman), none(scorer, "constant"))
     });
-    rows.add("stability", |scorer| value(scorer.stability, none(scorer, "one run")));
+    rows.add("stability", |scorer| {
+        value(scorer.stability, none(scorer, if scorer.runs == 1 { "one run" } else { "constant" }))
+    });
     if found.marked > 0 {
         rows.add("best part that is good (precision), %", |scorer| {
             percent(scorer.success.precision, none(scorer, "none"))

@@ -47,6 +47,8 @@ fn curve(body: &mut String, episode: &MarkedEpisode, top: f64, height: f64) {
 }
 
 fn label(body: &mut String, [x, y]: [f64; 2], text: &str) {
+    // Names of cohorts are any text.
+    let text = text.replace('&', "&amp;").replace('<', "&lt;");
     let _ = writeln!(body, r#"<text x="{x:.1}" y="{y:.1}">{text}</text>"#);
 }
 
@@ -78,6 +80,7 @@ mod tests {
             mark: Mark { went_wrong },
         };
         let drawn = curves(&[episode("freeze", Some(1)), episode("freeze", Some(2)), episode("noise", None)]);
+        assert!(curves(&[episode("a<b&c", None)]).contains(">a&lt;b&amp;c ("));
         assert_eq!((drawn.matches("<polyline").count(), drawn.matches("dasharray").count()), (2, 1));
     }
 }

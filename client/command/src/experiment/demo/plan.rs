@@ -26,6 +26,17 @@ pub(super) struct Drive {
     pub(super) sessions: usize,
 }
 
+impl Drive {
+    /// Fails if one of the attempts is among the recordings, so that a policy would be tried on what it was trained on.
+    fn check(&self, recordings: &RecordSet, episodes: u32) -> Result<(), String> {
+        let (first, end) = (recordings.seed, recordings.seed.saturating_add(recordings.total()));
+        if self.seed >= end || self.seed.saturating_add(episodes.into()) <= first {
+            return Ok(());
+        }
+        Err(format!("drive.seed: attempts from {} on are recorded as well; give at least {end}", self.seed))
+    }
+}
+
 /// Everything that the demo does.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
@@ -52,13 +63,14 @@ impl Plan {
         merge(&mut file, &given);
         let settings = file.clone();
         let betas = take(&mut file, "betas")?;
-        let drive = take(&mut file, "drive")?;
+        let drive: Drive = take(&mut file, "drive")?;
         let mut experiment = Experiment::from_table(file)?;
         if let Some(cell) = cells(&experiment).find(|cell| cell.seeds.len() != 1) {
             return Err(format!("base.seeds: has {} seeds; the demo trains with one", cell.seeds.len()));
         }
         let recordings = experiment.recordings.source().simulated();
         let recordings = recordings.cloned().ok_or("data.folder: the demo records in the simulator; leave it out")?;
+        drive.check(&recordings, cells(&experiment).map(|cell| cell.episodes).max().unwrap_or(0))?;
         // Its server has no other recordings.
         experiment.recordings.rename(recordings.task.name())?;
         Ok(Self { experiment, recordings, betas, drive, settings })
@@ -167,6 +179,8 @@ mod tests {
             ("[base]\nlamda = 7", ["base", "lamda"]),
             ("[base]\nseeds = [1, 2]", ["base.seeds", "2 seeds"]),
             ("[drive]\nsesions = 7", ["drive", "sesions"]),
+            ("[data]\nseed = 1000199", ["drive.seed: attempts from 1000000 on are recorded", "at least 1000439"]),
+            ("[drive]\nseed = 239", ["drive.seed: attempts from 239 on are recorded", "at least 240"]),
             ("experts = 7", ["experts", "data, base"]),
         ] {
             let message = Plan::with(given).unwrap_err();

@@ -116,7 +116,7 @@ fn a_section_changes_no_stage_without_the_flag() {
 }
 
 /// A folder of recordings, for the files whose recordings are made elsewhere.
-fn folder() -> tempfile::TempDir {
+pub(in super::super) fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
     write("task.toml", "name = \"push\"\nrate_hz = 10.0\naction = [{ name = \"a\", size = 1 }]\n");

@@ -122,6 +122,15 @@ fn a_missing_value_is_replaced_by_its_reason() {
 }
 
 #[test]
+fn scores_that_are_all_equal_are_constant() {
+    let mut found = comparison();
+    (found.scorers[0].stability, found.agreement[0].spearman) = (None, None);
+    let text = markdown(&found);
+    assert_eq!(row(&text, "# Scorers", "stability")[1..4], ["constant", "one run", "no run"]);
+    assert_eq!(row(&text, "## Agreement", "ssdf"), ["ssdf", "1", "constant", "no run"]);
+}
+
+#[test]
 fn agreement_is_a_symmetric_matrix() {
     let text = markdown(&comparison());
     assert_eq!(row(&text, "## Agreement", "ssdf"), ["ssdf", "1", "0.500", "no run"]);
