@@ -1,4 +1,4 @@
-# Plan, cook dependencies, build, then a slim image that holds four binaries and libtorch's CPU part.
+# A build, then a slim image that holds four binaries and libtorch's CPU part.
 # Every step is the one CI runs: scripts/libtorch.sh, then cargo with the committed lock file.
 
 FROM rust:1.95-slim-bookworm AS build

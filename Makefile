@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker check-worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-ros2 check-simulators lint-python check-lerobot check-robomimic differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker check-worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-ros2 check-simulators lint-python check-lerobot check-robomimic exports differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -56,7 +56,7 @@ crash-test: .libtorch
 
 # The unit tests of the server, and the short crash tests, on a private PostgreSQL (Debian: postgresql), which they start
 # and end themselves. The rooms are those of the server that have a database, so that those of learn do not run again.
-POSTGRES_ROOMS = $(addsuffix ::,store access curation imports ingest jobs maintenance pages policies rollouts scorers service)
+POSTGRES_ROOMS = $(addsuffix ::,store access curation imports ingest jobs maintenance openpi pages policies rollouts scorers service)
 test-postgres: export GLEANER_TEST_DATABASE = postgres
 test-postgres: .libtorch
 	$(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests --lib -- $(POSTGRES_ROOMS)
@@ -131,7 +131,7 @@ LEROBOT_PYTHON ?= $(PYTHON)
 LEROBOT_POLICY_ENV = target/lerobot-policy-python
 check-lerobot-policy: .libtorch
 	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
-	test -d $(LEROBOT_POLICY_ENV) || $(LEROBOT_PYTHON) -m venv $(LEROBOT_POLICY_ENV)
+	test -x $(LEROBOT_POLICY_ENV)/bin/pip || $(LEROBOT_PYTHON) -m venv $(LEROBOT_POLICY_ENV)
 	$(LEROBOT_POLICY_ENV)/bin/pip install -q 'lerobot[dataset,evaluation,pusht]==0.6.1' 'torch==2.11.0' 'pytest>=8'
 	$(LEROBOT_POLICY_ENV)/bin/pip install -q client/python client/lerobot
 	cd client/lerobot && HF_HUB_OFFLINE=1 ../../$(LEROBOT_POLICY_ENV)/bin/pytest
@@ -160,19 +160,20 @@ lint-python: $(PYTHON_ENV)
 LEROBOT ?= 0.6
 LEROBOT_ENV = target/lerobot-$(LEROBOT)
 EXPORTS = target/tmp/exports
-check-lerobot: $(EXPORTS) $(LEROBOT_ENV)
+check-lerobot: exports $(LEROBOT_ENV)
 	$(LEROBOT_ENV)/bin/pip install -q -r crates/formats/checks/lerobot-$(LEROBOT).txt
 	$(LEROBOT_ENV)/bin/python crates/formats/checks/lerobot_dataset.py $(EXPORTS)/lerobot
 	$(LEROBOT_ENV)/bin/python crates/formats/checks/lerobot_dataset.py $(EXPORTS)/lerobot_video --pictures $(EXPORTS)/lerobot
 
 # The same by robomimic's own SequenceDataset. Installs PyTorch (5 GB) the first time.
 ROBOMIMIC_ENV = target/robomimic
-check-robomimic: $(EXPORTS) $(ROBOMIMIC_ENV)
+check-robomimic: exports $(ROBOMIMIC_ENV)
 	$(ROBOMIMIC_ENV)/bin/pip install -q -r crates/formats/checks/robomimic.txt
 	$(ROBOMIMIC_ENV)/bin/pip install -q --no-deps robomimic==0.3.0
 	$(ROBOMIMIC_ENV)/bin/python crates/formats/checks/robomimic_file.py $(EXPORTS)/robomimic/dataset.hdf5
 
-$(EXPORTS): | .libtorch
+# Written each time, so that the checks never read the exports of earlier programs.
+exports: .libtorch
 	$(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests --test end_to_end -- exporting::
 
 # Damaged recordings read by gleaner and by the `mcap` library for Python: refused, equal, or different with a finding.
@@ -199,7 +200,7 @@ maniskill: TASK ?= PickCube-v0
 maniskill: SIMULATOR = maniskill2
 metaworld maniskill: .libtorch
 	$(CARGO) build --locked $(PROGRAMS)
-	test -d target/$(SIMULATOR) || $(PYTHON) -m venv target/$(SIMULATOR)
+	test -x target/$(SIMULATOR)/bin/pip || $(PYTHON) -m venv target/$(SIMULATOR)
 	target/$(SIMULATOR)/bin/pip install -q --no-deps --require-hashes \
 		-r client/python/examples/requirements-$(SIMULATOR).lock
 	target/$(SIMULATOR)/bin/pip install -q --no-deps client/python
@@ -207,7 +208,7 @@ metaworld maniskill: .libtorch
 		--server-bin target/debug/gleaner-server $(ARGS)
 
 $(PYTHON_ENV) $(DIFFERENTIAL_ENV) $(LEROBOT_ENV) $(ROBOMIMIC_ENV) $(MLFLOW_ENV) $(ROS2_ENV) $(SIMULATORS_ENV) $(LIBERO_ENV):
-	$(PYTHON) -m venv $@
+	$(PYTHON) -m venv $@ || { rm -rf $@; exit 1; }
 
 fmt:
 	$(CARGO) fmt --all -- --check
@@ -293,12 +294,13 @@ task-file: .libtorch
 
 # Repeats every policy, weighting, objective and scorer as data for the crate of values, after one was added or changed.
 kinds: .libtorch
-	$(CARGO) run --locked -q -p gleaner-learn --example kinds > crates/core/kinds.json.new
-	mv crates/core/kinds.json.new crates/core/kinds.json
-	$(CARGO) run --locked -q -p gleaner-core --example jobs > crates/core/jobs.json.new
-	mv crates/core/jobs.json.new crates/core/jobs.json
+	mkdir -p target
+	$(CARGO) run --locked -q -p gleaner-learn --example kinds > target/kinds.json
+	mv target/kinds.json crates/core/kinds.json
+	$(CARGO) run --locked -q -p gleaner-core --example jobs > target/jobs.json
+	mv target/jobs.json crates/core/jobs.json
 
-# What CI runs.
+# The Rust part of CI; `.ci/run` is all of it.
 check: fmt lint test doc deny
 
 .libtorch:

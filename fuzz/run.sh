@@ -21,8 +21,13 @@ datasets="dataset"
 linked="checkpoint observation wire"
 [ $# -gt 0 ] || set -- $plain $datasets $linked
 export LD_LIBRARY_PATH="$PWD/../.libtorch/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}" OMP_NUM_THREADS=1
-# Recordings are read from files, which are in memory where that is possible.
-[ ! -w /dev/shm ] || export TMPDIR=/dev/shm
+# Recordings are read from files, which are in memory where that is possible, in a folder of this run alone.
+[ ! -w /dev/shm ] || TMPDIR=/dev/shm
+TMPDIR=$(mktemp -d "${TMPDIR:-/tmp}/gleaner-fuzz.XXXXXX")
+export TMPDIR
+trap 'rm -rf "$TMPDIR"' EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM
 features() {
     case " $datasets " in *" $1 "*) echo "--features datasets" ;; esac
     case " $linked " in *" $1 "*) echo "--features server" ;; esac

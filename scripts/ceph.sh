@@ -49,6 +49,8 @@ for _ in range(100):
         continue
     print(first)
     break
+else:
+    sys.exit("scripts/ceph.sh: no range of free ports between 20000 and 30000 was found; end other programs")
 PYTHON
 }
 

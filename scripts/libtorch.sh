@@ -3,6 +3,7 @@
 #
 # tch 0.24 wants libtorch 2.11.0 exactly. The package index's wheel is the CUDA build; without a GPU
 # only libtorch_cpu, libc10, libgomp and two small CUDA libraries that libtorch_cpu names are needed.
+# Each wheel is checked by its SHA-256 digest, which benches/peers/requirements.lock has too.
 # A second run does nothing. GLEANER_LIBTORCH=DIR links an existing libtorch 2.11 instead.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -29,11 +30,16 @@ work=$(mktemp -d "$(dirname "$cache")/fetch.XXXXXX")
 trap 'rm -rf "$work"' EXIT
 
 echo "libtorch: fetching $version (about 540 MB, once) ..." >&2
+cat >"$work/wheels.txt" <<LOCK
+torch==$version --hash=sha256:7aa2f9bbc6d4595ba72138026b2074be1233186150e9292865e04b7a63b8c67a
+nvidia-cuda-runtime==13.0.96 --hash=sha256:7f82250d7782aa23b6cfe765ecc7db554bd3c2870c43f3d1821f1d18aebf0548
+nvidia-cuda-cupti==13.0.85 --hash=sha256:4eb01c08e859bf924d222250d2e8f8b8ff6d3db4721288cf35d14252a4d933c8
+LOCK
 # Any CPython's wheel serves, since only lib/ and include/ are used: so name one that exists.
-"$python" -m pip download --quiet --disable-pip-version-check --no-deps --only-binary=:all: \
+"$python" -m pip download --quiet --disable-pip-version-check --no-deps --only-binary=:all: --require-hashes \
   --python-version 3.11 --implementation cp --platform manylinux_2_28_x86_64 --platform manylinux_2_25_x86_64 \
   --platform manylinux_2_17_x86_64 --platform manylinux2014_x86_64 \
-  -d "$work/wheels" "torch==$version" 'nvidia-cuda-runtime==13.0.*' 'nvidia-cuda-cupti==13.0.*'
+  -d "$work/wheels" -r "$work/wheels.txt"
 
 "$python" - "$work" <<'PY'
 import pathlib, sys, zipfile

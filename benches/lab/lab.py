@@ -5,6 +5,7 @@ score run is imported by the client's own command. Everything else runs through 
 """
 
 import argparse
+import contextlib
 import json
 import pathlib
 import random
@@ -15,42 +16,17 @@ import subprocess
 import tempfile
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import gleaner
 from process import Server, client
 from rows import add_episodes, connect
+from table import Table, shown
 
 # One success in twenty is an expert.
 FEW_EXPERTS = ["success"] + ["failure"] * 19
 TASK = "pick_cube"
 FIRST_STEP_SECONDS = 600
-
-
-class Table:
-    """The measurements, as rows of Markdown."""
-
-    def __init__(self):
-        self.rows: list[dict[str, object]] = []
-
-    def add(self, what: str, seconds: float, peak: float, note: str = "") -> None:
-        self.rows.append({"what": what, "seconds": seconds, "peak_mib": peak, "note": note})
-        print(f"| {what} | {shown(seconds)} | {peak:.0f} | {note} |", flush=True)
-
-    def measured(self, server: Server, what: str, work: Callable[[], object], note: Callable[[object], str] = str) -> object:
-        server.forget_peak()
-        begun = time.perf_counter()
-        try:
-            found = work()
-            text = note(found)
-        except Exception as error:
-            found, text = None, f"FAILED: {str(error).splitlines()[0][:160]}"
-        self.add(what, time.perf_counter() - begun, server.peak_mib(), text)
-        return found
-
-
-def shown(seconds: float) -> str:
-    return f"{seconds * 1000:.0f} ms" if seconds < 2 else f"{seconds:.1f} s"
 
 
 def specification() -> dict:
@@ -82,9 +58,8 @@ def make(given: argparse.Namespace, folder: pathlib.Path) -> None:
     """Makes the data folder: a server makes the database, and the files and rows are added once it is stopped."""
     bin, data = given.bin.resolve(), folder / "data"
     (folder / "task.json").write_text(json.dumps(specification()))
-    server = Server(bin, data, 0)
-    task = json.loads(client(bin, server, folder, "task", "create", "task.json"))["task"]["id"]
-    server.stop()
+    with Server(bin, data, 0) as server:
+        task = json.loads(client(bin, server, folder, "task", "create", "task.json"))["task"]["id"]
     with connect(data) as rows:
         (spec,) = rows.execute("select spec from tasks").fetchone()
         (folder / "spec.json").write_text(spec)
@@ -115,21 +90,23 @@ def restore(folder: pathlib.Path) -> None:
 def files(given: argparse.Namespace, folder: pathlib.Path) -> Iterator[tuple[str, int]]:
     """Writes the recordings, in as many processes as asked for, and yields their digests and sizes."""
     each = -(-given.episodes // given.processes)
-    running = []
-    for first in range(0, given.episodes, each):
-        scratch = pathlib.Path(tempfile.mkdtemp(dir=given.scratch))
-        out = (folder / f"recordings-{first}").open("w+")
-        count = min(each, given.episodes - first)
-        command = [given.recordings.resolve(), folder / "data", folder / "spec.json", scratch, first, count, given.steps]
-        running.append((subprocess.Popen([str(word) for word in command], stdout=out), out, scratch))
-    for process, out, scratch in running:
-        if process.wait() != 0:
-            raise SystemExit("the recordings could not be written")
-        shutil.rmtree(scratch)
-        out.seek(0)
-        for line in out:
-            digest, size = line.split()
-            yield digest, int(size)
+    with contextlib.ExitStack() as stack:
+        running = []
+        for first in range(0, given.episodes, each):
+            scratch = stack.enter_context(tempfile.TemporaryDirectory(dir=given.scratch))
+            out = stack.enter_context((folder / f"recordings-{first}").open("w+"))
+            count = min(each, given.episodes - first)
+            command = [given.recordings.resolve(), folder / "data", folder / "spec.json", scratch, first, count, given.steps]
+            process = stack.enter_context(subprocess.Popen([str(word) for word in command], stdout=out))
+            stack.callback(process.kill)
+            running.append((process, out))
+        for process, out in running:
+            if process.wait() != 0:
+                raise SystemExit("the recordings could not be written")
+            out.seek(0)
+            for line in out:
+                digest, size = line.split()
+                yield digest, int(size)
 
 
 def scores(folder: pathlib.Path, steps: int) -> int:
@@ -204,7 +181,7 @@ def walk_pages(table: Table, server: Server, run: str, snapshot: str, episode: s
             try:
                 size = get(server.pages + path)
             except OSError as error:
-                table.add(f"page: {name}", time.perf_counter() - begun, server.peak_mib(), f"FAILED: {error}")
+                table.fail(f"page: {name}", time.perf_counter() - begun, server.peak_mib(), str(error))
                 break
             took.append(time.perf_counter() - begun)
         else:
@@ -219,10 +196,18 @@ def train(bin: pathlib.Path, server: Server, folder: pathlib.Path, *words: str) 
 def walk(table: Table, given: argparse.Namespace, folder: pathlib.Path) -> None:
     bin, data = given.bin.resolve(), folder / "data"
     begun = time.perf_counter()
-    server = Server(bin, data, 1, *given.flag)
-    get(server.pages + "/")
-    table.add("start of the server, to its first page", time.perf_counter() - begun, server.peak_mib())
-    robots = gleaner.connect(server.url)
+    with Server(bin, data, 1, *given.flag) as server:
+        get(server.pages + "/")
+        table.add("start of the server, to its first page", time.perf_counter() - begun, server.peak_mib())
+        with gleaner.connect(server.url) as robots:
+            walk_work(table, bin, server, robots, folder)
+    begun = time.perf_counter()
+    with Server(bin, data, 0, *given.flag) as server:
+        get(server.pages + "/")
+        table.add("second start, to its first page", time.perf_counter() - begun, server.peak_mib())
+
+
+def walk_work(table: Table, bin: pathlib.Path, server: Server, robots: gleaner.Client, folder: pathlib.Path) -> None:
     pages = lambda found: f"{found[0]} episodes; longest wait for a page of 1,000 {shown(found[1])}"  # noqa: E731
     table.measured(server, "list of all episodes", lambda: listed(robots), pages)
     snapshot = table.measured(
@@ -263,13 +248,6 @@ def walk(table: Table, given: argparse.Namespace, folder: pathlib.Path) -> None:
             server, f"{name}: first optimiser step",
             lambda words=words: first_step(server, robots, train(bin, server, folder, *words)), note,
         )
-    robots.close()
-    server.stop()
-    begun = time.perf_counter()
-    server = Server(bin, data, 0, *given.flag)
-    get(server.pages + "/")
-    table.add("second start, to its first page", time.perf_counter() - begun, server.peak_mib())
-    server.stop()
 
 
 def main() -> None:
@@ -301,6 +279,8 @@ def main() -> None:
         walk(table, given, folder)
     if given.json:
         given.json.write_text(json.dumps(table.rows, indent=2, ensure_ascii=False))
+    if table.failed:
+        raise SystemExit(f"failed: {'; '.join(table.failed)}")
 
 
 if __name__ == "__main__":

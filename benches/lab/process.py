@@ -6,14 +6,33 @@ import subprocess
 
 
 class Server:
-    """A server that is stopped by a signal, as an operator stops it."""
+    """A server that is stopped by a signal, as an operator stops it. After a failure in its `with` block it is killed."""
 
     def __init__(self, bin: pathlib.Path, data: pathlib.Path, workers: int, *flags: str):
         command = [bin / "gleaner-server", "--log", "warn", "serve", "--data-dir", data, "--listen", "127.0.0.1:0"]
         command += ["--web-listen", "127.0.0.1:0", "--workers", str(workers), *flags]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        self.pages = self.process.stdout.readline().split()[-1]
-        self.url = self.process.stdout.readline().split()[-1]
+        try:
+            self.pages, self.url = self._address("pages on "), self._address("listening on ")
+        except BaseException:
+            self.kill()
+            raise
+
+    def __enter__(self) -> "Server":
+        return self
+
+    def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
+        if failure is None:
+            self.stop()
+        else:
+            self.kill()
+
+    def _address(self, beginning: str) -> str:
+        """The address on the next line with this beginning."""
+        for line in self.process.stdout:
+            if line.startswith(beginning):
+                return line.split()[-1]
+        raise SystemExit(f"the server ended with {self.process.wait()} and without the line {beginning!r}")
 
     def forget_peak(self) -> None:
         """Measures the peak of memory from here on."""
@@ -34,6 +53,10 @@ class Server:
             except OSError:
                 continue  # It has ended.
         return max(peaks, default=0.0)
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
 
     def stop(self) -> None:
         self.process.terminate()

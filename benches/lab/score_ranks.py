@@ -70,17 +70,16 @@ def score(given: argparse.Namespace, folder: pathlib.Path, ranks: int, words: li
     if given.slurm:
         flags += ["--engine", "slurm", "--worker-listen", f"127.0.0.1:{free_port()}", "--slurm-poll-seconds", "1"]
         flags += ["--slurm-options", given.slurm_options]
-    server = Server(bin, data, 1, *flags)
-    job = json.loads(client(bin, server, folder, "score", *words))
     seconds, peak = {}, 0.0
-    while True:
-        seconds |= processor_seconds(server)
-        peak = max(peak, server.child_peak_mib("gleaner-worker"))
-        now = json.loads(client(bin, server, folder, "job", job["id"]))["job"]
-        if now["state"] not in ("queued", "running"):
-            break
-        time.sleep(0.5)
-    server.stop()
+    with Server(bin, data, 1, *flags) as server:
+        job = json.loads(client(bin, server, folder, "score", *words))
+        while True:
+            seconds |= processor_seconds(server)
+            peak = max(peak, server.child_peak_mib("gleaner-worker"))
+            now = json.loads(client(bin, server, folder, "job", job["id"]))["job"]
+            if now["state"] not in ("queued", "running"):
+                break
+            time.sleep(0.5)
     if now["state"] != "succeeded":
         raise SystemExit(now["error"])
     with connect(data) as rows:
@@ -115,10 +114,9 @@ def main() -> None:
         folder.mkdir(exist_ok=True)
         if not (folder / "data").exists():
             lab.make(given, folder)
-        server = Server(given.bin.resolve(), folder / "data", 1)
         words = ["--task", lab.TASK, "--preset", given.preset, "--steps", "1", "--batch", "8", "--wait"]
-        encoder = json.loads(client(given.bin.resolve(), server, folder, "pretrain", *words))["result_id"]
-        server.stop()
+        with Server(given.bin.resolve(), folder / "data", 1) as server:
+            encoder = json.loads(client(given.bin.resolve(), server, folder, "pretrain", *words))["result_id"]
         print("| scorer | processes | time | speed-up | processor time of each | peak of one | digest |")
         print("|---|---:|---:|---:|---|---:|---|", flush=True)
         for scorer in given.scorers:

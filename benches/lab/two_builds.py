@@ -27,14 +27,12 @@ UNLIMITED = ("--calls-per-second", "1000000", "--unary-calls-per-second", "10000
 
 def rates(bin: pathlib.Path, tools: pathlib.Path, recordings: Sequence[pathlib.Path]) -> dict[str, float]:
     """Calls a second of each kind."""
-    with tempfile.TemporaryDirectory() as folder:
-        server = Server(bin, pathlib.Path(folder) / "data", 1, *UNLIMITED)
-        try:
-            client(tools, server, pathlib.Path(folder), "task", "create", "--sim", TASK, "--image", "16")
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = pathlib.Path(temporary)
+        with Server(bin, folder / "data", 1, *UNLIMITED) as server:
+            client(tools, server, folder, "task", "create", "--sim", TASK, "--image", "16")
             with gleaner.connect(server.url) as robots, ThreadPoolExecutor(CALLERS) as callers:
                 return _measured(robots, callers, recordings)
-        finally:
-            server.stop()
 
 
 def _measured(

@@ -73,14 +73,15 @@ def main() -> None:
         made = [scenes.episode(seed, given.steps) for seed in range(given.episodes)]
         scenes.write_videos(made, folder / "videos")
         recordings = scenes.write_recordings(made, folder / "recordings")
-        server = Server(given.bin.resolve(), folder / "data", 1, "--worker-threads", "1")
-        with gleaner.connect(server.url) as client:
+        with (
+            Server(given.bin.resolve(), folder / "data", 1, "--worker-threads", "1") as server,
+            gleaner.connect(server.url) as client,
+        ):
             dataset = prepare(client, recordings, max(given.windows))
             export(client, dataset, folder / "images")
             begun = time.perf_counter()
             segments = client.datasets.torch_dataset(dataset, frames=True, cache=folder / "cache")
             seconds = time.perf_counter() - begun
-        server.stop()
         folders = {OURS: segments.cache.folder, "images": folder / "images", "videos": folder / "videos"}
         size = sum(path.stat().st_size for path in segments.cache.folder.iterdir()) / 1e6
         count = len(segments)

@@ -24,19 +24,18 @@ from rows import OUTCOMES, add_episodes, connect, ulid  # noqa: E402
 
 def lab(bin: pathlib.Path, folder: pathlib.Path) -> None:
     """A few real episodes with a score run."""
-    server = Server(bin, folder / "data", workers=1)
+    with Server(bin, folder / "data", workers=1) as server:
 
-    def run(*words):
-        return client(bin, server, folder, *words)
+        def run(*words):
+            return client(bin, server, folder, *words)
 
-    run("record", "--task", "pick_cube", "--out", "recordings", "--agent", "expert:6", "--agent", "early_release:1.0:6")
-    run("task", "create", "--sim", "pick_cube")
-    run("push", "recordings/", "--labels", "recordings/labels.csv")
-    run("pretrain", "--steps", "3", "--wait")
-    with connect(folder / "data") as rows:
-        (encoder,) = rows.execute("select id from encoders").fetchone()
-    run("score", "--encoder", encoder, "--wait")
-    server.stop()
+        run("record", "--task", "pick_cube", "--out", "recordings", "--agent", "expert:6", "--agent", "early_release:1.0:6")
+        run("task", "create", "--sim", "pick_cube")
+        run("push", "recordings/", "--labels", "recordings/labels.csv")
+        run("pretrain", "--steps", "3", "--wait")
+        with connect(folder / "data") as rows:
+            (encoder,) = rows.execute("select id from encoders").fetchone()
+        run("score", "--encoder", encoder, "--wait")
 
 
 def fill(data: pathlib.Path, episodes: int, steps: int) -> None:
@@ -55,6 +54,13 @@ def fill(data: pathlib.Path, episodes: int, steps: int) -> None:
                 [snapshot, place, episode, outcome, cohort],
             )
             scored(rows, run, place, episode, steps, chance)
+        # The server stores these counts with the rows that never change.
+        rows.execute("update snapshots set imperfect = imperfect + ? where id = ?", [episodes, snapshot])
+        rows.execute(
+            "update score_runs set imperfect_episodes = imperfect_episodes + ?, imperfect_segments = imperfect_segments + ?"
+            " where id = ?",
+            [episodes, episodes * steps, run],
+        )
     rows.close()
 
 
@@ -154,13 +160,12 @@ def main() -> None:
         print(f"adding {given.episodes} episodes of {given.steps} segments …", flush=True)
         fill(data, given.episodes, given.steps)
         add_tasks(data, given.tasks, 10)
-        server = Server(given.bin.resolve(), folder / "data", workers=0)
         table = {}
-        for name, path in addresses(data):
-            took = [ask(server.pages + path) for _ in range(given.times + 1)]
-            rest = sorted(each for each, _ in took[1:])
-            table[name] = {"first": took[0][0], "p50": statistics.median(rest), "worst": rest[-1], "bytes": took[0][1]}
-        server.stop()
+        with Server(given.bin.resolve(), folder / "data", workers=0) as server:
+            for name, path in addresses(data):
+                took = [ask(server.pages + path) for _ in range(given.times + 1)]
+                rest = sorted(each for each, _ in took[1:])
+                table[name] = {"first": took[0][0], "p50": statistics.median(rest), "worst": rest[-1], "bytes": took[0][1]}
         if given.keep:
             shutil.copytree(folder / "data", given.keep)
     print(f"\n| page | first, ms | p50, ms | worst of {given.times}, ms | KiB |\n|---|---:|---:|---:|---:|")

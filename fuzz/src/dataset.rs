@@ -57,8 +57,8 @@ pub fn files() -> impl Iterator<Item = PathBuf> {
     FILES.iter().map(|(name, file)| within(&dataset(name), file))
 }
 
-/// A copy of its dataset for each file, so that the others stay whole. The copies are those of the process before, so a
-/// machine runs this target once at a time.
+/// A copy of its dataset for each file, so that the others stay whole. The copies are those of the process before in the same
+/// temporary directory, in which this target therefore runs once at a time.
 fn cases() -> std::io::Result<Vec<Case>> {
     let root = std::env::temp_dir().join("gleaner-fuzz-datasets");
     let copied = FILES.iter().enumerate().map(|(at, (name, file))| {

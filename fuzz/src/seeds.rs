@@ -33,6 +33,7 @@ pub fn write(target: &str) {
         #[cfg(feature = "datasets")]
         "dataset" => datasets(),
         "observation" => seed(target, "raw", &observation()),
+        #[cfg(feature = "server")]
         "wire" => messages(),
         _ => Ok(()),
     };
@@ -275,8 +276,9 @@ fn observation() -> Vec<u8> {
 }
 
 /// For each kind, a message of texts, one of ids, and one of messages.
+#[cfg(feature = "server")]
 fn messages() -> Result<(), Failure> {
-    for kind in 0..31_u8 {
+    for kind in 0..gleaner_server::fuzzing::KINDS {
         let id = field(1, b"ep_01ARZ3NDEKTSV4RRFFQ69G5FAV");
         let text = [field(1, b"pick_cube"), field(2, b"x"), vec![24, 1], vec![32, 2]].concat();
         let nested = [field(1, &text), field(2, &field(1, &text)), field(3, &observation())].concat();

@@ -5,6 +5,7 @@
 pub mod cli;
 pub mod connection;
 pub mod in_process;
+pub mod interrupt;
 pub mod limits;
 pub mod load;
 pub mod peers;
@@ -42,11 +43,9 @@ pub async fn run(options: &Options) -> Result<bool> {
     if options.has(Part::Peers) {
         peers::beside_peers(options, &prepared, folder.path(), &mut report).await?;
     }
-    if options.has(Part::Limits) {
-        limits::idle(options, &server, &prepared, &mut report).await?;
-    }
     server.stop().await?;
     if options.has(Part::Limits) {
+        limits::idle(options, folder.path(), &prepared, &mut report).await?;
         limits::unread(options, folder.path(), &prepared, &mut report).await?;
     }
     report.finish(options.out.as_deref())

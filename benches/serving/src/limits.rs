@@ -30,24 +30,34 @@ const TIMEOUT: u64 = 2;
 /// The default of HTTP/2; with a larger window more replies are buffered on this side.
 const WINDOW: u32 = 65_535;
 
-/// Opens sessions on separate connections and leaves them idle.
-pub async fn idle(options: &Options, server: &Program, prepared: &Prepared, report: &mut Report) -> Result<()> {
+/// Opens sessions on separate connections and leaves them idle, on a server of its own: one that had a load keeps memory,
+/// which its allocator gives to the sessions without growth.
+pub async fn idle(options: &Options, folder: &Path, prepared: &Prepared, report: &mut Report) -> Result<()> {
     let count = options.idle_sessions;
+    let server = serve(options, folder, &[]).await?;
+    let address = prepare::address(server.url());
+    load_policy(&address, prepared).await?;
     let before = server.memory()?;
-    let connections = Connection::open_many(&prepared.address, usize::try_from(count)?).await?;
+    let connections = Connection::open_many(&address, usize::try_from(count)?).await?;
     let grown = megabytes(server.memory()?, before);
     progress(&format!("{} idle sessions: {grown:.1} MB", connections.len()));
     report.target(Bound::at_most(&format!("MB of {count} idle sessions"), IDLE), grown);
-    Ok(())
+    drop(connections);
+    server.stop().await
+}
+
+/// Makes one action, which loads the policy; its memory is not that of sessions. Returns the observation.
+async fn load_policy(address: &Address, prepared: &Prepared) -> Result<Observation> {
+    let observation = observe(&prepared.spec, prepared.steps.first().ok_or("no step")?, Images::Raw)?;
+    Connection::open(address).await?.act(&observation).await?;
+    Ok(observation)
 }
 
 /// Sends observations and reads nothing, on a server with a short timeout.
 pub async fn unread(options: &Options, folder: &Path, prepared: &Prepared, report: &mut Report) -> Result<()> {
     let server = serve(options, folder, &["--session-idle-seconds", &TIMEOUT.to_string()]).await?;
     let address = prepare::address(server.url());
-    // The first action loads the policy, whose memory is not counted.
-    let observation = observe(&prepared.spec, prepared.steps.first().ok_or("no step")?, Images::Raw)?;
-    Connection::open(&address).await?.act(&observation).await?;
+    let observation = load_policy(&address, prepared).await?;
     let before = server.memory()?;
     let (ended, most) = flood(&address, &observation, &server).await?;
     let grown = megabytes(most, before);

@@ -3,12 +3,12 @@
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use gleaner_bench_serving::{cli::Options, report, run};
+use gleaner_bench_serving::{cli::Options, interrupt::unless_interrupted, report, run};
 
 /// One thread, so that the load uses little of the machine.
 #[tokio::main(flavor = "current_thread")]
 async fn main() -> ExitCode {
-    match run(&Options::parse()).await {
+    match unless_interrupted(run(&Options::parse())).await {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {

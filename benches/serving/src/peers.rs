@@ -97,8 +97,8 @@ async fn compare(contenders: &mut [Contender], scene: &[Observation]) -> Result<
     Ok(worst)
 }
 
-/// A policy that draws chunks answers most observations from the chunk it has, so the median of one session says nothing of
-/// its model, and has no target.
+/// A policy that draws chunks answers most observations from the chunk it has, so the median of one session does not depend on
+/// its model and has no target.
 fn add_rows(contenders: &[Contender], policy: Kind, report: &mut Report) {
     let rows: Vec<_> = contenders.iter().map(|each| (each.name, each.one.summary(), each.many.summary())).collect();
     if let Some(((_, one, many), peers)) = rows.split_first() {

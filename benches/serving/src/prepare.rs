@@ -25,6 +25,8 @@ const EPISODES: u64 = 2;
 const STEPS: usize = 30;
 /// The weights differ from the initial ones; the cost of an inference does not depend on them.
 const OPTIMISER_STEPS: u32 = 4;
+/// The longest that a server allows. Sessions are idle while others are measured, and while peers start.
+const SESSION_IDLE_SECONDS: &str = "86400";
 /// The stamp of the first step.
 const BEGIN_NS: i64 = 1_700_000_000_000_000_000;
 
@@ -60,7 +62,7 @@ pub fn address(url: &str) -> Address {
 
 /// A server with a policy deployed.
 pub async fn prepare(options: &Options, folder: &Path) -> Result<(Program, Prepared)> {
-    let server = serve(options, folder, &[]).await?;
+    let server = serve(options, folder, &["--session-idle-seconds", SESSION_IDLE_SECONDS]).await?;
     let prepared = set_up(&server, options.preset.into(), options.policy, folder).await?;
     Ok((server, prepared))
 }

@@ -164,7 +164,7 @@ mod tests {
         }
     }
 
-    /// The lab of `make bench-lab` took 668 MiB.
+    /// The scores of the lab of `make bench-lab` took 497 MiB (docs/scale.md).
     #[test]
     fn memory_of_ten_million_segments_is_the_measured_one() {
         let lab = Lab { run_days: 1, hours_a_day: 1e7 / 36_000.0, ..lab(1) };
