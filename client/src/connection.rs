@@ -182,11 +182,14 @@ mod tests {
 
     #[tokio::test]
     async fn an_unreachable_server_is_an_error_with_the_fix() {
-        // Bound and dropped at once: a port without a listener.
-        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        // Bound to the end of the test, so that no other process gets the port, and without a listener.
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind(([127, 0, 0, 1], 0).into()).unwrap();
+        let port = socket.local_addr().unwrap().port();
         let error = Client::connect(&format!("http://127.0.0.1:{port}"), None).await.unwrap_err();
         let message = error.to_string();
         assert!(message.contains("gleaner-server serve") && message.contains(&port.to_string()), "{message}");
         assert!(error.is_transient());
+        drop(socket);
     }
 }

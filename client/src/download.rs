@@ -126,7 +126,7 @@ pub(crate) async fn save(
         file.write_all(&piece).await.map_err(ClientError::io(path))?;
         progress(hasher.count());
     }
-    file.sync_all().await.map_err(ClientError::io(path))?;
+    sync(&mut file).await.map_err(ClientError::io(path))?;
     let found = hasher.finalize().to_hex().to_string();
     if found != expected.blake3 {
         let what = path.display().to_string();
@@ -134,6 +134,13 @@ pub(crate) async fn save(
     }
     part.persist(path).map_err(|error| ClientError::Io { path: path.to_owned(), source: error.error })?;
     Ok(())
+}
+
+/// Writes what is buffered, and waits until the disk has it.
+async fn sync(file: &mut tokio::fs::File) -> std::io::Result<()> {
+    // `sync_all` returns no error of the last write, which is still under way: on a full disk the end would be missing.
+    file.flush().await?;
+    file.sync_all().await
 }
 
 #[cfg(test)]

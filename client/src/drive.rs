@@ -12,6 +12,7 @@ use futures::{StreamExt as _, TryStreamExt as _};
 use gleaner_proto::v1::{Outcome, SessionOpen};
 use gleaner_recording::TaskSpec;
 use gleaner_sim::{Sim, SimConfig};
+use tokio::task::{JoinError, JoinHandle};
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
@@ -61,6 +62,22 @@ pub struct RealTime {
     pub hold_for: Option<Duration>,
 }
 
+/// A task that is cancelled when this is dropped, where tokio's own handle would leave it running.
+struct Task<T>(JoinHandle<T>);
+
+impl<T> Task<T> {
+    /// Waits for its end.
+    async fn end(mut self) -> std::result::Result<T, JoinError> {
+        (&mut self.0).await
+    }
+}
+
+impl<T> Drop for Task<T> {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
 struct Run {
     episode: DrivenEpisode,
     policy_id: String,
@@ -74,25 +91,26 @@ impl Client {
     ///
     /// # Errors
     /// The first session that fails ends the evaluation with its error, and so does a session of another policy than the
-    /// earlier ones: the deployment was changed meanwhile.
+    /// earlier ones: the deployment was changed meanwhile. The other episodes are then abandoned, as they are when the future
+    /// is dropped.
     pub async fn drive(&self, plan: &DrivePlan, mut on_episode: impl FnMut(&DrivenEpisode)) -> Result<Driven> {
         let started = Instant::now();
         let spec = gleaner_sim::task_spec(plan.task, &plan.config);
-        let runs =
-            (0..plan.episodes).map(|index| {
-                let seed = plan.seed.wrapping_add(u64::from(index));
-                let (client, plan, spec) = (self.clone(), plan.clone(), spec.clone());
-                // Its own task, so that episodes are simulated and rendered on all cores.
-                let run = tokio::spawn(async move {
-                    match plan.real_time {
-                        None => run_episode(&client, &plan, &spec, seed).await,
-                        Some(pace) => run_in_real_time(&client, &plan, control_plan(&plan, &spec, pace)?, seed).await,
-                    }
-                });
-                async move {
-                    run.await.unwrap_or_else(|failed| Err(ClientError::Invalid(format!("episode {seed}: {failed}"))))
+        let runs = (0..plan.episodes).map(|index| {
+            let seed = plan.seed.wrapping_add(u64::from(index));
+            let (client, plan, spec) = (self.clone(), plan.clone(), spec.clone());
+            // Its own task, so that episodes are simulated and rendered on all cores.
+            let run = Task(tokio::spawn(async move {
+                match plan.real_time {
+                    None => run_episode(&client, &plan, &spec, seed).await,
+                    Some(pace) => run_in_real_time(&client, &plan, control_plan(&plan, &spec, pace)?, seed).await,
                 }
-            });
+            }));
+            async move {
+                let ended = run.end().await;
+                ended.unwrap_or_else(|failed| Err(ClientError::Invalid(format!("episode {seed}: {failed}"))))
+            }
+        });
         let mut driven = Driven {
             episodes: Vec::new(),
             policy_id: String::new(),
@@ -184,6 +202,23 @@ async fn run_in_real_time(client: &Client, plan: &DrivePlan, control: ControlPla
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// As the other episodes are after the first that fails.
+    #[tokio::test]
+    async fn an_episode_that_is_not_awaited_is_abandoned() {
+        let (open, mut session) = tokio::sync::oneshot::channel::<()>();
+        let (begun, begins) = tokio::sync::oneshot::channel();
+        let run = Task(tokio::spawn(async move {
+            begun.send(()).unwrap();
+            std::future::pending::<()>().await;
+            drop(open);
+        }));
+        begins.await.unwrap();
+        assert_eq!(session.try_recv(), Err(tokio::sync::oneshot::error::TryRecvError::Empty));
+        drop(run.end());
+        assert!(session.await.is_err(), "what the episode holds is dropped");
+        assert_eq!(Task(tokio::spawn(async { 7 })).end().await.unwrap(), 7);
+    }
 
     #[test]
     fn unset_real_time_limits_are_the_plans_defaults() {

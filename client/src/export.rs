@@ -88,10 +88,13 @@ impl Client {
         let spec = task.and_then(|task| task.spec).ok_or(ClientError::Contract { missing: "a task" })?;
         let spec = spec_from_proto(spec).map_err(|error| ClientError::Invalid(error.to_string()))?;
         let kept = kept(&episode, run_id, beta, &scores);
-        let out = out.to_owned();
-        let copied = tokio::task::spawn_blocking(move || gleaner_recording::extract(&recording, &spec, &kept, &out));
+        // In the folder that is deleted on drop, so that a copy that is interrupted leaves no file.
+        let whole = folder.path().join("whole.mcap");
+        let copy = whole.clone();
+        let copied = tokio::task::spawn_blocking(move || gleaner_recording::extract(&recording, &spec, &kept, &copy));
         let ended = |error: tokio::task::JoinError| RecordingError::BrokenImage { problem: error.to_string() };
         copied.await.map_err(ended)??;
+        std::fs::rename(&whole, out).map_err(ClientError::io(out))?;
         Ok(episode)
     }
 }

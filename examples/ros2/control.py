@@ -54,7 +54,7 @@ class Scene:
         return set(self._trees)
 
     def arrived(self, topic: str, message: Any, now: float) -> None:
-        """Keeps a message; `now` in seconds of a clock that never jumps."""
+        """Keeps a message; `now` in seconds of a clock that never jumps. Raises `Unfit` if transforms are expected."""
         with self._lock:
             for of in self.fixed.get(topic, ()):
                 self._trees[of].update(message, None)

@@ -118,7 +118,11 @@ class GleanerNode(Node):
             self._discovery.cancel()
 
     def _arrived(self, topic: str, message: Any) -> None:
-        self._scene.arrived(topic, message, time.monotonic())
+        # An error here would end the node and not only a step. Without the message, the topic becomes stale.
+        try:
+            self._scene.arrived(topic, message, time.monotonic())
+        except Unfit as problem:
+            self._say(f"no action: {topic}: {problem}")
 
     def step(self) -> None:
         """One control period: an action if every topic is fresh, else nothing."""

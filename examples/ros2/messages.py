@@ -65,42 +65,65 @@ def write(message: Any, paths: Sequence[str], names: Sequence[str], values: Sequ
         raise Unfit(f"{', '.join(paths)}: {len(left)} values more than the paths take")
 
 
+# Encodings of color: the bytes of a pixel, and the places of red, green and blue; 8UC3 and 8UC4 are in the order of
+# OpenCV. And encodings of depth. The same ones, by the same rules, are read from recordings.
+RGB, BGR, GRAY = (0, 1, 2), (2, 1, 0), (0, 0, 0)
+COLORS = {
+    "rgb8": (3, RGB),
+    "bgr8": (3, BGR),
+    "8UC3": (3, BGR),
+    "rgba8": (4, RGB),
+    "bgra8": (4, BGR),
+    "8UC4": (4, BGR),
+    "mono8": (1, GRAY),
+    "8UC1": (1, GRAY),
+}
+DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+
+
 def picture(message: Any) -> np.ndarray | bytes:
     """The picture of an Image or CompressedImage as gleaner takes it: RGB, 16-bit millimetres, or its bytes."""
     if hasattr(message, "format"):
         return _compressed(message.format, bytes(message.data))
-    kinds = {"rgb8": ("u1", 3), "bgr8": ("u1", 3), "rgba8": ("u1", 4), "bgra8": ("u1", 4)}
-    kinds |= {"16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1)}
-    if message.encoding not in kinds:
-        raise Unfit(f"encoding {message.encoding} is unknown; supported: {', '.join(kinds)}")
-    kind, channels = kinds[message.encoding]
-    order = ">" if message.is_bigendian else "<"
-    width = message.width * channels * np.dtype(kind).itemsize
-    data = bytes(message.data)
-    if message.step < width or len(data) != message.height * message.step:
-        raise Unfit(
-            f"{message.encoding} of {message.height}×{message.width}: expected {message.height} rows of at least "
-            f"{width} bytes, got {len(data)} bytes with rows of {message.step}"
-        )
-    rows = np.frombuffer(data, np.uint8).reshape(message.height, message.step)
-    pixels = np.ascontiguousarray(rows[:, :width]).view(f"{order}{kind}")
-    pixels = pixels.reshape(message.height, message.width, channels)
+    if message.encoding in COLORS:
+        channels, order = COLORS[message.encoding]
+        return np.ascontiguousarray(_pixels(message, "u1", channels)[..., order])
+    if message.encoding not in DEPTHS:
+        raise Unfit(f"encoding {message.encoding} is unknown; supported: {', '.join([*COLORS, *DEPTHS])}")
+    kind = DEPTHS[message.encoding]
+    pixels = _pixels(message, kind, 1)[..., 0]
     if kind == "f4":
-        metres = np.nan_to_num(pixels[..., 0], nan=0.0, posinf=0.0, neginf=0.0)
+        metres = np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0)
         # To the nearest millimetre, as from recordings.
         return np.floor((metres * 1000).astype(np.float64) + 0.5).clip(0, 65535).astype(np.uint16)
-    if kind == "u2":
-        return pixels[..., 0].astype(np.uint16)
-    colors = pixels[..., :3]
-    return np.ascontiguousarray(colors[..., ::-1] if message.encoding.startswith("bgr") else colors)
+    return pixels.astype(np.uint16)
+
+
+def _pixels(message: Any, kind: str, channels: int) -> np.ndarray:
+    """The numbers of an Image, height × width × channels, without the padding of its rows."""
+    height, width = message.height, message.width
+    row = width * channels * np.dtype(kind).itemsize
+    # A step of 0 is unset: the rows have no padding. The last row needs none in any case.
+    step = message.step or row
+    needed = (height - 1) * step + row
+    data = bytes(message.data)
+    if height == 0 or row == 0 or step < row or len(data) < needed:
+        raise Unfit(
+            f"{message.encoding} of {height}×{width}: expected {height} rows of at least {row} bytes, got {len(data)} "
+            f"bytes with rows of {step}"
+        )
+    # Every row ends within the data, as checked above.
+    rows = np.lib.stride_tricks.as_strided(np.frombuffer(data, np.uint8), (height, row), (step, 1))
+    order = ">" if message.is_bigendian else "<"
+    return np.ascontiguousarray(rows).view(f"{order}{kind}").reshape(height, width, channels)
 
 
 def _compressed(kind: str, data: bytes) -> bytes:
     encoding, depth, codec = kind.partition("compressedDepth")
     if not depth:
         return data
-    image = data[DEPTH_HEADER:]
-    # Drivers fill in any codec: a PNG is one.
+    # Drivers fill in any codec, with or without the header: a PNG is one.
+    image = data if data.startswith(PNG_MAGIC) else data[DEPTH_HEADER:]
     if encoding.startswith("32FC1") or (codec.strip() == "rvl" and not image.startswith(PNG_MAGIC)):
         raise Unfit(f"format {kind!r} is not supported; publish 16UC1 as png, or the depth as sensor_msgs/msg/Image")
     return image

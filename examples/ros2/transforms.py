@@ -51,13 +51,11 @@ class Tree:
 
     def update(self, message: Any, time: float | None) -> None:
         """Takes the transforms of a message that came at `time`; None: they never change. Raises `Unfit`."""
-        for one in message.transforms if hasattr(message, "transforms") else [message]:
-            moved, turned = one.transform.translation, one.transform.rotation
-            length = math.hypot(turned.x, turned.y, turned.z, turned.w)
-            if length > 0:
-                turn = (turned.x / length, turned.y / length, turned.z / length, turned.w / length)
-                pose = Pose((moved.x, moved.y, moved.z), turn)
-                self._links[_bare(one.child_frame_id)] = _Link(_bare(one.header.frame_id), pose, time)
+        try:
+            links = [_link(one, time) for one in (message.transforms if hasattr(message, "transforms") else [message])]
+        except AttributeError as error:
+            raise Unfit(f"{type(message).__name__} is no message of transforms: {error}") from None
+        self._links.update(link for link in links if link is not None)
 
     def pose(self, parent: str, child: str) -> tuple[list[float], float]:
         """Seven numbers, x, y, z and the quaternion, and the time of their last change. Raises `Unfit`."""
@@ -81,6 +79,16 @@ class Tree:
         while (link := self._links.get(found[-1])) and link.parent not in found and len(found) <= MAX_DEPTH:
             found.append(link.parent)
         return found
+
+
+def _link(one: Any, time: float | None) -> tuple[str, _Link] | None:
+    """A frame with its place; None without a rotation."""
+    moved, turned = one.transform.translation, one.transform.rotation
+    length = math.hypot(turned.x, turned.y, turned.z, turned.w)
+    if not length > 0:
+        return None
+    turn = (turned.x / length, turned.y / length, turned.z / length, turned.w / length)
+    return _bare(one.child_frame_id), _Link(_bare(one.header.frame_id), Pose((moved.x, moved.y, moved.z), turn), time)
 
 
 def _bare(frame: str) -> str:

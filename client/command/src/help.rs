@@ -1,9 +1,11 @@
-//! The overview that `gleaner help` prints: the commands, grouped by subject.
+//! The overview that `gleaner help` prints: the commands, grouped by subject. And the parsing of arguments.
 
 use std::ffi::OsString;
 use std::fmt::Write as _;
 
-use clap::{Command, CommandFactory as _, FromArgMatches as _};
+use clap::error::ErrorKind;
+use clap::parser::ValueSource;
+use clap::{Arg, ArgMatches, Command, CommandFactory as _, FromArgMatches as _};
 
 use crate::cli::Cli;
 use crate::connection::GLOBAL;
@@ -40,9 +42,36 @@ const GROUPS: [(&str, &[&str]); 8] = [
 /// # Errors
 /// Wrong arguments, and requests for help or the version, which clap handles as errors.
 pub(crate) fn parse(words: impl IntoIterator<Item = OsString>) -> Result<(Cli, Incomplete), clap::Error> {
-    let matches = command().try_get_matches_from(words)?;
-    let cli = Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command()))?;
+    let mut command = command();
+    let matches = command.try_get_matches_from_mut(words)?;
+    expect_no_misplaced(&mut command, &matches)?;
+    let cli = Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command))?;
     Ok((cli, ids::incomplete(&matches)))
+}
+
+/// Refuses an option that stands before the name of an inner command, where it would have no effect: `gleaner jobs --state
+/// failed export`. Options of every command may stand there.
+fn expect_no_misplaced(command: &mut Command, matches: &ArgMatches) -> Result<(), clap::Error> {
+    let Some((name, inner)) = matches.subcommand() else { return Ok(()) };
+    let misplaced = |argument: &&Arg| {
+        let given = matches.value_source(argument.get_id().as_str()) == Some(ValueSource::CommandLine);
+        given && !argument.is_global_set()
+    };
+    let named =
+        |option: &Arg| option.get_long().map_or_else(|| option.get_id().to_string(), |long| format!("--{long}"));
+    let option = command.get_arguments().find(misplaced).map(named);
+    if let Some(option) = option {
+        let outer = command.get_name();
+        let problem = format!(
+            "{option} before `{name}` is an option of `{outer}` alone; leave it out, or give it behind `{name}` if \
+             `gleaner help {outer} {name}` lists it"
+        );
+        return Err(command.error(ErrorKind::ArgumentConflict, problem));
+    }
+    match command.find_subcommand_mut(name) {
+        Some(deeper) => expect_no_misplaced(deeper, inner),
+        None => Ok(()),
+    }
 }
 
 /// The definition of the command line with its commands in groups.
@@ -91,6 +120,32 @@ mod tests {
         let help = command().render_help().to_string();
         for part in ["Learning:\n  pretrain", "Global options:\n", "--server <URL>", "--json"] {
             assert!(help.contains(part), "{part} is missing in\n{help}");
+        }
+    }
+
+    #[test]
+    fn options_before_an_inner_command_are_those_of_every_command() {
+        let parsed = |line: &str| parse(line.split(' ').map(OsString::from)).map(|(cli, _)| cli);
+        for line in [
+            "gleaner jobs --json export",
+            "gleaner --json jobs export",
+            "gleaner jobs export --json",
+            "gleaner jobs --json export --task t --tensorboard x",
+        ] {
+            assert!(parsed(line).unwrap_or_else(|problem| panic!("{line}: {problem}")).json, "{line}");
+        }
+        for line in ["gleaner jobs --server http://lab:7400 export", "gleaner jobs --state failed --limit 5"] {
+            assert!(parsed(line).is_ok(), "{line}");
+        }
+        for (option, line) in [
+            ("--task", "gleaner jobs --task t export"),
+            ("--state", "gleaner jobs --json --state failed export --task t"),
+            ("--limit", "gleaner jobs --limit 5 export"),
+        ] {
+            let problem = parsed(line).unwrap_err();
+            let expected = format!("{option} before `export` is an option of `jobs` alone");
+            assert!(problem.to_string().contains(&expected), "{line}: {problem}");
+            assert_eq!(problem.exit_code(), 2, "{line}");
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Interruptions by the keyboard or the system, of commands that have something to remove or to stop first.
 
+use rustix::process::Signal;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::failure::{Failure, Result};
@@ -9,11 +10,12 @@ pub(crate) async fn unless_interrupted<T>(
     work: impl Future<Output = Result<T>>,
     interrupted: &'static str,
 ) -> Result<T> {
-    let mut terminate = signal(SignalKind::terminate())?;
+    // Both are received from here on, also before the first poll of the work.
+    let (mut keyboard, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
     let stop = async {
         tokio::select! {
-            _ = tokio::signal::ctrl_c() => {}
-            _ = terminate.recv() => {}
+            _ = keyboard.recv() => Signal::INT,
+            _ = terminate.recv() => Signal::TERM,
         }
     };
     unless(work, stop, interrupted).await
@@ -23,17 +25,21 @@ pub(crate) async fn unless_interrupted<T>(
 /// and its children.
 async fn unless<T>(
     work: impl Future<Output = Result<T>>,
-    stop: impl Future<Output = ()>,
-    stopped: &'static str,
+    stop: impl Future<Output = Signal>,
+    message: &'static str,
 ) -> Result<T> {
     tokio::select! {
+        // First, because the keyboard interrupts the children too, and their end is a result of the work.
+        biased;
+        signal = stop => Err(Failure::Interrupted { signal, message }),
         done = work => done,
-        () = stop => Err(Failure::message(stopped)),
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use rustix::process::{getpid, kill_process};
+
     use super::*;
 
     #[tokio::test]
@@ -48,9 +54,26 @@ mod tests {
             drop(copies);
             Ok(())
         };
-        let stop = async { assert!(begins.await.unwrap().is_file()) };
+        let stop = async {
+            assert!(begins.await.unwrap().is_file());
+            Signal::INT
+        };
         let message = unless(work, stop, "interrupted").await.unwrap_err().to_string();
         assert_eq!(message, "interrupted");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    /// The signals are sent to the process of the tests itself, in which no other test receives them.
+    #[tokio::test]
+    async fn an_interrupted_command_has_the_exit_code_of_its_signal() {
+        for (signal, code) in [(Signal::INT, 130), (Signal::TERM, 143)] {
+            let work = async {
+                kill_process(getpid(), signal).unwrap();
+                std::future::pending::<Result<()>>().await
+            };
+            let failure = unless_interrupted(work, "interrupted").await.unwrap_err();
+            assert_eq!((failure.exit_code(), failure.to_string()), (code, "interrupted".to_owned()));
+        }
+        assert_eq!(Failure::message("no tasks yet").exit_code(), 1);
     }
 }

@@ -71,7 +71,7 @@ fn main() -> ExitCode {
         Err(failure) if failure.is_broken_pipe() => ExitCode::SUCCESS,
         Err(failure) => {
             output.error(&failure);
-            ExitCode::FAILURE
+            ExitCode::from(failure.exit_code())
         }
     }
 }
@@ -96,6 +96,8 @@ fn interruption(command: &Command) -> Option<&'static str> {
         Some("interrupted")
     } else if matches!(command, Command::Download(_)) {
         Some("interrupted; no file was written")
+    } else if matches!(command, Command::Open(_)) {
+        Some("interrupted; an episode that was written remains")
     } else if matches!(command, Command::Export(_)) {
         Some("interrupted; no files were written, and a job that was submitted continues (`gleaner jobs`)")
     } else {
@@ -119,6 +121,7 @@ mod tests {
             "gleaner inspect data.hdf5",
             "gleaner download ep_1 --out a.mcap",
             "gleaner export ds_1 --out a",
+            "gleaner open ep_1 --in rerun",
         ] {
             assert!(message(line).unwrap().starts_with("interrupted"), "{line}");
         }

@@ -29,6 +29,20 @@ def test_cameras_are_matched_by_name_or_by_setting() -> None:
     assert task_match.cameras(task("hand"), keys, {}) == {"hand": "observation.images.hand"}
 
 
+def test_a_given_camera_wins_over_one_of_the_same_name() -> None:
+    keys = ["observation.images.front", "observation.images.hand"]
+    for order in (keys, keys[::-1]):
+        assert task_match.cameras(task("hand"), order, {"front": "hand"}) == {"hand": "observation.images.front"}
+    swapped = task_match.cameras(task("hand", "front"), keys, {"front": "hand", "hand": "front"})
+    assert swapped == {"hand": "observation.images.front", "front": "observation.images.hand"}
+
+
+def test_a_camera_that_is_given_twice_is_named() -> None:
+    keys = ["observation.images.front", "observation.images.hand"]
+    with pytest.raises(ValueError, match=r"policy\.cameras\.hand: top is given to front too; keep one of them"):
+        task_match.cameras(task("top"), keys, {"front": "top", "hand": "top"})
+
+
 def test_single_cameras_need_no_name() -> None:
     assert task_match.cameras(task("top"), ["observation.image"], {}) == {"top": "observation.image"}
 

@@ -119,3 +119,9 @@ def test_damage_at_both_is_an_error(bucket: str, tmp_path: Path) -> None:
     with pytest.raises(gleaner.Damaged):
         Downloads().save(Sender(f"{bucket}/altered", b"other"), tmp_path / "a", EXPECTED)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_may_have_the_longest_name(tmp_path: Path) -> None:
+    path = tmp_path / ("a" * 250 + ".mcap")
+    assert save([FILE], path, EXPECTED).read_bytes() == FILE
+    assert [*tmp_path.iterdir()] == [path]

@@ -43,6 +43,35 @@ def test_values_and_pictures_of_messages(modules: dict[str, ModuleType]) -> None
 
 
 @pytest.mark.parametrize(
+    ("encoding", "pixel", "rgb"),
+    [
+        ("rgb8", [1, 2, 3], [1, 2, 3]),
+        ("bgr8", [3, 2, 1], [1, 2, 3]),
+        ("8UC3", [3, 2, 1], [1, 2, 3]),
+        ("rgba8", [1, 2, 3, 9], [1, 2, 3]),
+        ("bgra8", [3, 2, 1, 9], [1, 2, 3]),
+        ("8UC4", [3, 2, 1, 9], [1, 2, 3]),
+        ("mono8", [7], [7, 7, 7]),
+        ("8UC1", [7], [7, 7, 7]),
+    ],
+)
+def test_color_is_read_as_from_recordings(
+    modules: dict[str, ModuleType], encoding: str, pixel: list[int], rgb: list[int]
+) -> None:
+    pixels = np.zeros((2, 3, len(pixel)), np.uint8)
+    pixels[1, 2] = pixel
+    message = picture(pixels, encoding)
+    found = modules["messages"].picture(message)
+    assert (found.shape, found.dtype, found.flags.c_contiguous) == ((2, 3, 3), np.uint8, True)
+    assert (found[1, 2].tolist(), found[0].any()) == (rgb, False)
+    # Rows without padding, whose step some drivers leave out, and a last row without it.
+    plain = SimpleNamespace(**{**vars(message), "step": 0, "data": pixels.tobytes()})
+    assert modules["messages"].picture(plain).tolist() == found.tolist()
+    message.data = message.data[:-5]
+    assert modules["messages"].picture(message).tolist() == found.tolist()
+
+
+@pytest.mark.parametrize(
     "kind", ["32FC1; compressedDepth png", "32FC1; compressedDepth rvl", "16UC1; compressedDepth rvl"]
 )
 def test_compressed_depth_that_is_no_png_of_millimetres_is_refused(modules: dict[str, ModuleType], kind: str) -> None:
@@ -62,16 +91,21 @@ def test_compressed_depth_that_is_no_png_of_millimetres_is_refused(modules: dict
 
 
 def test_a_png_that_is_named_rvl_is_read(modules: dict[str, ModuleType]) -> None:
-    packed = SimpleNamespace(format="16UC1; compressedDepth rvl", data=b"123456789012" + PNG)
-    assert modules["messages"].picture(packed) == PNG
+    for header in (b"123456789012", b""):
+        packed = SimpleNamespace(format="16UC1; compressedDepth rvl", data=header + PNG)
+        assert modules["messages"].picture(packed) == PNG
 
 
 def test_malformed_messages_are_unfit(modules: dict[str, ModuleType]) -> None:
     messages = modules["messages"]
     short = picture(np.zeros((2, 3, 3), np.uint8), "rgb8")
-    short.data = short.data[:-1]
-    with pytest.raises(messages.Unfit, match="rgb8 of 2×3: expected 2 rows of at least 9 bytes, got 27 bytes with"):
+    short.data = short.data[:22]
+    with pytest.raises(messages.Unfit, match="rgb8 of 2×3: expected 2 rows of at least 9 bytes, got 22 bytes with"):
         messages.picture(short)
+    empty = picture(np.zeros((2, 3, 3), np.uint8), "rgb8")
+    empty.height = 0
+    with pytest.raises(messages.Unfit, match="rgb8 of 0×3"):
+        messages.picture(empty)
     narrow = picture(np.zeros((2, 3, 1), np.uint16), "16UC1")
     narrow.width = 9
     with pytest.raises(messages.Unfit, match="expected 2 rows of at least 18 bytes, got 22 bytes with rows of 11"):
@@ -148,6 +182,20 @@ def test_a_stop_action_that_does_not_fit_is_logged(
     assert graph.log[-1] == "no action: path 'data': Other has no data"
     assert node.end("failure") == "failure"
     assert graph.log[-1] == "stop_action: Unfit: path 'data': Other has no data"
+
+
+def test_a_message_that_is_no_transform_does_not_end_the_node(
+    modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del modules
+    types = {"/tf": TF, "/tf_static": TF, "/command": ARRAY}
+    graph = Graph(types, {TF: SimpleNamespace, ARRAY: Array}, {"max_age": 60.0})
+    node = node_of(Posed(), graph, monkeypatch)
+    graph.send("/tf", SimpleNamespace(data=1))
+    assert graph.log[-1].startswith("no action: /tf: SimpleNamespace is no message of transforms: ")
+    node.step()
+    assert graph.log[-1] == "acting"
+    node.end()
 
 
 class Late(Posed):

@@ -103,3 +103,15 @@ def test_rerun_blueprint_is_read_by_rerun_for_that_file(kind: str, request: pyte
     expected = {"exported": "gleaner.Quality:message", "ros": "std_msgs.msg.Float64:message"}[kind]
     assert expected in components
     assert expected in printed
+
+
+@pytest.mark.parametrize("module", ["foxglove", "rerun"])
+def test_a_file_that_cannot_be_shown_is_one_line(tmp_path: Path, module: str) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"no recording")
+    options = ["--blueprint-only"] if module == "rerun" else []
+    command = [sys.executable, "-m", f"gleaner.{module}", str(path), *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith(f"error: path: {path} cannot be read as MCAP")
+    assert done.stderr.count("\n") == 1

@@ -43,6 +43,15 @@ async fn a_complete_download_is_renamed_and_a_damaged_one_is_not() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "only the folder of the first is left");
 }
 
+/// `/dev/full` fails every write as a full disk does. The last write of a file is under way when it is synced.
+#[tokio::test]
+async fn an_error_of_the_last_write_is_returned() {
+    let mut file = tokio::fs::OpenOptions::new().write(true).open("/dev/full").await.unwrap();
+    file.write_all(FILE).await.unwrap();
+    let error = sync(&mut file).await.unwrap_err();
+    assert_eq!(error.kind(), std::io::ErrorKind::StorageFull, "{error}");
+}
+
 #[test]
 fn names_outside_the_folder_are_rejected() {
     for name in ["", "/etc/passwd", "../up", "a/../../up"] {

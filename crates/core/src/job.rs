@@ -258,7 +258,9 @@ impl Job {
             (JobState::Queued, "") if self.needs.is_empty() => {
                 "for a free worker; the server runs --workers jobs at once"
             }
-            (JobState::Queued, "") => "for the jobs that it needs, then for a free worker",
+            (JobState::Queued, "") => {
+                "for the jobs that it needs, if one of them has not ended, then for a free worker"
+            }
             (_, known) => known,
         }
     }

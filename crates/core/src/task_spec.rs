@@ -12,7 +12,7 @@ use crate::picture_sizes::{PictureSizes, RecordedSize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub struct TaskSpec {
-    /// The task's name: lower-case letters, digits, `_`, `-` and `.`.
+    /// The task's name: letters, digits, `_`, `-` and `.`.
     pub name: String,
     /// What the robot does, in words, such as `pick up the red cube`: the text of the task in a LeRobot export. It can change
     /// at any time.

@@ -66,7 +66,13 @@ impl InspectArgs {
         if failed > 0 {
             return Err(Failure::message(format!("{failed} of {} recordings cannot be read", surveys.len())));
         }
-        context.output.next("gleaner task draft RECORDINGS > task.toml");
+        // A dataset describes its own task.
+        let datasets_alone = surveys.is_empty() && !intakes.is_empty();
+        context.output.next(if datasets_alone {
+            "gleaner push DATASET"
+        } else {
+            "gleaner task draft RECORDINGS > task.toml"
+        });
         Ok(())
     }
 }

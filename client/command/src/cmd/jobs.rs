@@ -40,8 +40,8 @@ impl From<StateArg> for JobState {
     }
 }
 
+// Not `args_conflicts_with_subcommands`, which would refuse `gleaner jobs --json export`; `help::parse` refuses the rest.
 #[derive(Args, Debug)]
-#[command(args_conflicts_with_subcommands = true)]
 pub(crate) struct JobsArgs {
     #[command(subcommand)]
     command: Option<JobsCommand>,
@@ -83,8 +83,10 @@ impl JobsArgs {
         };
         let reply: ListJobsResponse = context.client().await?.jobs().list_jobs(request).await?.into_inner();
         context.output.result(|| json::value(&reply), || listing(&reply.jobs))?;
-        match reply.jobs.first() {
-            Some(job) => context.output.next(format_args!("gleaner watch {}", job.id)),
+        // The newest of which there is more to see.
+        let open = |job: &&Job| matches!(job.state(), JobState::Queued | JobState::Running);
+        match reply.jobs.iter().find(open).or(reply.jobs.first()) {
+            Some(job) => context.output.next(next(job)),
             None => context.output.next("gleaner pipeline --quick --wait"),
         }
         Ok(())

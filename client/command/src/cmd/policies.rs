@@ -211,14 +211,17 @@ mod tests {
 
     #[tokio::test]
     async fn a_hint_without_a_server_is_no_failure_of_the_command() {
-        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        // It keeps its port, so that no other process answers there.
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
         let cli = Cli::try_parse_from(["gleaner", "--server", &url, "evaluations", "pol_1"]).unwrap();
         let context = Context::new(cli.connection, Output::new(false));
         let client = context.client().await.unwrap();
-        drop(listener);
+        // Closes this connection and every later one.
+        let closing = tokio::spawn(async move { while listener.accept().await.is_ok() {} });
         let deployment = Deployment { name: "pick@prod".into(), policy_id: "pol_1".into(), ..Deployment::default() };
         assert_eq!(evaluation(&client, &deployment).await, "gleaner deployments");
         assert_eq!(evaluation_of(&context, &client, "pol_1").await, "gleaner deploy NAME --policy pol_1");
+        closing.abort();
     }
 }

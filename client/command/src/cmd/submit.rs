@@ -257,7 +257,7 @@ pub(crate) fn outcome(job: &Job) -> String {
 pub(crate) fn after(job: &Job) -> String {
     let result = &job.result_id;
     match job.kind() {
-        JobKind::Pretrain => format!("gleaner score --encoder {result} --wait"),
+        JobKind::Pretrain => format!("gleaner score --scorer ssdf --encoder {result} --wait"),
         JobKind::Score => format!("gleaner histogram {result}"),
         JobKind::Train => format!("gleaner deploy NAME@test --policy {result}"),
         JobKind::Evaluate => format!("gleaner evaluation {result}"),
@@ -283,7 +283,7 @@ mod tests {
             ..Job::default()
         };
         assert_eq!(outcome(&job), "pretrain job job_1 succeeded after 1 min 30 s; encoder enc_1");
-        assert_eq!(after(&job), "gleaner score --encoder enc_1 --wait");
+        assert_eq!(after(&job), "gleaner score --scorer ssdf --encoder enc_1 --wait");
         let cancelled = Job { state: JobState::Cancelled.into(), start_time: None, ..job };
         assert_eq!(outcome(&cancelled), "pretrain job job_1 cancelled; encoder enc_1");
     }

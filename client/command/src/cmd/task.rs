@@ -41,7 +41,7 @@ pub(crate) enum TaskCommand {
         task: String,
     },
     /// Replace the specification of a task: anything while the task has no episodes and results, afterwards the
-    /// instruction, the keys of openpi's clients, and mappings by which no episode was read.
+    /// instruction, units, the keys of openpi's clients, and mappings by which no episode was read; new ones can be added.
     Update {
         /// Name or id.
         task: String,
@@ -186,7 +186,7 @@ fn describe(task: &Task, spec: &TaskSpec) -> String {
         let recorded = camera.recorded.map(|_| format!(" from {height}×{width}")).unwrap_or_default();
         format!("{} {}×{}{recorded} {kind}", camera.name, camera.height, camera.width)
     });
-    let sizes = |fields: &[FieldSpec]| {
+    let sizes = |fields: &[FieldSpec], range: &dyn Fn(&FieldSpec) -> String| {
         let each = fields.iter().map(|field| format!("{} {}{}{}", field.name, field.size, unit(field), range(field)));
         each.collect::<Vec<_>>().join(", ")
     };
@@ -195,8 +195,11 @@ fn describe(task: &Task, spec: &TaskSpec) -> String {
         ("id", task.id.clone()),
         ("rate", format!("{} Hz", spec.rate_hz)),
         ("cameras", cameras.collect::<Vec<_>>().join(", ")),
-        ("proprioception", format!("{} values: {}", spec.proprioception_size(), sizes(&spec.proprioception))),
-        ("action", format!("{} values: {}", spec.action_size(), sizes(&spec.action))),
+        (
+            "proprioception",
+            format!("{} values: {}", spec.proprioception_size(), sizes(&spec.proprioception, &|_| String::new())),
+        ),
+        ("action", format!("{} values: {}", spec.action_size(), sizes(&spec.action, &range))),
         ("mappings", spec.mappings.iter().map(|mapping| mapping.name.as_str()).collect::<Vec<_>>().join(", ")),
         (
             "episodes",
@@ -211,10 +214,15 @@ fn unit(field: &FieldSpec) -> String {
     if field.unit.is_empty() { String::new() } else { format!(" in {}", field.unit) }
 }
 
-/// The values that the robot executes, such as ` (-1 to 1)`; empty if all are.
+/// The limits of each part of an action, such as `speed (-1 to 1), gripper (0 or 1)`.
+pub(super) fn limits(action: &[FieldSpec]) -> String {
+    action.iter().map(|field| format!("{}{}", field.name, range(field))).collect::<Vec<_>>().join(", ")
+}
+
+/// The values that the robot executes, such as ` (-1 to 1)`.
 fn range(field: &FieldSpec) -> String {
     match ActionRange::new(field.minimum, field.maximum, field.binary) {
-        ActionRange::Free => String::new(),
+        ActionRange::Free => " (no limits)".to_owned(),
         ActionRange::Within(minimum, maximum) => format!(" ({minimum} to {maximum})"),
         ActionRange::AtLeast(minimum) => format!(" (at least {minimum})"),
         ActionRange::AtMost(maximum) => format!(" (at most {maximum})"),
@@ -233,7 +241,9 @@ mod tests {
         assert_eq!(range(&field(Some(-1.0), Some(0.5), false)), " (-1 to 0.5)");
         assert_eq!(range(&field(Some(0.0), None, false)), " (at least 0)");
         assert_eq!(range(&field(None, Some(2.0), false)), " (at most 2)");
-        assert_eq!(range(&field(None, None, false)), "");
+        assert_eq!(range(&field(None, None, false)), " (no limits)");
+        let action = vec![field(None, None, false), field(Some(0.0), Some(1.0), true)];
+        assert_eq!(limits(&action), "gripper (no limits), gripper (0 or 1)");
         assert_eq!(unit(&field(None, None, false)), "");
         assert_eq!(unit(&FieldSpec { unit: "rad".into(), ..FieldSpec::new("joints", 7) }), " in rad");
     }

@@ -34,7 +34,9 @@ pub(super) fn choose(kind: Kind, text: &str, entries: &[Entry], limits: bool) ->
     let (noun, makes) = kind.words();
     if text == LATEST {
         let newest = newest(entries).map(|entry| entry.id.clone());
-        return newest.map(Some).ok_or_else(|| format!("there is no {noun} yet; make one with `{makes}`"));
+        // One of one step, as a pipeline makes for scorers that read none, is no choice.
+        let which = if kind == Kind::Encoder { "trained " } else { "" };
+        return newest.map(Some).ok_or_else(|| format!("there is no {which}{noun} yet; make one with `{makes}`"));
     }
     let mut begin: Vec<&Entry> = entries.iter().filter(|entry| entry.id.starts_with(text)).collect();
     begin.sort_by(|a, b| a.id.cmp(&b.id));

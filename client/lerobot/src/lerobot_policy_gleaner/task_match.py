@@ -26,7 +26,14 @@ def cameras(task: Any, keys: list[str], renamed: Mapping[str, str]) -> dict[str,
     unknown = [name for name in renamed if name not in theirs]
     if unknown:
         raise ValueError(f"policy.cameras.{unknown[0]}: the robot has no such camera; it has {_list(theirs)}")
-    ours = {renamed.get(name, name): key for name, key in theirs.items()}
+    chosen: dict[str, str] = {}
+    for name, camera in renamed.items():
+        if camera in chosen:
+            raise ValueError(f"policy.cameras.{name}: {camera} is given to {chosen[camera]} too; keep one of them")
+        chosen[camera] = name
+    # What is given wins over a camera of an equal name.
+    equal = {name: key for name, key in theirs.items() if name not in renamed}
+    ours = equal | {camera: theirs[name] for camera, name in chosen.items()}
     wanted = [camera.name for camera in task.cameras]
     if len(wanted) == 1 and len(theirs) == 1 and not renamed:
         # One camera on either side is the same camera, whatever its names.

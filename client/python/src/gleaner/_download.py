@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -104,7 +105,9 @@ def below(folder: Path, name: str) -> Path:
 
 def save(pieces: Iterable[bytes], path: Path, expected: Expected) -> Path:
     """Writes the pieces to a file. Raises `Damaged` when their BLAKE3 is not the expected one."""
-    part, left = path.with_name(f"{path.name}.{expected.blake3[:16]}.part"), expected.size_bytes
+    # Not the name with more behind it, which may be longer than names can be.
+    name = blake3(os.fsencode(path.name)).hexdigest()
+    part, left = path.with_name(f".gleaner-{name[:16]}-{expected.blake3[:16]}.part"), expected.size_bytes
     hasher = blake3()
     try:
         with part.open("wb") as file:

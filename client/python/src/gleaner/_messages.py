@@ -5,7 +5,7 @@ A choice is `PRESET_TINY` on the wire and `"tiny"` here, as on the command line.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from google.protobuf.descriptor import EnumDescriptor, FieldDescriptor
@@ -57,15 +57,27 @@ def _value(field: FieldDescriptor, value: Any, path: str) -> Any:
         return _choice(field.enum_type, value, path)
     if field.message_type is not None and isinstance(value, Mapping):
         if field.message_type.full_name == Struct.DESCRIPTOR.full_name:
-            return _struct(value)
+            return _struct(value, f"{path}.")
         return _plain(field.message_type, value, f"{path}.")
     return value
 
 
-def _struct(values: Mapping[str, Any]) -> Struct:
+def _struct(values: Mapping[str, Any], path: str) -> Struct:
     struct = Struct()
-    struct.update({name: list(value) if isinstance(value, (tuple, set)) else value for name, value in values.items()})
+    for name, value in values.items():
+        try:
+            struct.update({name: _json(value)})
+        except (TypeError, ValueError):
+            raise invalid(path + name, f"{value!r} is no number, text, flag or list of them") from None
     return struct
+
+
+def _json(value: Any) -> Any:
+    """A value as JSON has it; numbers and arrays of numpy become those of Python."""
+    if isinstance(value, (list, tuple, set)):
+        return [_json(item) for item in value]
+    plain: Callable[[], Any] | None = getattr(value, "tolist", None)
+    return plain() if callable(plain) else value
 
 
 def _choice(descriptor: EnumDescriptor, text: str, path: str) -> int:

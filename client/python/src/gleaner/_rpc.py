@@ -123,10 +123,28 @@ class Rpc:
         return patiently(lambda: self.unary(method, request, reply))
 
     def upload(self, method: str, requests: Iterable[Message], reply: type[Reply]) -> Reply:
-        """A stream of requests, one reply. No time limit: the server responds or the connection breaks."""
+        """A stream of requests, one reply. No time limit: the server responds or the connection breaks.
+
+        Raises what the requests raise.
+        """
+        failed: list[Exception] = []
+
+        def outgoing() -> Iterator[Message]:
+            # Another thread takes the requests: grpc would log their error there, and cancel the call.
+            try:
+                yield from requests
+            except Exception as error:
+                failed.append(error)
+                raise
+
         call = self._channel.stream_unary(_path(method), _serialize, reply.FromString)
-        with self._translated():
-            answer: Reply = call(iter(requests), metadata=self._metadata)
+        try:
+            with self._translated():
+                answer: Reply = call(outgoing(), metadata=self._metadata)
+        except Rejected:
+            if failed:
+                raise failed[0] from None
+            raise
         return answer
 
     def stream(

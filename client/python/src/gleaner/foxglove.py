@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from gleaner._command import ended
 from gleaner._topics import topics
 
 
@@ -59,8 +60,12 @@ def main() -> int:
     parser.add_argument("file", type=Path, help="exported MCAP file")
     parser.add_argument("--into", type=Path, help="path of the layout, by default beside the file")
     given = parser.parse_args()
-    print(write_layout(given.file, given.into))
-    return 0
+
+    def run() -> int:
+        print(write_layout(given.file, given.into))
+        return 0
+
+    return ended(run)
 
 
 if __name__ == "__main__":

@@ -99,6 +99,9 @@ class Jobs:
             except Unavailable as broken:
                 error = broken
             except DeadlineExceeded:
+                if timeout is None:
+                    # A limit of the server, or of something between.
+                    raise
                 raise DeadlineExceeded(f"job {_id(job)} has not ended after {timeout:g} s; it continues") from None
             patience.wait(error)
 
@@ -120,7 +123,7 @@ class Jobs:
         return self._rpc.unary("JobService/CancelJob", request, pb.CancelJobResponse).job
 
     def metrics(self, job: str | Job) -> dict[str, Curve]:
-        """The metrics that a job has reported, by name; of very many, evenly spaced ones."""
+        """The metrics that a job has reported, by name; of very many, some with every peak."""
         request = pb.ListMetricsRequest(job_id=_id(job))
         metrics = self._rpc.safe("JobService/ListMetrics", request, pb.ListMetricsResponse).metrics
         rows: dict[str, list[tuple[int, float]]] = {}

@@ -21,6 +21,7 @@ try:
 except ImportError as error:
     raise ImportError("gleaner.rerun needs Rerun 0.41 or newer; pip install 'rerun-sdk>=0.41'") from error
 
+from gleaner._command import ended
 from gleaner._topics import Number, topics
 
 # What a blueprint says of the topics of a view.
@@ -68,10 +69,14 @@ def main() -> int:
     parser.add_argument("file", type=Path, help="exported MCAP file")
     parser.add_argument("--blueprint-only", action="store_true", help="write the blueprint beside it, open no viewer")
     given = parser.parse_args()
-    if given.blueprint_only:
-        print(blueprint(given.file))
-        return 0
-    return show(given.file).wait()
+
+    def run() -> int:
+        if given.blueprint_only:
+            print(blueprint(given.file))
+            return 0
+        return show(given.file).wait()
+
+    return ended(run)
 
 
 if __name__ == "__main__":

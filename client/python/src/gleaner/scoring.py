@@ -77,15 +77,14 @@ class Scoring:
 
     def recording(self, run: str, path: Path, progress: Callable[[int], object]) -> ScoredRecording:
         """A whole recording's scores. Retried from the beginning while there is no connection."""
-        # Opened here, so that a missing file is raised to the caller and not in the stream.
-        with regular(path).open("rb") as file:
+        size_bytes = os.path.getsize(regular(path))
 
-            def send() -> pb.ScoreRecordingResponse:
-                file.seek(0)
-                requests = self._pieces(run, path, iter(lambda: file.read(_PIECE), b""), progress)
-                return self._rpc.upload("ScoreService/ScoreRecording", requests, pb.ScoreRecordingResponse)
+        def send() -> pb.ScoreRecordingResponse:
+            # Each attempt opens the file: the thread of one whose connection broke may still read from its own.
+            requests = self._pieces(run, path, size_bytes, progress)
+            return self._rpc.upload("ScoreService/ScoreRecording", requests, pb.ScoreRecordingResponse)
 
-            reply = patiently(send)
+        reply = patiently(send)
         return ScoredRecording(from_wire(reply.scores), reply.report)
 
     def steps(self, run: str, steps: Iterable[Step]) -> StepScores:
@@ -105,17 +104,17 @@ class Scoring:
 
     @staticmethod
     def _pieces(
-        run: str, path: Path, pieces: Iterator[bytes], progress: Callable[[int], object]
+        run: str, path: Path, size_bytes: int, progress: Callable[[int], object]
     ) -> Iterator[pb.ScoreRecordingRequest]:
-        length = os.path.getsize(path)
         yield pb.ScoreRecordingRequest(
-            open=pb.ScoreRecordingOpen(score_run_id=run, file_name=name_to_send(path), size_bytes=length)
+            open=pb.ScoreRecordingOpen(score_run_id=run, file_name=name_to_send(path), size_bytes=size_bytes)
         )
         sent = 0
-        for piece in pieces:
-            yield pb.ScoreRecordingRequest(data=piece)
-            sent += len(piece)
-            progress(sent)
+        with path.open("rb") as file:
+            while piece := file.read(_PIECE):
+                yield pb.ScoreRecordingRequest(data=piece)
+                sent += len(piece)
+                progress(sent)
 
     def _converse(self, run: str, steps: Iterable[Step], ahead: int) -> Iterator[LiveScore]:
         spec = self._tasks.get(self._scores.get(run).task_id).spec

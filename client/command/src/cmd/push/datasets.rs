@@ -14,6 +14,7 @@ use gleaner_recording::TaskSpec;
 use self::known::{Known, agree, near, same_instruction, same_rate};
 use super::PushArgs;
 use super::items::known_task;
+use crate::cmd::task;
 use crate::context::Context;
 use crate::draft::of_description;
 use crate::failure::{Failure, Result};
@@ -183,11 +184,11 @@ async fn created(context: &Context, client: &Client, dataset: &Intake, choice: C
         Choice::Known(name) => return Ok(name),
         Choice::New(spec, others) => (spec, others),
     };
-    let name = spec.name.clone();
+    let (name, limits) = (spec.name.clone(), task::limits(&spec.action));
     client.tasks().create_task(CreateTaskRequest { spec: Some(spec_to_proto(spec)) }).await?;
     let why = if others { ", which fit no other task, or only tasks of another instruction" } else { "" };
     context.output.note(format_args!(
-        "created task {name} from the features of {}{why}; `gleaner task show {name}` shows it",
+        "created task {name} from the features of {}{why}; its action: {limits}; `gleaner task show {name}` shows all of it",
         dataset.path.display()
     ));
     Ok(name)
