@@ -35,6 +35,7 @@ mod settings;
 mod sheet;
 mod shell;
 mod sign_in;
+mod standing;
 mod text;
 
 use std::{net::SocketAddr, sync::Arc};

@@ -35,7 +35,7 @@ use super::{
 const BODY_BYTES: usize = 1 << 20;
 /// The largest body of an unauthenticated request.
 const OPEN_BODY_BYTES: usize = 64 << 10;
-/// The time limit of a request and its page. Streams after that are watched by the connection.
+/// The time limit of a request and its page. A stream after that is watched by the connection.
 const WITHIN: Duration = Duration::from_secs(30);
 
 /// No foreign resource, no inline script, and no frame around the page.
@@ -54,17 +54,14 @@ pub(super) async fn pass(
     let browser = known.clone().unwrap_or_else(Browser::new);
     let wants_data = wants_data(&request);
     let uri = request.uri().clone();
-    let served = tokio::time::timeout(WITHIN, serve(&state, page, &connection, &browser, (request, next))).await;
+    let served = within(page, serve(&state, page, &connection, &browser, (request, next))).await;
     let mut response = match served {
-        Ok(Ok(response)) => response,
-        Ok(Err(error)) if error.kind() == Kind::Unauthenticated && page.method() == "GET" && !wants_data => {
+        Ok(response) => response,
+        Err(error) if error.kind() == Kind::Unauthenticated && page.method() == "GET" && !wants_data => {
             let back = uri.path_and_query().map_or("/", |back| back.as_str());
             (StatusCode::SEE_OTHER, [(LOCATION, format!("/sign-in?next={}", escaped(back)))]).into_response()
         }
-        Ok(Err(error)) => Refusal(error).into_response(),
-        Err(_) => {
-            Refusal(Error::late("the request timed out; check whether it took effect before you retry")).into_response()
-        }
+        Err(error) => Refusal(error).into_response(),
     };
     if let Some(text) = response.extensions_mut().remove::<ErrorText>() {
         response = error_response(response.status(), &text, wants_data);
@@ -78,6 +75,16 @@ pub(super) async fn pass(
     let remembered = (known.is_none() && !wants_data && page != Page::Asset).then_some(browser);
     finish(&state, &mut response, remembered);
     response
+}
+
+/// The response of a page, within the time limit. A download has none here: before its first byte its recording may be
+/// fetched from a bucket or copied with scores, and either has a limit of its own.
+async fn within(page: Page, serving: impl Future<Output = Result<Response>>) -> Result<Response> {
+    if page.is_download() {
+        return serving.await;
+    }
+    let served = tokio::time::timeout(WITHIN, serving).await;
+    served.unwrap_or_else(|_| Err(Error::late("the request timed out; check whether it took effect before you retry")))
 }
 
 async fn serve(
@@ -102,6 +109,7 @@ async fn serve(
         caller: caller.clone(),
         audit: audit.clone(),
         proof: browser.proof(),
+        data: wants_data(&request),
         uri: request.uri().clone(),
     };
     let mut request = request;
@@ -112,8 +120,8 @@ async fn serve(
     }
     request.extensions_mut().insert(browser.clone());
     request.extensions_mut().insert(page_request);
-    // Further requests of this client wait meanwhile.
-    let turn = call.turn().await;
+    // Further requests of this client wait meanwhile, except behind downloads, which may take minutes to begin.
+    let turn = if page.is_download() { None } else { call.turn().await };
     let response = if changes { run_to_end(state, audit, next.run(request)).await? } else { next.run(request).await };
     drop(turn);
     let response = escape::answer(response).await?;
@@ -211,5 +219,24 @@ fn finish(state: &AppState, response: &mut Response, new: Option<Browser>) {
     headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     if let Some(browser) = new {
         headers.entry(SET_COOKIE).or_insert(browser.cookie(&state.cookie, state.encrypted));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn pages_have_a_time_limit_and_downloads_have_none() {
+        for &page in Page::ALL {
+            let slow = async {
+                tokio::time::sleep(2 * WITHIN).await;
+                Ok(StatusCode::OK.into_response())
+            };
+            match within(page, slow).await {
+                Ok(_) => assert!(page.is_download(), "{page:?}"),
+                Err(error) => assert!(error.kind() == Kind::Late && !page.is_download(), "{page:?}: {error}"),
+            }
+        }
     }
 }

@@ -20,6 +20,8 @@ pub(super) struct PageRequest {
     pub(super) audit: AuditDraft,
     /// The proof that forms and scripts must send with a change.
     pub(super) proof: String,
+    /// Whether a program rather than a person reads the response.
+    pub(super) data: bool,
     pub(super) uri: Uri,
 }
 
@@ -52,6 +54,12 @@ impl PageRequest {
         pairs.extend(value.map(|value| format!("{name}={}", escaped(value))));
         let question = if pairs.is_empty() { "" } else { "?" };
         format!("{}{question}{}", self.uri.path(), pairs.join("&"))
+    }
+
+    /// This request without one parameter of its address.
+    pub(super) fn without(&self, name: &str) -> Self {
+        let uri = self.with(name, None).parse().unwrap_or_else(|_| self.uri.clone());
+        Self { uri, ..self.clone() }
     }
 }
 

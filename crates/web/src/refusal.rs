@@ -42,7 +42,7 @@ impl IntoResponse for Refusal {
 }
 
 /// The one table from our errors to HTTP.
-fn status(kind: Kind) -> StatusCode {
+pub(super) fn status(kind: Kind) -> StatusCode {
     match kind {
         Kind::Invalid => StatusCode::BAD_REQUEST,
         Kind::Unauthenticated => StatusCode::UNAUTHORIZED,

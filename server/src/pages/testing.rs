@@ -4,7 +4,7 @@ use std::{net::SocketAddr, sync::Arc};
 
 use bytes::Bytes;
 use clap::Parser as _;
-use gleaner_edge::ConnectionState;
+use gleaner_edge::{Call, ConnectionState};
 use gleaner_web::Site;
 use http::{
     HeaderMap, Method, Request, StatusCode,
@@ -12,12 +12,13 @@ use http::{
 };
 use http_body_util::BodyExt as _;
 use tempfile::TempDir;
+use tokio::sync::OwnedSemaphorePermit;
 
 use super::PageBackend;
 use crate::{
     access::{TokenCache, token_hash},
     config::{Cli, Command},
-    connections::connections,
+    connections::{self, Connections, connections},
     domain::{
         access::{Role, Token},
         id::TokenId,
@@ -29,6 +30,7 @@ use crate::{
 /// The pages, and the services behind them.
 pub(super) struct Pages {
     pub(super) services: Services,
+    connections: Connections,
     site: Site,
     _dir: TempDir,
 }
@@ -59,8 +61,8 @@ impl Pages {
         let services = Services::open(*config, ([127, 0, 0, 1], 1).into()).await.unwrap();
         let tokens = TokenCache::open(services.store.clone()).await.unwrap();
         let backend = PageBackend::new(services.clone(), tokens, required, connections.clone()).unwrap();
-        let site = Site::new(Arc::new(backend), connections, ([127, 0, 0, 1], 7401).into(), false);
-        Self { services, site, _dir: dir }
+        let site = Site::new(Arc::new(backend), connections.clone(), ([127, 0, 0, 1], 7401).into(), false);
+        Self { services, connections, site, _dir: dir }
     }
 
     /// Issues a token of this role.
@@ -101,10 +103,20 @@ impl Pages {
     where
         B: http_body::Body<Data = Bytes, Error: Into<Box<dyn std::error::Error + Send + Sync>>> + Send + 'static,
     {
-        let peer: SocketAddr = ([127, 0, 0, 1], 4000).into();
-        let (parts, body) = self.site.respond(request, ConnectionState::new(peer)).await.into_parts();
+        let (parts, body) = self.site.respond(request, connection()).await.into_parts();
         let body = body.collect().await.unwrap().to_bytes().to_vec();
         Reply { status: parts.status, headers: parts.headers, body }
+    }
+
+    /// Takes every turn of callers without a token, until the result is dropped.
+    pub(super) async fn take_turns(&self) -> Vec<(Call, Option<OwnedSemaphorePermit>)> {
+        let mut turns = Vec::new();
+        for _ in 0..self.services.config.connections.unary_calls_at_once {
+            let call = self.connections.count(connections::client(&connection())).unwrap();
+            let turn = call.turn().await;
+            turns.push((call, turn));
+        }
+        turns
     }
 
     /// Requests a page as a browser does.
@@ -124,6 +136,11 @@ impl Pages {
         let reply = self.get(&Client::default(), "/").await;
         Client { cookie: reply.cookie(), proof: reply.proof(), token: None }
     }
+}
+
+/// A connection of the browser of every test.
+fn connection() -> ConnectionState {
+    ConnectionState::new(SocketAddr::from(([127, 0, 0, 1], 4000)))
 }
 
 pub(super) const FORM: &str = "application/x-www-form-urlencoded";

@@ -14,13 +14,16 @@ use crate::{
     error::{Error, Result},
 };
 
-/// A schedule with its count; conditions follow. Labels other than unknown count, each episode once.
+/// A schedule with its count; conditions follow. Labels other than unknown count, each episode once. Only a schedule that
+/// waits for labels has a count: those of others may be months old, and every label reads all schedules.
 macro_rules! select_schedules {
     ($rest:literal) => {
         concat!(
-            "select *, (select count(distinct labels.episode_id) from labels \
+            "select *, case when labelled_episodes is null or paused then 0 else \
+             (select count(distinct labels.episode_id) from labels \
              join episodes on episodes.id = labels.episode_id where episodes.task_id = schedules.task_id \
-             and episodes.deleted_at is null and labels.id > schedules.label_mark and labels.outcome <> 'unknown') as labelled_since from schedules ",
+             and episodes.deleted_at is null and labels.id > schedules.label_mark and labels.outcome <> 'unknown') end as labelled_since \
+             from schedules ",
             $rest
         )
     };
@@ -28,7 +31,6 @@ macro_rules! select_schedules {
 
 impl Record for Schedule {
     fn decode(row: &Row) -> sqlx::Result<Self> {
-        let paused = column(row, "paused")?;
         Ok(Self {
             id: column(row, "id")?,
             task_id: column(row, "task_id")?,
@@ -40,12 +42,11 @@ impl Record for Schedule {
             },
             pipeline: column(row, "pipeline")?,
             engine_options: column(row, "engine_options")?,
-            paused,
+            paused: column(row, "paused")?,
             next_run_at: column(row, "next_run_at")?,
             last_run_at: column(row, "last_run_at")?,
             label_mark: column(row, "label_mark")?,
-            // Labels are also counted during a pause, but that count is dropped.
-            labelled_since: if paused { 0 } else { column(row, "labelled_since")? },
+            labelled_since: column(row, "labelled_since")?,
             last_error: column(row, "last_error")?,
         })
     }
@@ -55,7 +56,7 @@ impl Store {
     /// Stores a new schedule; labels before it are not counted.
     ///
     /// # Errors
-    /// Exists when the task has a schedule of this name.
+    /// Exists when the task has a schedule of this name; NotFound when the task was deleted since it was read.
     pub(crate) async fn insert_schedule(&self, schedule: &Schedule) -> Result<Schedule> {
         let (cron, labelled_episodes) = match &schedule.trigger {
             Trigger::Cron(cron) => (Some(cron), None),
@@ -85,6 +86,8 @@ impl Store {
                     "the task has a schedule called {:?}; delete that one or choose another name",
                     schedule.name
                 ))
+            } else if error.as_database_error().is_some_and(|problem| problem.is_foreign_key_violation()) {
+                Error::not_found("task", &schedule.task_id)
             } else {
                 fault("adding a schedule")(error)
             }
@@ -199,11 +202,12 @@ impl Store {
 /// Stores the state of a schedule after its start.
 ///
 /// # Errors
-/// Precondition when it was paused or deleted since it was read.
+/// Precondition when it was paused or deleted since it was read, or paused and resumed with labels in between: a pause
+/// drops those.
 pub(super) async fn started(tx: &mut Transaction, start: &ScheduleStart) -> Result<()> {
     let changed = sql::query(
         "update schedules set last_run_at = $1, next_run_at = $2, label_mark = $3, last_error = '' \
-         where id = $4 and not paused",
+         where id = $4 and not paused and label_mark <= $3",
     )
     .bind(start.at.param())
     .bind(start.next_run_at.param())

@@ -16,7 +16,7 @@ use crate::{
     refusal::Answer,
     sheet::{self, Format, Sheet},
     shell::{self, Head, Tab},
-    text,
+    standing, text,
 };
 
 /// Episodes shown on the page; the table for programs has all.
@@ -83,11 +83,7 @@ fn row(held: &FrozenEpisode) -> Markup {
         td.name {
             @if held.standing == Standing::Deleted { (held.file_name) } @else { a href=(format!("/episodes/{id}")) { (held.file_name) } }
             " " span.id.soft title=(id) { (link::short(id)) }
-            @match held.standing {
-                Standing::Present => {},
-                Standing::InTrash => { " " span.tag.warned { "in the trash" } },
-                Standing::Deleted => { " " span.tag.warned { "recording deleted" } },
-            }
+            (standing::tag(held.standing))
         }
         td { (held.role.as_str()) }
         td { (label(&held.then)) }

@@ -41,14 +41,15 @@
     fetchMore();
   }
 
-  // The expert's images at the matched step.
+  // The expert's images at the matched step. A permanently deleted expert has no images and no page.
+  const deleted = ({ expert }) => about.deleted.includes(expert);
   function match() {
     const expert = scores?.experts[scores.match_episode[step]];
     return expert && { expert, at: scores.match_step[step], distances: scores.distances[step] };
   }
   function matched() {
     const found = match();
-    if (!found) return [];
+    if (!found || deleted(found)) return [];
     return experts.map((image) =>
       [image, `/episodes/${found.expert}/frames/${encodeURIComponent(image.dataset.match)}/${found.at}`]);
   }
@@ -118,7 +119,10 @@
     if (element('q-here')) element('q-here').textContent = q == null ? '–' : q.toFixed(3);
     if (!found || !element('match')) return;
     const link = element('match-link');
-    link.href = `/episodes/${found.expert}?step=${found.at}&run=${about.run}`;
+    if (deleted(found)) link.removeAttribute('href');
+    else link.href = `/episodes/${found.expert}?step=${found.at}&run=${about.run}`;
+    element('match-deleted').hidden = !deleted(found);
+    experts.forEach((image) => { image.hidden = deleted(found); });
     link.textContent = `${found.expert.split('_')[0]}…${found.expert.slice(-8)} at step ${found.at}`;
     ['o', 'm', 'a'].forEach((name, place) => {
       document.querySelector(`[data-distance=${name}]`).textContent = found.distances[place]?.toFixed(3) ?? '–';

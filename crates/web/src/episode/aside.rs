@@ -1,12 +1,12 @@
 //! The panel beside the cameras: the matched expert, labels, report, facts.
 
-use gleaner_core::{Finding, Report, Severity, episode::Label, id::EpisodeId};
+use gleaner_core::{Finding, Report, Severity, curation::Standing, episode::Label, id::EpisodeId};
 use maud::{Markup, html};
 
 use super::{Scored, View, uses};
 use crate::{
     episodes::{buttons, live},
-    frames, link, sheet, text,
+    frames, link, sheet, standing, text,
 };
 
 /// The whole panel.
@@ -47,20 +47,25 @@ fn matched(view: &View) -> Markup {
             @match first {
                 None => p.soft { "This run's scorer has no matches." },
                 Some((expert, step, distances)) => {
+                    @let shown = view.experts.has_page(expert);
                     div #match {
                         div.cameras {
                             @for camera in &view.task.spec.cameras {
                                 figure.camera {
-                                    img data-match=(camera.name) src=(format!("{}{step}", frames::before_step(expert, &camera.name)))
+                                    img data-match=(camera.name) hidden[!shown]
+                                        src=[shown.then(|| format!("{}{step}", frames::before_step(expert, &camera.name)))]
                                         width=(camera.width) height=(camera.height)
                                         alt=(format!("{} of the expert at the matched step", camera.name));
                                     figcaption { (camera.name) }
                                 }
                             }
                         }
-                        p { a #match-link href=(format!("/episodes/{expert}?step={step}&run={}", scored.run.id)) {
-                            (link::short(expert.as_str())) " at step " (step)
-                        } }
+                        p {
+                            a #match-link href=[shown.then(|| format!("/episodes/{expert}?step={step}&run={}", scored.run.id))] {
+                                (link::short(expert.as_str())) " at step " (step)
+                            }
+                            span #match-deleted hidden[shown] { (standing::tag(Standing::Deleted)) }
+                        }
                         h3 { "Distances of features" }
                         dl.facts {
                             @for ((name, text), distance) in MODALITIES.iter().zip(distances) {

@@ -6,6 +6,8 @@ mod data;
 mod timeline;
 mod uses;
 
+use std::collections::BTreeSet;
+
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::{
     Error, Result, ScoreSpec,
@@ -28,6 +30,7 @@ use super::{
     refusal::Answer,
     sheet::{Format, Sheet},
     shell::{self, Head, Tab},
+    standing::Standings,
     text,
 };
 use crate::{Backend, page::Page};
@@ -55,6 +58,8 @@ struct View {
     runs: Vec<ScoreRun>,
     /// The scores of the selected run.
     scored: Option<Scored>,
+    /// The standings of the experts that it matches in that run.
+    experts: Standings,
     numbers: Result<Numbers>,
     step: u64,
     beta: f64,
@@ -66,6 +71,15 @@ struct Scored {
     scores: EpisodeScores,
     /// l: a segment is the window of l + 1 steps that ends at its step.
     segment_length: u32,
+}
+
+impl Scored {
+    /// The experts that its segments match, each once.
+    fn matched_experts(&self) -> Vec<EpisodeId> {
+        let places: BTreeSet<u32> = self.scores.match_episode.iter().copied().collect();
+        let expert = |place| self.run.expert_ids.get(usize::try_from(place).ok()?).cloned();
+        places.into_iter().filter_map(expert).collect()
+    }
 }
 
 impl View {
@@ -124,6 +138,7 @@ async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> 
         Some(run) => Some(scored(backend, id, run.clone()).await?),
         None => None,
     };
+    let experts = Standings::of(backend, &scored.as_ref().map(Scored::matched_experts).unwrap_or_default()).await?;
     let beta = threshold.or_else(|| scored.as_ref().map(|scored| scored.run.origin.default_beta()));
     let beta = beta.unwrap_or_else(|| ScoreSpec::default().normaliser.default_beta());
     let numbers = backend.numbers(id).await;
@@ -132,7 +147,7 @@ async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> 
     {
         tracing::error!(%error, episode.id = %id, "an episode's steps cannot be read");
     }
-    Ok(View { task, inspected, labels, version, uses, runs, scored, numbers, step, beta, request })
+    Ok(View { task, inspected, labels, version, uses, runs, scored, experts, numbers, step, beta, request })
 }
 
 /// The run in the query, or the newest that scored the episode.
@@ -202,6 +217,7 @@ fn body(view: &View) -> Markup {
             "id": episode.id, "task": task, "version": view.version, "outcome": outcome, "cohort": episode.cohort,
             "steps": episode.steps, "step": view.step, "labels": view.labels(), "times": times,
             "run": view.scored.as_ref().map(|scored| &scored.run.id), "beta": view.beta,
+            "deleted": view.experts.deleted(),
         })))
     }
 }

@@ -4,7 +4,7 @@ use gleaner_core::curation::{SortKey, TableRow};
 use maud::{Markup, html};
 
 use super::{View, query::Order};
-use crate::{frames, link, page_request::PageRequest, text};
+use crate::{frames, link, text};
 
 /// The rows of the shown page.
 pub(super) fn table(view: &View) -> Markup {
@@ -27,8 +27,7 @@ pub(super) fn table(view: &View) -> Markup {
 
 fn heads(view: &View, pictures: bool) -> Markup {
     // Another order starts at its first page.
-    let first = view.request.with("page", None).parse().map(|uri| PageRequest { uri, ..view.request.clone() });
-    let request = first.as_ref().unwrap_or(view.request);
+    let request = view.request.without("page");
     let head = |key: SortKey, title: &str, number: bool| {
         let order = view.query.order;
         let sorted = (order.key == key).then_some(if order.descending { "descending" } else { "ascending" });

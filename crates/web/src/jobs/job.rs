@@ -61,7 +61,14 @@ fn actions(request: &PageRequest, job: &Job) -> Markup {
     html! {
         @match job.state {
             JobState::Queued | JobState::Running => {
-                @if request.may(Page::CancelJob) && !job.cancel_requested { (form("cancel", "danger", ("Cancel", "Cancels the job and the jobs that wait for it"))) }
+                @if request.may(Page::CancelJob) && !job.cancel_requested {
+                    // Hours of work may be lost, so a second click confirms.
+                    details.confirm {
+                        summary.button.danger { "Cancel" }
+                        p.soft { "Cancels the job and the jobs that wait for it. A retry starts from the beginning." }
+                        (form("cancel", "danger", ("Cancel the job", "Cancels the job and the jobs that wait for it")))
+                    }
+                }
             },
             JobState::Failed | JobState::Cancelled => {
                 @if request.may(Page::RetryJob) { (form("retry", "primary", ("Retry", "Submits the job again with the same settings, and the jobs that waited for it"))) }

@@ -24,7 +24,7 @@ use crate::{
     text,
 };
 
-/// Jobs of a page.
+/// Jobs of a page, and of one read of the table for programs.
 const SIZE: u32 = 100;
 
 /// The query; a form sends an unset field empty.
@@ -47,11 +47,12 @@ pub(crate) async fn show(request: PageRequest) -> Answer {
     let backend = request.backend();
     let tasks = backend.task_names().await?;
     let before = if parameters.before.is_empty() { None } else { Some(JobId::parse("before", &parameters.before)?) };
-    let (jobs, next) = backend.jobs(&parameters.filter(backend).await?, before.as_ref(), SIZE).await?;
+    let filter = parameters.filter(backend).await?;
     let names: HashMap<&TaskId, &str> = tasks.iter().map(|(id, name)| (id, name.as_str())).collect();
     if parameters.format != Format::Html {
-        return Ok(sheet_of(&jobs, &names).answer(parameters.format)?);
+        return Ok(sheet_of(backend, &filter, before, &names).await?.answer(parameters.format)?);
     }
+    let (jobs, next) = backend.jobs(&filter, before.as_ref(), SIZE).await?;
     let now = Millis::now();
     let live = jobs.iter().any(|job| !job.state.ended());
     let body = html! {
@@ -68,7 +69,7 @@ pub(crate) async fn show(request: PageRequest) -> Answer {
                 } }
                 tbody #jobs data-live[live] { @for job in &jobs { (row(job, &names, now)) } }
             } }
-            (sheet::links(&request))
+            (sheet::links(&request.without("before")))
         }
         @if let Some(next) = &next {
             p.pages { a.button href=(request.with("before", Some(next.as_str()))) { "Older" } }
@@ -147,7 +148,13 @@ fn age(then: Millis, now: Millis) -> String {
     }
 }
 
-fn sheet_of(jobs: &[Job], names: &HashMap<&TaskId, &str>) -> Sheet {
+/// Every matching job older than `before`, or every one, for programs. The rows are read a page at a time.
+async fn sheet_of(
+    backend: &dyn Backend,
+    filter: &JobFilter,
+    before: Option<JobId>,
+    names: &HashMap<&TaskId, &str>,
+) -> Result<Sheet> {
     let row = |job: &Job| {
         vec![
             json!(job.id),
@@ -188,7 +195,15 @@ fn sheet_of(jobs: &[Job], names: &HashMap<&TaskId, &str>) -> Sheet {
         "started_at",
         "ended_at",
     ];
-    Sheet { name: "jobs".to_owned(), columns, rows: jobs.iter().map(row).collect() }
+    let (mut rows, mut next) = (Vec::new(), before);
+    loop {
+        let (jobs, older) = backend.jobs(filter, next.as_ref(), SIZE).await?;
+        rows.extend(jobs.iter().map(row));
+        next = older;
+        if next.is_none() {
+            return Ok(Sheet { name: "jobs".to_owned(), columns, rows });
+        }
+    }
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::query::{Key, Order, parameters};
-use crate::{backend::RunSummary, link, sheet::Sheet, text};
+use crate::{backend::RunSummary, link, sheet::Sheet, standing::Standings, text};
 
 /// Episodes shown on the page; the table for programs has all.
 pub(super) const SHOWN: usize = 200;
@@ -138,8 +138,14 @@ pub(crate) fn cohort_sheet(name: String, what: &WhatIf) -> Sheet {
     Sheet { name, columns, rows: what.cohorts.iter().map(row).collect() }
 }
 
-/// The counts of the first of `of` episodes, with links to sort them.
-pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, (rows, of): (&[Row], usize)) -> Markup {
+/// The counts of the first of `of` episodes, with links to sort them. A permanently deleted episode has no link.
+pub(super) fn episodes(
+    run: &ScoreRunId,
+    selection: Selection,
+    order: Order,
+    (rows, of): (&[Row], usize),
+    standings: &Standings,
+) -> Markup {
     let here = format!("/runs/{run}?{}", parameters(selection));
     let head = |key: Key, name: &str| {
         let chosen = order.key == key;
@@ -156,7 +162,8 @@ pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, (ro
                 (head(Key::Segments, "Segments")) (head(Key::MeanQ, "Mean q"))
             } }
             tbody { @for row in rows { tr {
-                td { (link::brief(row.episode.as_str(), Some(&format!("/episodes/{}?run={run}", row.episode)))) }
+                @let page = standings.has_page(&row.episode).then(|| format!("/episodes/{}?run={run}", row.episode));
+                td { (link::brief(row.episode.as_str(), page.as_deref())) (standings.tag(&row.episode)) }
                 td.wide { (bar(row.kept, row.of)) }
                 td.number { (text::share(row.kept, row.of)) }
                 td.number { (text::count(row.kept)) }
@@ -238,7 +245,7 @@ mod tests {
     fn the_table_links_to_its_reverse_order_and_is_limited() {
         let (run, rows) = (ScoreRunId::new(), vec![row(1, 2, Some(0.25)); SHOWN]);
         let order = Order { key: Key::Share, descending: true };
-        let shown = episodes(&run, Selection::beta(0.5), order, (&rows, 250)).into_string();
+        let shown = episodes(&run, Selection::beta(0.5), order, (&rows, 250), &Standings::default()).into_string();
         assert!(shown.contains("beta=0.5&amp;sort=share\"") && shown.contains("beta=0.5&amp;sort=-kept\""), "{shown}");
         assert!(shown.contains("The first 200 of 250 episodes") && shown.contains("format=csv"));
         assert_eq!(shown.matches("<tr>").count(), 201);

@@ -3,7 +3,8 @@
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::{
     Group as _, Result, Values, Words as _,
-    id::ScoreRunId,
+    curation::SegmentRef,
+    id::{EpisodeId, ScoreRunId},
     score::{Origin, ScoreRun},
     selection::{Rule, SelectionShape, WhatIf},
     snapshot::Snapshot,
@@ -16,7 +17,7 @@ use super::{
     query::{Order, RunParameters, fields, parameters},
 };
 use crate::{
-    artifacts,
+    Backend, artifacts,
     backend::RunSummary,
     link,
     page::Page,
@@ -25,6 +26,7 @@ use crate::{
     settings,
     sheet::Format,
     shell::{self, Head, Tab},
+    standing::Standings,
     text,
 };
 
@@ -45,8 +47,8 @@ pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
         p.lead { (run.origin.scorer()) " over " (text::counted(what.total.of_episodes, "imperfect episode")) ", against "
             (text::counted(run.expert_ids.len() as u64, "expert")) ", " (text::time(run.created_at)) " UTC" }
         (threshold(&request, &*summary, &what).await?)
-        (following(&*summary, &what, order))
-        (sheets(&*summary, &task).await?)
+        (following(backend, &*summary, &what, order).await?)
+        (sheets(backend, &*summary, &task).await?)
         h2 { "Lineage" }
         (artifacts::of_run(backend, run).await?)
         h2 { "Facts" }
@@ -64,7 +66,7 @@ pub(crate) async fn what_if(request: PageRequest, Path(id): Path<String>) -> Ans
     let selection = parameters.selection(summary.run())?;
     let what = summary.what_if(selection).await?;
     match parameters.format(Format::Json) {
-        Format::Html => Ok(following(&*summary, &what, order).into_response()),
+        Format::Html => Ok(following(request.backend(), &*summary, &what, order).await?.into_response()),
         Format::Json => Ok(axum::Json(kept::counts(&summary.run().id, &what)).into_response()),
         Format::Csv => Ok(kept::cohort_sheet(format!("{id}-cohorts"), &what).answer(Format::Csv)?),
     }
@@ -133,10 +135,13 @@ fn shape(shape: SelectionShape) -> Markup {
 }
 
 /// The parts that follow the threshold.
-fn following(summary: &dyn RunSummary, what: &WhatIf, order: Order) -> Markup {
+async fn following(backend: &dyn Backend, summary: &dyn RunSummary, what: &WhatIf, order: Order) -> Result<Markup> {
     let run = &summary.run().id;
+    let rows = kept::first_rows(what, summary, order, kept::SHOWN);
+    let ids: Vec<EpisodeId> = rows.iter().map(|row| row.episode.clone()).collect();
+    let standings = Standings::of(backend, &ids).await?;
     let counts = format!("/runs/{run}/what-if?{}", parameters(what.selection));
-    html! {
+    Ok(html! {
         section #counts aria-live="polite" aria-label="Kept segments" { (kept::figures(what)) }
         h2 { "By cohort" }
         div #by-cohort {
@@ -146,20 +151,22 @@ fn following(summary: &dyn RunSummary, what: &WhatIf, order: Order) -> Markup {
         }
         h2 { "By episode" }
         div #by-episode {
-            @let rows = kept::first_rows(what, summary, order, kept::SHOWN);
-            (kept::episodes(run, what.selection, order, (&rows, what.episodes.len())))
+            (kept::episodes(run, what.selection, order, (&rows, what.episodes.len()), &standings))
         }
-    }
+    })
 }
 
-async fn sheets(summary: &dyn RunSummary, task: &Task) -> Result<Markup> {
+async fn sheets(backend: &dyn Backend, summary: &dyn RunSummary, task: &Task) -> Result<Markup> {
     let (best, worst) = (summary.best(contact::SEGMENTS).await?, summary.worst(contact::SEGMENTS).await?);
+    let ids: Vec<EpisodeId> =
+        best.iter().chain(&worst).map(|SegmentRef { episode_id, .. }| episode_id.clone()).collect();
+    let standings = Standings::of(backend, &ids).await?;
     let (run, camera) = (&summary.run().id, task.spec.cameras.first());
     Ok(html! {
         h2 { "Best segments" }
-        (contact::sheet(run, camera, &best))
+        (contact::sheet(run, camera, &best, &standings))
         h2 { "Worst segments" }
-        (contact::sheet(run, camera, &worst))
+        (contact::sheet(run, camera, &worst, &standings))
     })
 }
 

@@ -134,9 +134,27 @@ async fn a_browser_signs_in_and_out() {
     assert!(text.contains("value=\"/deployments?x=1\""), "{text}");
     let browser = Client { cookie: come.cookie(), proof: None, token: None };
 
-    let wrong = pages.post(&browser, "/sign-in", (FORM, &format!("token=nonsense&proof={proof}"))).await;
-    assert_eq!((wrong.status, wrong.headers.contains_key(SET_COOKIE)), (StatusCode::UNAUTHORIZED, false));
-    assert!(!wrong.text().contains("nonsense"));
+    let robot = pages.token(Role::Robot).await.replace(' ', "+");
+    for (token, status) in [("nonsense", StatusCode::UNAUTHORIZED), (robot.as_str(), StatusCode::FORBIDDEN)] {
+        let body = format!("token={token}&next=%2Fdeployments%3Fx%3D1&proof={proof}");
+        let wrong = pages.post(&browser, "/sign-in", (FORM, &body)).await;
+        assert_eq!((wrong.status, wrong.headers.contains_key(SET_COOKIE)), (status, false));
+        let text = wrong.text();
+        assert!(
+            text.contains("role=\"alert\"") && text.contains("id=\"token\"") && !text.contains("nonsense"),
+            "{text}"
+        );
+        assert!(text.contains("value=\"/deployments?x=1\"") && text.contains(&format!("value=\"{proof}\"")), "{text}");
+    }
+    let foreign = format!("token=nonsense&next=%2F%2Fevil.example&proof={proof}");
+    let text = pages.post(&browser, "/sign-in", (FORM, &foreign)).await.text();
+    assert!(text.contains("name=\"next\" value=\"/\"") && !text.contains("evil"), "{text}");
+    let program = pages.post(&browser, "/sign-in?format=json", (FORM, &foreign)).await;
+    assert!(
+        program.status == StatusCode::UNAUTHORIZED && program.text().starts_with("{\"error\":"),
+        "{}",
+        program.text()
+    );
     let body = format!("token={}&next=%2Fdeployments%3Fx%3D1&proof={proof}", token.replace(' ', "+"));
     let right = pages.post(&browser, "/sign-in", (FORM, &body)).await;
     assert_eq!(right.status, StatusCode::SEE_OTHER);

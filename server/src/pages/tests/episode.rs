@@ -11,8 +11,10 @@ use crate::{
     data_folder::frames_path,
     domain::{
         episode::{Episode, Outcome},
+        job::JobState,
         snapshot::Role,
         task::Task,
+        time::Millis,
     },
     pages::testing::{Client, Pages, Reply},
     store::testing::{self, results},
@@ -120,6 +122,30 @@ async fn missing_data_is_reported_and_the_rest_is_shown() {
 }
 
 #[tokio::test]
+async fn a_permanently_deleted_expert_is_no_link() {
+    let lab = lab().await;
+    let store = &lab.pages.services.store;
+    let (expert, weak) = (lab.recorded(Outcome::Success).await, lab.recorded(Outcome::Failure).await);
+    let encoder = results::encoder(store, &lab.task).await;
+    let scores =
+        [results::scores(&expert.id, Role::Expert, &[1.0; 20]), results::scores(&weak.id, Role::Imperfect, &[0.5; 20])];
+    let run = results::run(store, &lab.task, &encoder, &scores).await;
+    for job in [&encoder.job_id, run.origin.job_id().unwrap()] {
+        results::set_state(store, job, JobState::Succeeded, "").await;
+    }
+    let page = format!("/episodes/{}?run={}", weak.id, run.id);
+    let link = format!("/episodes/{}?step=", expert.id);
+    assert!(lab.get(&page).await.text().contains(&link));
+    store.delete_episodes(std::slice::from_ref(&expert.id), true).await.unwrap();
+    let text = lab.get(&page).await.text();
+    assert!(text.contains(&link) && text.contains("\"deleted\":[]"), "one in the trash has a page: {text}");
+    assert_eq!(store.sweep_trash(Millis(i64::MAX)).await.unwrap().purged, 1);
+    let text = lab.get(&page).await.text();
+    assert!(!text.contains(&link) && text.contains(&format!("\"deleted\":[\"{}\"]", expert.id)), "{text}");
+    assert!(!text.contains(&format!("/episodes/{}/frames/", expert.id)), "{text}");
+}
+
+#[tokio::test]
 async fn the_page_links_to_its_snapshots() {
     let lab = lab().await;
     let store = &lab.pages.services.store;
@@ -171,8 +197,10 @@ async fn the_recording_and_the_labels_can_be_downloaded() {
     let blob = lab.pages.services.blobs.put(content).unwrap();
     let rename = format!("update episodes set recording = '{blob}', size_bytes = 7 where id = '{}'", episode.id);
     testing::run(&lab.pages.services.store, &rename).await;
+    let turns = lab.pages.take_turns().await;
     let reply = lab.get(&format!("/episodes/{}/recording.mcap", episode.id)).await;
-    assert_eq!((reply.status, reply.body.as_slice()), (StatusCode::OK, content.as_slice()));
+    assert_eq!((reply.status, reply.body.as_slice()), (StatusCode::OK, content.as_slice()), "it takes no turn");
+    drop(turns);
     assert!(reply.headers[CONTENT_DISPOSITION].to_str().unwrap().contains(&format!("{}.mcap", episode.id)));
     let labels = lab.get(&format!("/episodes/{}?format=csv", episode.id)).await.text();
     assert!(

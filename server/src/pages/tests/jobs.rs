@@ -59,9 +59,16 @@ async fn the_list_filters_and_continues_where_it_ended() {
         "a table of all jobs has pages"
     );
 
+    assert!(last.contains("href=\"/jobs?format=json\""), "the table for programs has every job: {last}");
+
     let count = async |query: &str| json(&pages, &format!("/jobs?format=json&{query}")).await.as_array().unwrap().len();
     assert_eq!(count("kind=score").await, 0);
-    assert_eq!(count(&format!("kind=pretrain&state=queued&task={}", task.spec.name)).await, 100);
+    assert_eq!(count(&format!("kind=pretrain&state=queued&task={}", task.spec.name)).await, 101);
+    assert_eq!(count(&format!("before={}", made[99])).await, 1);
+    let rows = json(&pages, "/jobs?format=json").await;
+    let ids: Vec<&str> = rows.as_array().unwrap().iter().map(|row| row["job_id"].as_str().unwrap()).collect();
+    assert_eq!(ids, made.iter().map(JobId::as_str).collect::<Vec<_>>(), "each job once, newest first");
+    assert_eq!(pages.get(&Client::default(), "/jobs?format=csv").await.text().lines().count(), 1 + 101);
     for (query, message) in [("state=odd", "state: "), ("kind=odd", "kind: "), ("before=odd", "before: ")] {
         let refused = pages.get(&Client::default(), &format!("/jobs?{query}")).await;
         assert!(refused.status == StatusCode::BAD_REQUEST && refused.text().contains(message), "{query}");
@@ -102,6 +109,13 @@ async fn a_job_is_cancelled_once_and_retried() {
     let job = pretrain(&pages, &task).await;
     let visitor = pages.visitor().await;
     let proof = format!("proof={}", visitor.proof.clone().unwrap());
+    let shown = pages.get(&visitor, &format!("/jobs/{}", job.id)).await.text();
+    let (before, form) = shown.split_once(&format!("action=\"/jobs/{}/cancel\"", job.id)).unwrap();
+    assert!(
+        before.contains("<summary class=\"button danger\">Cancel</summary>")
+            && form.contains(">Cancel the job</button>"),
+        "a click asks first"
+    );
     let (cancel, retry) = (format!("/jobs/{}/cancel", job.id), format!("/jobs/{}/retry", job.id));
     let refused = pages.post(&visitor, &retry, (FORM, &proof)).await;
     assert_eq!(refused.status, StatusCode::CONFLICT);

@@ -12,6 +12,7 @@ use crate::{
         selection::Selection,
         snapshot::Role,
         task::Task,
+        time::Millis,
     },
     pages::testing::{Client, FORM, JSON, Pages},
     store::{
@@ -134,6 +135,29 @@ async fn a_dataset_is_made_once_and_its_page_shows_its_counts() {
 }
 
 #[tokio::test]
+async fn a_permanently_deleted_episode_of_a_run_is_no_link() {
+    let pages = Pages::open(false).await;
+    let (_, run) = run(&pages.services.store).await;
+    let store = &pages.services.store;
+    let episode = pages.services.curation.summary(&run.id).await.unwrap().best(1).await.unwrap().remove(0).episode_id;
+    let encoder = store.encoder(run.origin.encoder_id().unwrap()).await.unwrap();
+    for job in [&encoder.job_id, run.origin.job_id().unwrap()] {
+        results::set_state(store, job, JobState::Succeeded, "").await;
+    }
+    let links = format!("/episodes/{episode}");
+    let shown = async |path: &str| pages.get(&Client::default(), &format!("/runs/{}{path}", run.id)).await.text();
+    store.delete_episodes(std::slice::from_ref(&episode), true).await.unwrap();
+    let page = shown("?beta=0.4").await;
+    assert!(page.contains(&links) && page.contains("in the trash") && !page.contains("recording deleted"), "{page}");
+    assert_eq!(store.sweep_trash(Millis(i64::MAX)).await.unwrap().purged, 1);
+    for path in ["?beta=0.4", "/what-if?beta=0.4&format=html"] {
+        let page = shown(path).await;
+        assert!(!page.contains(&links) && page.contains(episode.as_str()), "{path}: {page}");
+        assert!(page.contains("recording deleted") && page.contains("/episodes/ep_"), "{path}: {page}");
+    }
+}
+
+#[tokio::test]
 async fn an_imported_run_is_shown_with_its_source() {
     let pages = Pages::open(false).await;
     let store = &pages.services.store;
@@ -197,7 +221,6 @@ async fn a_policy_shows_its_success_and_inputs() {
     use crate::domain::{
         evaluation::{Evaluation, SeedResult},
         id::EvaluationId,
-        time::Millis,
     };
     let pages = Pages::open(false).await;
     let (task, run) = run(&pages.services.store).await;

@@ -16,12 +16,16 @@ use crate::{
 };
 
 async fn schedule(store: &Store, task: &Task, name: &str) -> Result<Schedule> {
+    triggered(store, &task.id, name, Trigger::LabelledEpisodes(3)).await
+}
+
+async fn triggered(store: &Store, task: &TaskId, name: &str, trigger: Trigger) -> Result<Schedule> {
     store
         .insert_schedule(&Schedule {
             id: ScheduleId::new(),
-            task_id: task.id.clone(),
+            task_id: task.clone(),
             name: name.to_owned(),
-            trigger: Trigger::LabelledEpisodes(3),
+            trigger,
             pipeline: PipelineSpec {
                 snapshot_id: None,
                 rule: RoleRule::default(),
@@ -143,4 +147,41 @@ async fn a_schedule_that_is_paused_or_deleted_during_its_start_queues_no_job() {
     }
     let paused = store.schedule(&paused).await.unwrap();
     assert_eq!((paused.last_run_at, paused.next_run_at, paused.last_error.as_str()), (None, None, ""));
+}
+
+/// A start takes seconds, and the schedule may be paused and resumed meanwhile.
+#[tokio::test]
+async fn labels_of_a_pause_during_a_start_are_not_counted() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = schedule(&store, &task, "often").await.unwrap().id;
+    let label_mark = store.newest_label().await.unwrap();
+    store.pause_schedule(&id, true, None).await.unwrap();
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    store.pause_schedule(&id, false, None).await.unwrap();
+    let start = ScheduleStart { id: id.clone(), at: Millis(7), next_run_at: None, label_mark };
+    let error = store.insert_plan(&Plan { start: Some(start), ..Plan::default() }).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition, "{error}");
+    let resumed = store.schedule(&id).await.unwrap();
+    assert_eq!((resumed.labelled_since, resumed.last_run_at), (0, None));
+}
+
+#[tokio::test]
+async fn labels_are_counted_for_schedules_that_wait_for_them() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let nightly = triggered(&store, &task.id, "nightly", Trigger::Cron("0 3 * * *".into())).await.unwrap().id;
+    let often = schedule(&store, &task, "often").await.unwrap().id;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    assert_eq!((labelled_since(&store, &nightly).await, labelled_since(&store, &often).await), (0, 1));
+}
+
+/// The caller has looked the task up, and another one deletes it before the schedule is stored.
+#[tokio::test]
+async fn a_schedule_of_a_deleted_task_is_refused_by_the_task() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    store.delete_task(&task.id).await.unwrap();
+    let refused = schedule(&store, &task, "late").await.unwrap_err();
+    assert!(refused.kind() == Kind::NotFound && refused.message().contains(task.id.as_str()), "{refused}");
 }
