@@ -21,6 +21,8 @@ use gleaner_core::{TaskSpec, id::BlobId};
 pub const DATABASE: &str = "gleaner.db";
 /// Name of the dump of a database in PostgreSQL within a backup.
 pub const DUMP: &str = "gleaner.dump";
+/// Name of the mark of a backup's folder.
+pub const BACKUP: &str = "BACKUP";
 /// Name of the folder of the blobs.
 pub const BLOBS: &str = "blobs";
 /// Name of the file that one server at a time locks.
@@ -39,6 +41,20 @@ pub fn beside_database(data_dir: &Path, suffix: &str) -> PathBuf {
 /// Path of the folder of the logs of jobs.
 pub fn logs(data_dir: &Path) -> PathBuf {
     data_dir.join("logs")
+}
+
+/// Whether the folder is a backup that no server has used as its data folder.
+pub fn is_unused_backup(data_dir: &Path) -> bool {
+    data_dir.join(BACKUP).is_file() && !stamp::path(data_dir).exists()
+}
+
+/// The reason why no server, and no command that writes, uses a backup as its data folder, with the remedy.
+pub fn backup_is_no_lab(data_dir: &Path) -> String {
+    let shown = data_dir.display();
+    format!(
+        "{shown} is a backup, which a server would change, and which no later backup could then replace. The folder is \
+         unchanged. `gleaner-server restore {shown} --data-dir NEW` makes a data folder of it"
+    )
 }
 
 /// The remedies for a data folder whose database is missing, damaged or does not match the blobs, as the end of an

@@ -123,6 +123,18 @@ impl Folder {
     fn rebuild(&self, input: &InputEpisode, problem: &RecordingError) -> Result<(), Failure> {
         tracing::info!(episode.id = %input.id, %problem, "rebuilding a frame cache");
         let fault = |error| Failure::recording(input.id.as_str(), &error);
+        match self.write_cache(input)? {
+            Ok(()) => Ok(()),
+            // The recording was sound when it was stored. The copy of one in a bucket may be damaged since.
+            Err(_) if self.blobs.drop_damaged_copy(&input.recording).unwrap_or(false) => {
+                self.write_cache(input)?.map_err(fault)
+            }
+            Err(error) => Err(fault(error)),
+        }
+    }
+
+    /// Writes the cache of an episode. The inner error is the recording's.
+    fn write_cache(&self, input: &InputEpisode) -> Result<Result<(), RecordingError>, Failure> {
         let recording = self.blobs.fetched(&input.recording)?;
         // Compressed pictures take about as much as the recording that they come from, often less.
         self.blobs.make_cache_room(std::fs::metadata(&recording).map_or(0, |file| file.len()))?;
@@ -130,9 +142,8 @@ impl Folder {
         // The recording was accepted, possibly under wider limits than the present ones.
         let count = thread::available_parallelism().map_or(1, |processors| processors.get().min(OPENING));
         let threads = ImageThreads { count, bytes: REBUILDING };
-        gleaner_recording::cache_episode(&recording, &self.task, (&Limits::ADMITTED, threads), &cache)
-            .map_err(fault)?;
-        Ok(())
+        let limits = (&Limits::ADMITTED, threads);
+        Ok(gleaner_recording::cache_episode(&recording, &self.task, limits, &cache).map(drop))
     }
 }
 

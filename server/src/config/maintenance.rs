@@ -33,8 +33,8 @@ pub struct MaintenanceConfig {
     /// sweep that finds more than this and more than 8 stops with an error in the log (0: at most 8; 1: no limit).
     #[arg(long, env = "GLEANER_MAX_SWEEP_SHARE", default_value_t = 0.05, value_name = "SHARE")]
     pub max_sweep_share: f64,
-    /// Start once with a database that is missing, older than the blobs or from another folder. Blobs without a row
-    /// move to the trash; recordings stay there until `gleaner-server rebuild` restores them or a person deletes them.
+    /// Start once with a database that is missing, older than the blobs, from another folder, or a backup's. Blobs without
+    /// a row move to the trash; recordings stay there until `gleaner-server rebuild` restores them or a person deletes them.
     #[arg(long)]
     pub accept_database: bool,
     /// Reject uploads, recordings of sessions and new jobs while fewer bytes of the disk are free (0: never). The

@@ -11,6 +11,7 @@ use gleaner_recording::{FrameCache, Numbers, RecordingError, TaskSpec};
 
 use super::{Ingest, inspector::Inspected, off_runtime};
 use crate::{
+    blobs::Fetched,
     data_folder::{caches::note_use, frames_path},
     domain::{client::Client, id::BlobId},
     error::{Error, Kind, Result},
@@ -45,10 +46,17 @@ impl Ingest {
     }
 
     async fn rebuild_frames(&self, task: &TaskSpec, recording: &BlobId) -> Result<()> {
-        let (blobs, id) = (self.blobs.clone(), recording.clone());
-        let blob = off_runtime("fetching a recording", move || blobs.fetched(&id)).await?;
-        let size = std::fs::metadata(&blob).map_or(0, |file| file.len());
-        let inspected = self.inspect(size, &blob, task, None).await;
+        let inspect = async || {
+            let blob = self.fetched(recording).await?;
+            let size = std::fs::metadata(&blob).map_or(0, |file| file.len());
+            self.inspect(size, &blob, task, None).await
+        };
+        let inspected = match inspect().await {
+            Err(error) if error.kind() == Kind::Invalid && self.dropped_damaged_copy(recording).await => {
+                inspect().await
+            }
+            inspected => inspected,
+        };
         // It was accepted before, so the caller is not at fault.
         let inspected = inspected.map_err(|error| {
             if error.kind() != Kind::Invalid {
@@ -57,6 +65,23 @@ impl Ingest {
             Error::internal(format!("rebuilding the frames of {recording}"), error)
         })?;
         inspected.keep_frames(&self.blobs, &frames_path(&self.data_dir, recording, task)).await
+    }
+
+    /// The file of a stored recording.
+    pub(super) async fn fetched(&self, recording: &BlobId) -> Result<Fetched> {
+        let (blobs, id) = (self.blobs.clone(), recording.clone());
+        off_runtime("fetching a recording", move || blobs.fetched(&id)).await
+    }
+
+    /// Whether a stored recording that could not be read was a damaged copy, which was removed, so that it can be fetched
+    /// again.
+    pub(super) async fn dropped_damaged_copy(&self, recording: &BlobId) -> bool {
+        let (blobs, id) = (self.blobs.clone(), recording.clone());
+        let dropped = off_runtime("checking a copy", move || blobs.drop_damaged_copy(&id)).await;
+        dropped.unwrap_or_else(|error| {
+            tracing::warn!(blob.id = %recording, %error, "the copy of a recording that cannot be read was not checked");
+            false
+        })
     }
 
     /// Inspects a recording of this size with room for its decoded steps, which take about as much. If the disk fills up

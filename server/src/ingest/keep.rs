@@ -13,6 +13,11 @@ use crate::{
     error::{Error, Kind, Result},
 };
 
+/// The fewest steps of an episode.
+const FEWEST_STEPS: u64 = 2;
+/// Bytes by which the salvaged copy of a recording without damage may be shorter: it has fewer chunks.
+const SHORTER: u64 = 4096;
+
 /// A recording on this machine that is to become an episode.
 #[derive(Debug, Clone)]
 pub(crate) struct NewRecording {
@@ -82,13 +87,33 @@ impl Ingest {
     }
 
     /// Salvages a torn recording to `out`, in a child under the limits of an inspection, and returns the most steps it
-    /// may have.
+    /// may have. Fewer than an episode needs are the whole content of the file: it can be removed.
     ///
     /// # Errors
-    /// Invalid when no part of it can be read; Internal.
+    /// Invalid when no part of it can be read, or less than an episode needs of a file with more content; Internal.
     pub(crate) async fn salvage(&self, torn: &Path, out: &Path) -> Result<u64> {
-        self.inspector.salvage(torn, out).await.map_err(|error| self.blobs.blame(error))
+        let steps = self.inspector.salvage(torn, out).await.map_err(|error| self.blobs.blame(error))?;
+        if steps < FEWEST_STEPS {
+            let (torn, out) = (torn.to_owned(), out.to_owned());
+            off_runtime("comparing a salvaged recording", move || expect_no_more(&torn, &out, steps)).await?;
+        }
+        Ok(steps)
     }
+}
+
+/// Rejects a file that is longer than its salvaged copy, which has all content that can be read: the rest may be steps
+/// that a person can still rescue.
+fn expect_no_more(torn: &Path, out: &Path, steps: u64) -> Result<()> {
+    let size = |path: &Path| {
+        let file = std::fs::metadata(path);
+        file.map(|file| file.len()).map_err(|error| Error::internal(format!("reading {}", path.display()), error))
+    };
+    let (whole, readable) = (size(torn)?, size(out)?);
+    if whole <= readable + SHORTER {
+        return Ok(());
+    }
+    let problem = format!("{steps} steps can be read of its {whole} bytes, of which about {readable} are not damaged");
+    Err(Error::invalid("recording", problem))
 }
 
 fn link(recording: &Path, part: &Path) -> Result<()> {
@@ -116,7 +141,7 @@ mod tests {
     use std::{fs, path::PathBuf};
 
     use super::*;
-    use crate::ingest::testing::{Fixture, USABLE, playing, real};
+    use crate::ingest::testing::{Fixture, USABLE, playing, real, recording as recording_of};
 
     /// A recording outside of the uploads, as a session leaves it.
     fn recorded(f: &Fixture) -> (NewRecording, PathBuf) {
@@ -194,5 +219,21 @@ mod tests {
         let error = f.ingest.keep(new, &recording).await.unwrap_err();
         assert_eq!(error.kind(), Kind::Invalid, "{error}");
         assert!(error.message().contains("--max-upload-bytes"), "{error}");
+    }
+
+    #[tokio::test]
+    async fn a_damaged_recording_is_not_salvaged_as_one_without_steps() {
+        let f = real("none", &[]).await;
+        let [torn, out] = ["torn.mcap", "torn.salvaged"].map(|name| f.dir.path().join(name));
+        let (short, long) = (recording_of(&f.task, 1), recording_of(&f.task, 20));
+        fs::write(&torn, &short).unwrap();
+        assert_eq!(f.ingest.salvage(&torn, &out).await.unwrap(), 1);
+        // All but the header of the file.
+        let mut damaged = [&long[..], &[7; 9000]].concat();
+        damaged[64..].fill(0xff);
+        fs::write(&torn, damaged).unwrap();
+        let error = f.ingest.salvage(&torn, &out).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Invalid, "{error}");
+        assert!(error.message().contains("0 steps can be read"), "{error}");
     }
 }

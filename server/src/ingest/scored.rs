@@ -9,7 +9,7 @@ use super::{Ingest, off_runtime};
 use crate::{
     blobs::stream_file,
     domain::{client::Client, episode::Episode},
-    error::{Error, Result},
+    error::{Error, Kind, Result},
 };
 
 /// The most such copies at once, of which one client has all but one at most: each takes as much disk as its recording
@@ -43,9 +43,16 @@ impl Ingest {
             )))
         })?;
         self.blobs.room_for(episode.size_bytes).await?;
-        let (blobs, id) = (self.blobs.clone(), episode.recording.clone());
-        let recording = off_runtime("fetching a recording", move || blobs.fetched(&id)).await?;
-        let copied = self.inspector.extract(client, &recording, task, kept).await?;
+        let extract = async |kept: Kept| {
+            let recording = self.fetched(&episode.recording).await?;
+            self.inspector.extract(client, &recording, task, kept).await
+        };
+        let copied = match extract(kept.clone()).await {
+            Err(error) if error.kind() == Kind::Internal && self.dropped_damaged_copy(&episode.recording).await => {
+                extract(kept).await?
+            }
+            copied => copied?,
+        };
         let path = copied.path();
         let fault = |error| Error::internal("reading a scored episode", error);
         let size_bytes = tokio::fs::metadata(&path).await.map_err(fault)?.len();

@@ -151,13 +151,16 @@ impl Ingest {
         let declared = upload.blake3.clone();
         let recording = off_runtime("checking a digest", move || {
             // A crash between the move and the row leaves the recording in its place already.
-            let recording = if part.exists() { part.into() } else { blobs.fetched(&declared)? };
-            match blobs::digest(&recording)? == declared {
-                true => Ok(recording),
-                false => {
-                    Err(Error::invalid("blake3", "the content does not match the declared digest; push the file again"))
-                }
+            let stored = !part.exists();
+            let recording = if stored { blobs.fetched(&declared)? } else { part.into() };
+            if blobs::digest(&recording)? == declared {
+                return Ok(recording);
             }
+            // Of a recording in its place, the copy may be damaged. What is fetched has the digest.
+            if stored && blobs.drop_damaged_copy(&declared)? {
+                return blobs.fetched(&declared);
+            }
+            Err(Error::invalid("blake3", "the content does not match the declared digest; push the file again"))
         })
         .await?;
         crate::fail_point::pass("upload.digest_checked");

@@ -17,8 +17,10 @@ use super::{
 };
 use crate::domain::{
     attempt::{Attempt, AttemptEnd},
+    id::BlobId,
     job::Job,
     placement::Placement,
+    time::Millis,
 };
 
 /// Longest time from a request to stop until the worker is killed.
@@ -43,7 +45,7 @@ pub(super) async fn run(inner: &Inner, job: Job, issuer: Issuer) {
             // The machine's fault: every job of the queue would otherwise use up its attempts within a second.
             Err(reason) => Some(End::Interrupted(reason)),
         };
-        conclude(inner, &job, &attempt, &lease, end, &mut log).await;
+        conclude(inner, (&job, From::Start), &attempt, &lease, end, &mut log).await;
     }
     .instrument(span(&job))
     .await;
@@ -61,7 +63,7 @@ pub(super) async fn resume(
         tracing::info!("attempt resumed");
         let mut log = Log::of(&inner.config.data_dir, &job.id).await;
         let end = until_over(inner, &attempt, execution, lease, &mut log).await;
-        conclude(inner, &job, &attempt, lease, end, &mut log).await;
+        conclude(inner, (&job, From::Middle), &attempt, lease, end, &mut log).await;
     }
     .instrument(span(&job))
     .await;
@@ -83,20 +85,51 @@ fn span(job: &Job) -> tracing::Span {
     tracing::info_span!("attempt", job.id = %job.id, job.kind = job.spec.kind().as_str(), job.attempt = job.attempt)
 }
 
+/// Which part of an attempt this server has run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum From {
+    /// All of it.
+    Start,
+    /// What an earlier server left of it.
+    Middle,
+}
+
 /// Stores the end of an attempt, if it has ended.
-async fn conclude(inner: &Inner, job: &Job, attempt: &Attempt, lease: &Lease, end: Option<End>, log: &mut Log) {
+async fn conclude(
+    inner: &Inner,
+    (job, from): (&Job, From),
+    attempt: &Attempt,
+    lease: &Lease,
+    end: Option<End>,
+    log: &mut Log,
+) {
     let Some(end) = end else { return };
     // A requested stop is the reason however the process ended, and on a full disk no attempt can continue.
     let stopped = lease.stop.is_cancelled() || inner.blobs.is_full();
-    let end = if stopped { AttemptEnd::Stopped } else { end.of_attempt(saved_checkpoint(inner, job).await) };
+    let end = if stopped { AttemptEnd::Stopped } else { end.of_attempt(saved_checkpoint(inner, job, from).await) };
     inner.end_with_retries(attempt, &end).await;
     inner.leases.end(attempt);
     log.note(&standing(inner, job).await).await;
 }
 
-/// Whether the job has a newer checkpoint than when the attempt began.
-async fn saved_checkpoint(inner: &Inner, job: &Job) -> bool {
-    inner.store.job(&job.id).await.is_ok_and(|now| now.checkpoint_step > job.checkpoint_step)
+/// Whether the attempt has saved a checkpoint: the job's is newer than at the beginning of the attempt, or than this server
+/// found it, or was stored since the attempt began.
+async fn saved_checkpoint(inner: &Inner, job: &Job, from: From) -> bool {
+    let Ok(now) = inner.store.job(&job.id).await else { return false };
+    if now.checkpoint_step > job.checkpoint_step {
+        return true;
+    }
+    match from {
+        From::Start => false,
+        From::Middle => stored_since(inner, now.checkpoint, now.started_at).await,
+    }
+}
+
+/// Whether a blob was stored at this time or later; not if the time of either is unknown.
+async fn stored_since(inner: &Inner, blob: Option<BlobId>, begun: Option<Millis>) -> bool {
+    let (Some(blob), Some(begun), blobs) = (blob, begun, inner.blobs.clone()) else { return false };
+    let placed = tokio::task::spawn_blocking(move || blobs.placed(&blob)).await;
+    placed.is_ok_and(|placed| placed.is_ok_and(|placed| placed.is_some_and(|placed| Millis::of(placed) >= begun)))
 }
 
 /// The output of `end`, once all of the worker's output before it is logged.

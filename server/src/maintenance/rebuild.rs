@@ -12,7 +12,7 @@ use super::{describe::describe_queued, files::Progress, target, worth};
 use crate::{
     blobs::{Blobs, Found, sync_folder},
     config::RebuildConfig,
-    data_folder::{BLOBS, DATABASE, beside_database, database, stamp::Stamp},
+    data_folder::{self, BLOBS, DATABASE, beside_database, database, stamp::Stamp},
     domain::{
         description::{Description, Recording},
         id::{BlobId, TaskId},
@@ -46,7 +46,8 @@ struct Rebuild<'a> {
 /// episode again. After an interruption a server does not start on the folder until a second rebuild completes it.
 ///
 /// # Errors
-/// Precondition when the database is in PostgreSQL, a server runs on the folder, or there are no blobs; Exhausted or Internal when the disk fails.
+/// Precondition when the database is in PostgreSQL or of a newer program, a server runs on the folder, it is a backup, or
+/// there are no blobs; Exhausted or Internal when the disk fails.
 pub(super) async fn rebuild(config: &RebuildConfig, out: &mut impl io::Write) -> Result<bool> {
     target::expect_sqlite(&config.database, "rebuild")?;
     let data_dir = config.data_dir.as_path();
@@ -55,6 +56,10 @@ pub(super) async fn rebuild(config: &RebuildConfig, out: &mut impl io::Write) ->
             "{} holds no blobs; --data-dir names a server's data folder",
             data_dir.display()
         )));
+    }
+    if data_folder::is_unused_backup(data_dir) {
+        // It has no sidecars: without its database, every blob would become unclaimed.
+        return Err(Error::precondition(data_folder::backup_is_no_lab(data_dir)));
     }
     let _lock = DataLock::take(data_dir)?;
     let blobs = Blobs::open(data_dir)?;
@@ -93,9 +98,18 @@ pub(super) async fn rebuild(config: &RebuildConfig, out: &mut impl io::Write) ->
 
 /// Renames a database that is damaged or belongs to another folder. Returns the new names, and whether the remaining
 /// database is as new as the blobs.
+///
+/// # Errors
+/// Precondition when the database is of a newer program, which may hold more than the sidecars do; Internal when the
+/// disk fails.
 async fn set_aside(data_dir: &Path, stamp: Option<&Stamp>, blobs: &Blobs) -> Result<(Vec<PathBuf>, bool)> {
     let path = database(data_dir);
-    let usable = if path.exists() { usable(&path, stamp, blobs).await } else { None };
+    let usable = if path.exists() {
+        ReadOnlyDatabase::expect_known(&path).await?;
+        usable(&path, stamp, blobs).await
+    } else {
+        None
+    };
     if let Some(current) = usable {
         return Ok((Vec::new(), current));
     }

@@ -10,15 +10,14 @@ use super::{files::Needed, manifest::Manifest};
 use crate::{
     blobs::Blobs,
     config::DatabaseConfig,
-    data_folder::{BLOBS, DATABASE, DUMP, stamp},
+    data_folder::{BACKUP, BLOBS, DATABASE, DUMP, stamp},
     domain::id::BlobId,
     error::{Error, Result},
     lock::DataLock,
     store::Database,
 };
 
-/// The mark of a backup's folder, written first.
-const MARK: &str = "BACKUP";
+/// The content of the mark of a backup's folder, which is written first.
 const NOTICE: &str =
     "A backup of gleaner's data. To use it: gleaner-server restore THIS_FOLDER --data-dir NEW_FOLDER\n";
 
@@ -45,7 +44,7 @@ pub(super) fn claim(database: &Database, target: &Path) -> Result<DataLock> {
              name another folder for the backup"
         )));
     }
-    let mark = target.join(MARK);
+    let mark = target.join(BACKUP);
     if !mark.is_file() && !is_free(target)? {
         return Err(Error::precondition(format!(
             "{shown} holds other data; name an empty or new folder, or an earlier backup"
@@ -110,12 +109,12 @@ pub(super) fn expect_sqlite(database: &DatabaseConfig, command: &str) -> Result<
 
 /// Whether the folder is a backup that was finished at least once.
 pub(super) fn is_backup(folder: &Path) -> bool {
-    folder.join(MARK).is_file() && (folder.join(DATABASE).is_file() || is_of_postgres(folder))
+    folder.join(BACKUP).is_file() && (folder.join(DATABASE).is_file() || is_of_postgres(folder))
 }
 
 /// Whether the database of a backup is a dump of PostgreSQL.
 pub(super) fn is_of_postgres(folder: &Path) -> bool {
-    folder.join(MARK).is_file() && folder.join(DUMP).is_file()
+    folder.join(BACKUP).is_file() && folder.join(DUMP).is_file()
 }
 
 /// Whether a folder is missing or empty.

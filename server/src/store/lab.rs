@@ -58,11 +58,11 @@ pub(crate) struct Comparison {
 
 impl Store {
     /// Opens the database of a data folder whose blobs it must belong to, creates it in a new folder, and starts a new
-    /// generation of both. `accept` uses a database unchanged although it does not belong to the blobs.
+    /// generation of both. `accept` uses a database unchanged although it does not belong to the blobs, or is a backup's.
     ///
     /// # Errors
     /// Precondition, with the remedies, when the database is missing, damaged, of another folder, or older than the
-    /// blobs, and when there is nothing to accept; as for [`Store::open`].
+    /// blobs, when the folder is a backup, and when there is nothing to accept; as for [`Store::open`].
     pub(crate) async fn open_with_blobs(database: &Database, blobs: &Blobs, accept: bool) -> Result<Self> {
         let data_dir = database.data_dir.as_path();
         let found = match &database.postgres {
@@ -75,6 +75,7 @@ impl Store {
             stamp => stamp?,
         };
         let misfit = misfit(found.as_ref(), stamp.as_ref(), blobs)?;
+        let is_backup = misfit.is_none() && data_folder::is_unused_backup(data_dir);
         match &misfit {
             Some(misfit) if !accept => {
                 let moves = database.postgres.is_some() && found.is_none() && data_folder::database(data_dir).is_file();
@@ -84,6 +85,18 @@ impl Store {
                 return Err(Error::precondition(format!("{database}: {misfit}. {first}{ways}")));
             }
             Some(misfit) => tracing::warn!(%database, "accepted by --accept-database: {misfit}"),
+            None if is_backup && !accept => {
+                return Err(Error::precondition(format!(
+                    "{}; `gleaner-server serve --data-dir {} --accept-database` uses the backup itself as the data folder \
+                     from then on",
+                    data_folder::backup_is_no_lab(data_dir),
+                    data_dir.display()
+                )));
+            }
+            None if is_backup => tracing::warn!(
+                data.dir = %data_dir.display(),
+                "accepted by --accept-database: the backup is a data folder from now on, and no backup replaces it"
+            ),
             None if accept => {
                 return Err(Error::precondition(format!(
                     "--accept-database: {database} belongs to the blobs beside it; start without this flag"

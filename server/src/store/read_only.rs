@@ -40,6 +40,18 @@ impl ReadOnlyDatabase {
         }
     }
 
+    /// Rejects the database of a newer program at `path`, also a damaged one. One without a version that can be read
+    /// passes.
+    ///
+    /// # Errors
+    /// Precondition names both versions.
+    pub(crate) async fn expect_known(path: &Path) -> Result<()> {
+        let Ok(store) = open_read_only(path).await else { return Ok(()) };
+        let found = schema::version(&store.readers).await;
+        store.close().await;
+        found.map_or(Ok(()), |found| schema::expect_known(found, path.display()))
+    }
+
     /// Opens the database at `path`. An older schema is copied and migrated in the copy.
     ///
     /// # Errors

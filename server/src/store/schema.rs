@@ -64,6 +64,16 @@ pub(super) async fn update(pool: &Pool, shown: impl Display) -> Result<()> {
 /// # Errors
 /// Precondition names both versions.
 pub(super) async fn known(pool: &Pool, shown: impl Display) -> Result<i64> {
+    let found = version(pool).await?;
+    expect_known(found, shown)?;
+    Ok(found)
+}
+
+/// The newest migration of a database, 0 for none.
+///
+/// # Errors
+/// As of a read.
+pub(super) async fn version(pool: &Pool) -> Result<i64> {
     if !has_table(pool, "_sqlx_migrations").await? {
         return Ok(0);
     }
@@ -71,15 +81,23 @@ pub(super) async fn known(pool: &Pool, shown: impl Display) -> Result<i64> {
         .fetch_one(pool)
         .await
         .map_err(fault("reading the database's version"))?;
-    let (found, newest) = (found.unwrap_or_default(), newest());
-    if found > newest {
-        return Err(Error::precondition(format!(
-            "the database {shown} has schema version {found}, and gleaner-server {} supports versions up to {newest}: use \
-             the newer gleaner-server that made it, or restore an earlier backup",
-            env!("CARGO_PKG_VERSION"),
-        )));
+    Ok(found.unwrap_or_default())
+}
+
+/// Rejects the version of a newer program.
+///
+/// # Errors
+/// Precondition names both versions.
+pub(super) fn expect_known(found: i64, shown: impl Display) -> Result<()> {
+    let newest = newest();
+    if found <= newest {
+        return Ok(());
     }
-    Ok(found)
+    Err(Error::precondition(format!(
+        "the database {shown} has schema version {found}, and gleaner-server {} supports versions up to {newest}: use the \
+         newer gleaner-server that made it, or restore an earlier backup",
+        env!("CARGO_PKG_VERSION"),
+    )))
 }
 
 /// Whether a database has this table.

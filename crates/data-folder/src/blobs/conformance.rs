@@ -1,6 +1,8 @@
 //! What both kinds of blobs do alike: the suite runs on a folder and on a bucket, of moto, a double of S3, or of the server
 //! that `GLEANER_TEST_S3` names. Where there is neither, the tests of buckets print SKIPPED and pass.
 
+mod damaged;
+
 use std::{
     fs,
     sync::Arc,

@@ -124,6 +124,25 @@ impl Blobs {
         Ok(true)
     }
 
+    /// Removes the copy of a blob that a reader could not use, if the copy is damaged and the bucket has the object. Returns
+    /// whether the next reader fetches the blob again; never without a bucket.
+    ///
+    /// # Errors
+    /// Unavailable when the store fails; Internal when the disk fails.
+    pub fn drop_damaged_copy(&self, id: &BlobId) -> Result<bool> {
+        let (Some(remote), path) = (&self.remote, self.path(id)) else { return Ok(false) };
+        // A part that the disk cannot read is damage too.
+        if digest(&path).ok().as_ref() == Some(id) || remote.bucket.size(&self.name(id))?.is_none() {
+            return Ok(false);
+        }
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(fault("removing", &path)(error)),
+            Ok(()) | Err(_) => {}
+        }
+        tracing::error!(blob.id = %id, file.path = %path.display(), "a damaged copy was removed; the bucket has the blob");
+        Ok(true)
+    }
+
     /// As [`Blobs::fetched`], from the bucket alone.
     pub(super) fn fetch(&self, remote: &Remote, id: &BlobId, path: &Path) -> Result<()> {
         let name = self.name(id);

@@ -54,7 +54,8 @@ struct Remembered {
 /// first. `None` keeps the bucket that the folder has, if any.
 ///
 /// # Errors
-/// Precondition when the folder has another bucket, the bucket belongs to another folder, or its settings cannot be used;
+/// Precondition when the folder has another bucket or is a backup, the bucket belongs to another folder, or its settings
+/// cannot be used;
 /// Unavailable when the store fails; Internal when the disk fails.
 pub fn settle(data_dir: &Path, wanted: Option<(BucketConfig, u64)>) -> Result<()> {
     let before = read(data_dir)?;
@@ -63,6 +64,10 @@ pub fn settle(data_dir: &Path, wanted: Option<(BucketConfig, u64)>) -> Result<()
     };
     // Before a message repeats the URL, which may have a password where none belongs.
     bucket.place()?;
+    if before.is_none() && crate::is_unused_backup(data_dir) {
+        let problem = crate::backup_is_no_lab(data_dir);
+        return Err(Error::precondition(format!("--blob-store {}: {problem}", bucket.url)));
+    }
     if let Some(before) = before.as_ref().filter(|before| before.bucket.url != bucket.url) {
         return Err(Error::precondition(format!(
             "--blob-store {}: the blobs of {} are in {}. To move them, back the folder up, restore it to a new folder and \

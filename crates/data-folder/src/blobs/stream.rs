@@ -3,7 +3,7 @@
 use std::{path::PathBuf, time::Duration};
 
 use bytes::{Bytes, BytesMut};
-use futures::{Stream, stream::try_unfold};
+use futures::{Stream, StreamExt as _, TryStreamExt as _, stream::try_unfold};
 use tokio::{fs::File, io::AsyncReadExt as _};
 
 use super::Blobs;
@@ -17,19 +17,21 @@ use gleaner_core::{
 const PIECE_BYTES: usize = 1 << 20;
 
 impl Blobs {
-    /// The bytes of a blob in pieces of at most 1 MiB. The receiver checks the digest.
+    /// The bytes of a blob in pieces of at most 1 MiB. The receiver checks the digest. The copy of a bucket's blob is checked
+    /// here too, and removed at the end of the stream if it is damaged: the next reader fetches it again.
     ///
     /// # Errors
-    /// Internal when the blob is missing or cannot be read; Unavailable when the store fails.
+    /// Internal when the blob is missing, cannot be read or is a damaged copy; Unavailable when the store fails.
     pub async fn stream(&self, id: &BlobId) -> Result<impl Stream<Item = Result<Bytes>> + Send + 'static> {
         if self.remote.is_none() {
-            return stream_file(self.path(id)).await;
+            return Ok(stream_file(self.path(id)).await?.left_stream());
         }
-        let (blobs, id) = (self.clone(), id.clone());
-        let fetching = tokio::task::spawn_blocking(move || blobs.fetched(&id));
+        let (blobs, wanted) = (self.clone(), id.clone());
+        let fetching = tokio::task::spawn_blocking(move || blobs.fetched(&wanted));
         let fetched = fetching.await.map_err(|error| Error::internal("fetching a blob", error))??;
         // The open file needs no name.
-        stream_file(fetched.to_path_buf()).await
+        let pieces = stream_file(fetched.to_path_buf()).await?;
+        Ok(checked(self.clone(), id.clone(), pieces).right_stream())
     }
 
     /// A URL of a blob in the bucket, whether or not it exists, for `lifetime`; `None` when the folder holds the blobs.
@@ -42,6 +44,31 @@ impl Blobs {
         let signing = tokio::task::spawn_blocking(move || remote.bucket.signed_url(&name, lifetime));
         signing.await.map_err(|error| Error::internal("signing a URL", error))?.map(Some)
     }
+}
+
+/// The pieces of a copy, and an error after them if they are not the blob's. Its copy is then removed.
+fn checked(
+    blobs: Blobs,
+    id: BlobId,
+    pieces: impl Stream<Item = Result<Bytes>> + Send + 'static,
+) -> impl Stream<Item = Result<Bytes>> + Send + 'static {
+    let begun = (pieces.boxed(), blake3::Hasher::new());
+    try_unfold(begun, move |(mut pieces, mut hasher)| {
+        let (blobs, id) = (blobs.clone(), id.clone());
+        async move {
+            if let Some(piece) = pieces.try_next().await? {
+                hasher.update(&piece);
+                return Ok(Some((piece, (pieces, hasher))));
+            }
+            if BlobId::from(hasher.finalize()) == id {
+                return Ok(None);
+            }
+            let damaged = format!("the copy of {id} is damaged: its digest differs; retry, which fetches it again");
+            let dropping = tokio::task::spawn_blocking(move || blobs.drop_damaged_copy(&id));
+            dropping.await.map_err(|error| Error::internal("removing a damaged copy", error))??;
+            Err(Error::internal("streaming a blob", damaged))
+        }
+    })
 }
 
 /// The bytes of any file in pieces, also after its name is removed.
@@ -61,8 +88,6 @@ pub async fn stream_file(path: PathBuf) -> Result<impl Stream<Item = Result<Byte
 
 #[cfg(test)]
 mod tests {
-    use futures::TryStreamExt as _;
-
     use super::*;
 
     #[tokio::test]

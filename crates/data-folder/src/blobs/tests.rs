@@ -66,3 +66,22 @@ async fn removing_twice_is_not_an_error() {
     assert_eq!(blobs.remove(&id, &removing).unwrap(), None);
     assert!(!blobs.contains(&id));
 }
+
+#[test]
+fn the_blobs_of_a_backup_are_not_put_into_a_bucket() {
+    let dir = tempfile::tempdir().unwrap();
+    let id = Blobs::open(dir.path()).unwrap().put(b"steps").unwrap();
+    fs::write(dir.path().join(crate::BACKUP), b"").unwrap();
+    let bucket = gleaner_bucket::BucketConfig {
+        url: "s3://lab".to_owned(),
+        endpoint: Some("http://127.0.0.1:1".to_owned()),
+        region: None,
+        http: true,
+        virtual_host: false,
+        timeout_seconds: 1,
+    };
+    let error = settle(dir.path(), Some((bucket, 0))).unwrap_err();
+    assert!(error.message().contains("is a backup") && error.message().contains("restore"), "{error}");
+    assert!(!has_bucket(dir.path()) && !dir.path().join("blob-store-owner").exists());
+    assert_eq!(Blobs::open(dir.path()).unwrap().get(&id).unwrap(), b"steps");
+}

@@ -1,14 +1,24 @@
-//! Export: the files of a dataset in a format of `gleaner-formats`, each a blob.
+//! Export: the files of a dataset in a format of `gleaner-formats`, each a blob. Where storing a file is a rename, the files
+//! become blobs once all are written, so that an export that fails leaves no blob without a row.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    fs,
+    os::unix::fs::MetadataExt as _,
+    path::{Path, PathBuf},
+};
 
 use gleaner_core::{
     TaskSpec,
     dataset::{ExportFile, ExportSpec},
     error::Error,
+    id::BlobId,
     work::{Inputs, Made},
 };
-use gleaner_data_folder::blobs::Blobs;
+use gleaner_data_folder::{
+    BLOBS,
+    blobs::{self, Blobs},
+};
 use gleaner_formats::{Export, Numbers, Piece, Problem, pieces};
 use gleaner_learn::{Monitor as _, SourceError, StepSource as _};
 
@@ -36,10 +46,19 @@ pub(super) fn perform(work: &mut Work, spec: ExportSpec) -> Result<Made, Failure
         pieces,
         open: None,
         files: Vec::new(),
+        written: keeps_files(&work.data_dir).then(Vec::new),
         done: 0,
     };
     gleaner_formats::write(spec, &mut files)?;
+    files.store()?;
     Ok(Made::Files(files.files))
+}
+
+/// Whether files wait in their folder until all are written: where they would be copied to a bucket or another disk, they
+/// are stored one by one, so that the folder's disk does not hold all of them.
+fn keeps_files(data_dir: &Path) -> bool {
+    let disk = |folder: &str| fs::metadata(data_dir.join(folder)).map(|folder| folder.dev()).ok();
+    !blobs::has_bucket(data_dir) && disk("tmp").is_some() && disk("tmp") == disk(BLOBS)
 }
 
 /// The steps and files of an export, in the server's data directory.
@@ -53,6 +72,8 @@ struct Files<'a> {
     /// The piece that was read last, with its episode.
     open: Option<(usize, Stored)>,
     files: Vec<ExportFile>,
+    /// The files that are to be stored once all are written; `None` where each is stored at once.
+    written: Option<Vec<(BlobId, PathBuf)>>,
     done: usize,
 }
 
@@ -74,9 +95,20 @@ impl Files<'_> {
         }
     }
 
-    fn keep(&mut self, name: &str, blob: gleaner_core::id::BlobId) -> Result<(), Failure> {
+    fn keep(&mut self, name: &str, blob: BlobId) -> Result<(), Failure> {
         let size = self.blobs.size(&blob)?.ok_or_else(|| Error::not_found("blob", &blob))?;
         self.files.push(ExportFile { name: name.to_owned(), blob, size_bytes: size });
+        Ok(())
+    }
+
+    /// Stores the files that waited.
+    fn store(&mut self) -> Result<(), Failure> {
+        for (blob, path) in self.written.take().into_iter().flatten() {
+            if self.monitor.cancelled() {
+                return Err(Failure::Cancelled);
+            }
+            self.monitor.retry_while_full(|blobs| blobs.place(&blob, &path))?;
+        }
         Ok(())
     }
 }
@@ -122,8 +154,17 @@ impl Export for Files<'_> {
 
     fn finished(&mut self, name: &str) -> Result<(), Failure> {
         let path = self.folder.join(name);
-        let blob = self.monitor.retry_while_full(|blobs| blobs.put_file(&path))?;
-        self.keep(name, blob)
+        let Some(written) = &mut self.written else {
+            let blob = self.monitor.retry_while_full(|blobs| blobs.put_file(&path))?;
+            return self.keep(name, blob);
+        };
+        // Now, while the file is in the memory of the system.
+        let blob = blobs::digest(&path)?;
+        let file =
+            fs::metadata(&path).map_err(|error| Error::internal(format!("reading {}", path.display()), error))?;
+        written.push((blob.clone(), path));
+        self.files.push(ExportFile { name: name.to_owned(), blob, size_bytes: file.len() });
+        Ok(())
     }
 
     fn finished_recording(&mut self, piece: usize, name: &str) -> Result<(), Failure> {
@@ -155,61 +196,4 @@ impl From<SourceError> for Failure {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::sync::{
-        Arc,
-        atomic::{AtomicU64, Ordering},
-    };
-
-    use super::*;
-    use crate::monitor;
-
-    #[test]
-    fn an_export_leaves_the_room_that_must_stay_free() {
-        let dir = tempfile::tempdir().unwrap();
-        let free = Arc::new(AtomicU64::new(100));
-        let blobs = Blobs::open(dir.path()).unwrap().sparing(100).playing(&free);
-        let task: TaskSpec = serde_json::from_value(serde_json::json!({
-            "name": "reach", "rate_hz": 10.0, "mappings": [], "cameras": [],
-            "proprioception": [{ "name": "joints", "size": 2 }],
-            "action": [{ "name": "command", "size": 1 }],
-        }))
-        .unwrap();
-        let inputs = Inputs {
-            task: task.clone(),
-            experts: Vec::new(),
-            imperfect: Vec::new(),
-            kept: Vec::new(),
-            encoder: None,
-            checkpoint: None,
-            segment_length: 0,
-            origin: BTreeMap::new(),
-            policy: None,
-            base: None,
-        };
-        let (mut monitor, _events) = monitor::channel(blobs.clone());
-        let mut files = Files {
-            folder: dir.path(),
-            blobs: &blobs,
-            inputs: &inputs,
-            monitor: &mut monitor,
-            episodes: Episodes::new(dir.path(), blobs.clone(), task),
-            pieces: Vec::new(),
-            open: None,
-            files: Vec::new(),
-            done: 0,
-        };
-        let derived = dir.path().join(gleaner_data_folder::CACHE);
-        std::fs::create_dir(&derived).unwrap();
-        let derived = derived.join(format!("{}-00.frames", blake3::hash(b"recording").to_hex()));
-        std::fs::write(&derived, [0; 10]).unwrap();
-        files.advance().unwrap();
-        assert!(derived.exists(), "there was room");
-        free.store(95, Ordering::Relaxed);
-        files.advance().unwrap();
-        assert_eq!((derived.exists(), free.load(Ordering::Relaxed)), (false, 105));
-        free.store(99, Ordering::Relaxed);
-        files.monitor.stop().cancel();
-        assert_eq!(files.wait_for_room(), Err(Failure::Cancelled));
-    }
-}
+mod tests;

@@ -1,6 +1,9 @@
 //! The output of a worker until its end, and machines that cannot start one.
 
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::{
+    sync::atomic::{AtomicU32, Ordering},
+    time::SystemTime,
+};
 
 use gleaner_core::PretrainSpec;
 use tokio::io::AsyncWriteExt as _;
@@ -51,6 +54,9 @@ impl Engine for Exhausted {
 /// A worker that has ended without a result.
 struct Ended;
 
+/// A worker that a limit on its time has ended.
+struct Halted;
+
 #[async_trait::async_trait]
 impl Execution for Ended {
     fn placement(&self) -> watch::Receiver<Placement> {
@@ -68,6 +74,58 @@ impl Execution for Ended {
     async fn kill(&mut self, reason: String) -> End {
         End::Broken(reason)
     }
+}
+
+#[async_trait::async_trait]
+impl Execution for Halted {
+    fn placement(&self) -> watch::Receiver<Placement> {
+        watch::Sender::default().subscribe()
+    }
+
+    fn output(&mut self) -> Option<Output> {
+        None
+    }
+
+    async fn ended(&mut self) -> End {
+        End::Stopped("it reached its time limit".to_owned())
+    }
+
+    async fn kill(&mut self, reason: String) -> End {
+        End::Stopped(reason)
+    }
+}
+
+/// The job after a time limit has ended an attempt that a restarted server resumed: with a checkpoint of this attempt, or of
+/// the one before.
+async fn after_a_restart(of_this_attempt: bool) -> Job {
+    let bench = Bench::new().await;
+    bench.jobs.stop().await;
+    let order = JobOrder::Pretrain { snapshot_id: None, rule: RoleRule::default(), spec: PretrainSpec::default() };
+    let queueing = Queueing { max_attempts: Some(1), ..Queueing::default() };
+    bench.jobs.submit(&bench.task.id, order, queueing).await.unwrap();
+    let (mut attempt, _) = bench.claim().await;
+    let blob = bench.blobs().put(b"weights").unwrap();
+    // Of a file that was just written, a file system may have the time of its last tick.
+    let stored = if of_this_attempt { SystemTime::now() } else { SystemTime::UNIX_EPOCH };
+    std::fs::File::open(bench.blobs().path(&blob)).unwrap().set_modified(stored).unwrap();
+    bench.store.save_checkpoint(&attempt, 40, &blob).await.unwrap();
+    if !of_this_attempt {
+        bench.store.end_attempt(&attempt, &AttemptEnd::Stopped).await.unwrap();
+        (attempt, _) = bench.claim().await;
+    }
+    let jobs = bench.with_engine(Box::new(Exhausted(AtomicU32::new(0))));
+    let (job, lease) = (bench.store.job(&attempt.job_id).await.unwrap(), jobs.0.leases.grant(&attempt, Tie::Resumed));
+    resume(&jobs.0, job, attempt.clone(), &lease, Box::new(Halted)).await;
+    bench.store.job(&attempt.job_id).await.unwrap()
+}
+
+#[tokio::test]
+async fn a_checkpoint_from_before_a_restart_counts_for_its_own_attempt() {
+    let progressed = after_a_restart(true).await;
+    assert_eq!((progressed.state, progressed.attempt), (JobState::Queued, 0), "{}", progressed.error);
+    let stuck = after_a_restart(false).await;
+    assert_eq!((stuck.state, stuck.attempt), (JobState::Failed, 1), "{}", stuck.message);
+    assert!(stuck.error.contains("before it saved a checkpoint"), "{}", stuck.error);
 }
 
 /// The job after an attempt on a machine that refuses this many starts.

@@ -1,5 +1,7 @@
 //! Backups are complete, restorable, and survive interruptions.
 
+mod serving;
+
 use std::{fs, path::PathBuf};
 
 use super::{
@@ -247,24 +249,6 @@ async fn a_lab_that_keeps_few_blobs_is_known_by_the_name_of_its_folder() {
     assert!(error.message().contains("names only 3 of its 12 blobs"), "{error}");
     Manifest { blobs: 12, ..manifest }.write(&target).unwrap();
     assert!(back_up(&lab, &target, true).await.unwrap().1.contains("9 removed"));
-}
-
-/// A person in a hurry starts the server on the backup itself. From then on its recordings may be nowhere else.
-#[tokio::test]
-async fn a_backup_that_a_server_has_used_is_not_replaced() {
-    let (lab, folders) = (lab().await, Backups::new());
-    let target = folders.path("backup");
-    back_up(&lab, &target, false).await.unwrap();
-    let blobs = Blobs::open(&target).unwrap();
-    let store = Store::open_with_blobs(&crate::store::Database::in_folder(&target), &blobs, false).await.unwrap();
-    let upload = testing::upload(&lab.task, b"acknowledged there");
-    blobs.put(b"acknowledged there").unwrap();
-    store.finish_upload(&upload, &testing::inspected(&lab.task, &upload)).await.unwrap();
-    store.close().await;
-    let database = fs::read(target.join("gleaner.db")).unwrap();
-    let error = back_up(&lab, &target, true).await.unwrap_err();
-    assert!(error.kind() == Kind::Precondition && error.message().contains("a server has used"), "{error}");
-    assert!(fs::read(target.join("gleaner.db")).unwrap() == database && blobs.contains(&upload.blake3));
 }
 
 /// The server refuses to start on such a folder; the nightly backup must not copy it either.

@@ -100,6 +100,31 @@ async fn a_damaged_database_and_one_of_another_folder_are_set_aside() {
     }
 }
 
+/// After an update was undone: the database has more than the sidecars.
+#[tokio::test]
+async fn the_database_of_a_newer_program_is_refused_and_left_in_its_place() {
+    let (lab, _) = described().await;
+    let newer = crate::store::newest_schema() + 5;
+    testing::run(
+        &lab.store,
+        &format!(
+            "insert into _sqlx_migrations (version, description, success, checksum, execution_time) \
+             values ({newer}, 'later', true, x'00', 0)"
+        ),
+    )
+    .await;
+    lab.store.close().await;
+    let path = data_folder::database(lab.dir.path());
+    let before = fs::read(&path).unwrap();
+    let config = RebuildConfig { data_dir: lab.dir.path().to_owned(), fast: true, database: DatabaseConfig::default() };
+    let error = rebuild(&config, &mut Vec::new()).await.unwrap_err();
+    assert_eq!(error.kind(), crate::error::Kind::Precondition, "{error}");
+    for part in [newer, crate::store::newest_schema()] {
+        assert!(error.message().contains(&part.to_string()), "{error}");
+    }
+    assert!(fs::read(&path).unwrap() == before, "the database is where it was");
+}
+
 #[tokio::test]
 async fn an_undeleted_recording_in_the_trash_is_restored() {
     let (lab, episodes) = described().await;

@@ -16,7 +16,7 @@ const AGAIN_AFTER: Duration = Duration::from_millis(5);
 impl SlurmJob {
     /// Cancels every Slurm job of the attempt, in the background, until Slurm lists none that has not ended.
     pub(super) fn cancel(&self) {
-        let (commands, mut view, name) = (self.commands.clone(), self.poller.view(), self.name.clone());
+        let (commands, mut view, name) = (self.commands.clone(), self.poller.view(&self.name), self.name.clone());
         let id = self.placement.borrow().engine_id.clone();
         let mut ids = if id.is_empty() { Vec::new() } else { vec![id] };
         tokio::spawn(async move {

@@ -55,6 +55,14 @@ pub(super) struct Entry {
     pub(super) reason: String,
 }
 
+/// An answer of squeue.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct Listing {
+    pub(super) entries: Vec<Entry>,
+    /// The lines that are not jobs. Each may stand for one job, of which the answer then reports nothing.
+    pub(super) malformed: Vec<String>,
+}
+
 /// The commands of one cluster.
 #[derive(Debug, Clone)]
 pub(super) struct Commands {
@@ -100,8 +108,8 @@ impl Commands {
     /// Every job of this user, running, waiting or ended a short time ago.
     ///
     /// # Errors
-    /// A failure is no statement about any job.
-    pub(super) async fn list(&self) -> Result<Vec<Entry>, Problem> {
+    /// A failure is no statement about any job. An answer with lines of which none is a job is a failure.
+    pub(super) async fn list(&self) -> Result<Listing, Problem> {
         let mut command = self.command("squeue");
         let user = rustix::process::getuid().as_raw();
         command.args(["--noheader", "--states=all", "--format=%j|%i|%T|%N|%r"]).arg(format!("--user={user}"));
@@ -110,7 +118,7 @@ impl Commands {
             Problem::Refused(words) => Problem::NoAnswer(format!("{words}; {CONTROLLER}")),
             Problem::NoAnswer(words) => Problem::NoAnswer(words),
         })?;
-        answer.lines().filter(|line| !line.trim().is_empty()).map(entry).collect()
+        listing(&answer)
     }
 
     /// Cancels a job.
@@ -193,20 +201,37 @@ fn shortened(text: &str) -> String {
     }
 }
 
-fn entry(line: &str) -> Result<Entry, Problem> {
+/// The jobs of an answer of squeue. Lines that are not jobs stay lines, beside at least one that is.
+fn listing(answer: &str) -> Result<Listing, Problem> {
+    let mut listing = Listing::default();
+    for line in answer.lines().filter(|line| !line.trim().is_empty()) {
+        match entry(line) {
+            Some(entry) => listing.entries.push(entry),
+            None => listing.malformed.push(line.to_owned()),
+        }
+    }
+    match listing.malformed.first() {
+        Some(line) if listing.entries.is_empty() => Err(Problem::NoAnswer(not_a_job(line))),
+        Some(_) | None => Ok(listing),
+    }
+}
+
+/// The problem of a malformed line, for people.
+pub(super) fn not_a_job(line: &str) -> String {
+    format!("squeue printed {:?} instead of a job and its state; {PROGRAM}", shortened(line))
+}
+
+/// The job of a line of squeue; `None`: the line has other fields.
+fn entry(line: &str) -> Option<Entry> {
     // From the right: other jobs of this user may have a bar in their names.
     let fields: Vec<&str> = line.rsplitn(5, '|').map(str::trim).collect();
-    let [reason, node, state, id, name] = fields[..] else {
-        let words = format!("squeue printed {:?} instead of a job; {PROGRAM}", shortened(line));
-        return Err(Problem::NoAnswer(words));
-    };
+    let [reason, node, state, id, name] = fields[..] else { return None };
     let word = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_');
     if !word(state) {
-        let words = format!("squeue printed {:?} instead of a state of a job; {PROGRAM}", shortened(line));
-        return Err(Problem::NoAnswer(words));
+        return None;
     }
     let reason = if reason == "None" { "" } else { reason };
-    Ok(Entry {
+    Some(Entry {
         name: name.to_owned(),
         id: id.to_owned(),
         state: state.to_owned(),

@@ -70,14 +70,15 @@ impl Slurm {
     }
 
     fn execution(&self, attempt: &Attempt, lease: &Arc<Lease>, from: From, placement: Placement) -> SlurmJob {
-        let (following, output) = Following::start(self.template.output(&script::name(attempt)));
+        let name = script::name(attempt);
+        let (following, output) = Following::start(self.template.output(&name));
         SlurmJob {
             commands: self.commands.clone(),
             poller: self.poller.clone(),
-            view: self.poller.view(),
+            view: self.poller.view(&name),
             following,
             output: Some(output),
-            name: script::name(attempt),
+            name,
             lease: Arc::clone(lease),
             from,
             shared: false,

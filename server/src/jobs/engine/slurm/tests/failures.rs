@@ -62,8 +62,8 @@ async fn a_failing_squeue_is_a_reason_for_waiting_that_names_what_to_check() {
             ("echo 'squeue: error: Invalid user' >&2; exit 1", "Invalid user; check that slurmctld runs"),
             (away, "(connect failure); check that slurmctld runs"),
             ("exec sleep 60", "squeue did not end within"),
-            ("echo nonsense", "squeue printed \"nonsense\" instead of a job; check --slurm-bin"),
-            ("echo 'a|1|running|n|r'", "instead of a state of a job; check --slurm-bin"),
+            ("echo nonsense", "squeue printed \"nonsense\" instead of a job and its state; check --slurm-bin"),
+            ("echo 'a|1|running|n|r'", "instead of a job and its state; check --slurm-bin"),
             ("exit 3", "exit status: 3; check --slurm-bin"),
         ] {
             fake.install("squeue", failure);
@@ -93,5 +93,47 @@ async fn a_failing_squeue_is_no_statement_about_a_job() {
             () = watched => {}
         }
         assert!(fake.calls() >= 4, "{failure}: the failure was met");
+    }
+}
+
+/// Another job of the user has a line break in its name, or a state that is not a word.
+#[tokio::test]
+async fn a_malformed_line_of_another_job_does_not_hide_this_one() {
+    let fake = Fake::new().await;
+    fake.install("sbatch", "echo 17");
+    let malformed = "echo 'grid|3|running|node9|None'; echo 'first line of a name'; ";
+    fake.list_after(malformed, "17|RUNNING|node1|None");
+    let mut execution = fake.start();
+    let mut places = execution.placement();
+    let watched = async {
+        place(&mut places, |place| place.node == "node1").await;
+        fake.list_after(malformed, "17|NODE_FAIL|node1|NodeDown");
+        std::future::pending::<()>().await;
+    };
+    tokio::select! {
+        end = execution.ended() => assert!(matches!(&end, End::Interrupted(why) if why.contains("NODE_FAIL")), "{end:?}"),
+        () = watched => {}
+    }
+}
+
+#[tokio::test]
+async fn a_malformed_line_is_no_statement_about_its_own_job() {
+    for hidden in ["echo \"$name|17|?\"", "echo 'squeue: error: the list is incomplete'"] {
+        let fake = Fake::new().await;
+        fake.install("sbatch", "echo 17");
+        fake.list("17|PENDING||Priority");
+        let mut execution = fake.start();
+        let mut places = execution.placement();
+        let watched = async {
+            place(&mut places, |place| place.waiting == "Priority").await;
+            fake.list_only_others(hidden);
+            place(&mut places, |place| place.waiting.contains("instead of a job and its state; check --slurm-bin"))
+                .await;
+            // More answers than those after which a job that is not listed is gone.
+            fake.calls_more(4).await;
+            fake.list("17|RUNNING|node1|None");
+            place(&mut places, |place| place.node == "node1").await;
+        };
+        before_its_end(&mut execution, watched).await;
     }
 }

@@ -88,11 +88,20 @@ impl Fake {
     /// Installs squeue with this answer for the attempt's job: `id|STATE|node|reason`. It counts its calls in a file. Another
     /// job of the user is listed too, with a bar in its name.
     pub(super) fn list(&self, answer: &str) {
+        self.list_after("", answer);
+    }
+
+    /// The same after the output of these commands.
+    pub(super) fn list_after(&self, commands: &str, answer: &str) {
+        self.list_only_others(&format!("{commands}echo \"$name|{answer}\""));
+    }
+
+    /// Installs squeue with the other job and the output of these commands, for which `$name` is the name of the attempt's
+    /// job.
+    pub(super) fn list_only_others(&self, commands: &str) {
         let name = script::name(&self.attempt);
-        self.install(
-            "squeue",
-            &format!("echo 1 >> calls; echo 'lr=0.1|bs=32|3|RUNNING|node9|None'; echo '{name}|{answer}'"),
-        );
+        let other = "echo 'lr=0.1|bs=32|3|RUNNING|node9|None'";
+        self.install("squeue", &format!("echo 1 >> calls; name='{name}'; {other}; {commands}"));
     }
 
     pub(super) fn calls(&self) -> usize {
