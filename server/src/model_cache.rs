@@ -38,12 +38,9 @@ impl<M> Entry<M> {
         self.model.strong_count() > 0
     }
 
-    /// Whether the cache is the only holder, apart from `parting`, which its caller is about to drop.
-    fn is_idle(&self, parting: Option<&Arc<M>>) -> bool {
-        self.pinned.as_ref().is_some_and(|model| {
-            let parting = usize::from(parting.is_some_and(|parting| Arc::ptr_eq(parting, model)));
-            Arc::strong_count(model) == 1 + parting
-        })
+    /// Whether the cache is the only holder.
+    fn is_idle(&self) -> bool {
+        self.pinned.as_ref().is_some_and(|model| Arc::strong_count(model) == 1)
     }
 }
 
@@ -88,11 +85,11 @@ impl<K: Clone + Eq + Hash, M> ModelCache<K, M> {
 
     /// Removes idle models, the least recently used first, until `coming` more fits into the budget or none is idle.
     /// Returns the removed models, to be dropped outside the owner's lock.
-    pub(crate) fn make_room(&mut self, coming: u64, parting: Option<&Arc<M>>) -> Vec<(K, Arc<M>)> {
+    pub(crate) fn make_room(&mut self, coming: u64) -> Vec<(K, Arc<M>)> {
         let mut removed = Vec::new();
         self.entries.retain(|_, entry| entry.is_loaded());
         while self.weight().saturating_add(coming) > self.budget {
-            let idle = self.entries.iter().filter(|(_, entry)| entry.is_idle(parting));
+            let idle = self.entries.iter().filter(|(_, entry)| entry.is_idle());
             let Some(key) = idle.min_by_key(|(_, entry)| entry.used).map(|(key, _)| key.clone()) else { break };
             let pinned = self.entries.remove(&key).and_then(|entry| entry.pinned);
             removed.extend(pinned.map(|model| (key, model)));
@@ -142,8 +139,8 @@ mod tests {
         model
     }
 
-    fn removed(cache: &mut ModelCache<char, char>, coming: u64, parting: Option<&Arc<char>>) -> String {
-        cache.make_room(coming, parting).into_iter().map(|(key, _)| key).collect()
+    fn removed(cache: &mut ModelCache<char, char>, coming: u64) -> String {
+        cache.make_room(coming).into_iter().map(|(key, _)| key).collect()
     }
 
     #[test]
@@ -153,21 +150,22 @@ mod tests {
             load(&mut cache, key);
         }
         assert!(cache.get(&'a').unwrap().is_some());
-        assert_eq!(removed(&mut cache, 0, None), "");
-        assert_eq!(removed(&mut cache, 10, None), "b");
-        assert_eq!(removed(&mut cache, 30, None), "a", "more than the budget removes all idle models");
+        assert_eq!(removed(&mut cache, 0), "");
+        assert_eq!(removed(&mut cache, 10), "b");
+        assert_eq!(removed(&mut cache, 30), "a", "more than the budget removes all idle models");
     }
 
     #[test]
     fn a_model_in_use_is_not_removed_until_its_last_holder_drops_it() {
         let mut cache = ModelCache::new(0);
         let model = load(&mut cache, 'a');
-        assert_eq!(removed(&mut cache, 0, None), "");
+        assert_eq!(removed(&mut cache, 0), "");
         assert!(!cache.has_room(0));
         let other = Arc::clone(&model);
-        assert_eq!(removed(&mut cache, 0, Some(&model)), "", "another holder is left");
+        drop(model);
+        assert_eq!(removed(&mut cache, 0), "", "another holder is left");
         drop(other);
-        assert_eq!(removed(&mut cache, 0, Some(&model)), "a");
+        assert_eq!(removed(&mut cache, 0), "a");
     }
 
     #[test]

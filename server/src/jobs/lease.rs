@@ -47,7 +47,7 @@ impl Lease {
         loop {
             // The sender is a field of this lease, so the wait ends with a call only.
             let Ok(Some(at)) = renewed.wait_for(Option::is_some).await.map(|at| *at) else { return pending().await };
-            // A limit beyond all times, such as the largest number, is none.
+            // With a limit beyond all times, such as the largest number, no attempt ends.
             let Some(until) = at.checked_add(limit) else { return pending().await };
             if until <= Instant::now() {
                 return;

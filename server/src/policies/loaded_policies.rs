@@ -61,7 +61,7 @@ impl<M: Model> LoadedPolicies<M> {
     /// Unloads idle policies, the least recently used first, until `coming` bytes more fit into the budget. Policies in
     /// use may exceed the budget: no session is closed for it.
     pub(super) fn make_room(&mut self, coming: u64) {
-        for ((id, _), _engine) in self.engines.make_room(coming, None) {
+        for ((id, _), _engine) in self.engines.make_room(coming) {
             tracing::info!(policy.id = %id, "policy unloaded to make room");
         }
         let bytes = self.engines.weight();

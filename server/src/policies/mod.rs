@@ -33,7 +33,7 @@ use std::{
     time::Duration,
 };
 
-use gleaner_learn::Policy as Model;
+use gleaner_learn::{LiveScorer, Policy as Model};
 use gleaner_remote::Outgoing;
 use tracing::Instrument as _;
 
@@ -55,7 +55,7 @@ use crate::{
     },
     error::{Error, Result},
     rollouts::Rollouts,
-    scorers::{Ready, Scorers},
+    scorers::{Held, Scorers},
     store::Store,
 };
 
@@ -176,15 +176,15 @@ impl Policies {
         self.0.live.one(id).ok_or_else(|| Error::not_found("running session", id))
     }
 
-    /// The score run for live scores, loaded.
-    async fn scorer(&self, policy: &Policy, score_run: Option<&ScoreRunId>) -> Result<Option<Arc<Ready>>> {
+    /// The score run for live scores, loaded. Once it is dropped, idle runs above the budget are unloaded.
+    async fn scorer(&self, policy: &Policy, score_run: Option<&ScoreRunId>) -> Result<Option<Held<LiveScorer>>> {
         let Some(run) = score_run else { return Ok(None) };
         let task = self.0.store.score_run(run).await?.task_id;
         if task != policy.task_id {
             let of = &policy.task_id;
             return Err(Error::invalid("score_run_id", format!("{run} belongs to {task}, the policy to {of}")));
         }
-        self.0.scorers.load(run).await.map(Some)
+        Ok(Some(self.0.scorers.load(run).await?.held()))
     }
 
     /// Points each loaded name at the policy that the database has for it: another server may have moved it. Running

@@ -80,7 +80,7 @@ impl<S: Scorer> LoadedRuns<S> {
     /// Unloads idle runs, the least recently used first, until the budget holds.
     pub(super) fn make_room(&self) {
         // Dropped after the lock: giving memory back takes time.
-        let unloaded = self.runs().ready.make_room(0, None);
+        let unloaded = self.runs().ready.make_room(0);
         for (run, _ready) in unloaded {
             tracing::info!(score_run.id = %run, "scorer unloaded to make room");
         }

@@ -27,8 +27,8 @@ const METRIC_BYTES: usize = 64;
 pub(crate) struct JobApi(pub(crate) Services);
 
 impl JobApi {
-    /// The metrics of a job in order of arrival. Of more than `most`, evenly spaced ones of each name with its newest, so
-    /// that a response fits a message; a watch of the job sends them all.
+    /// The metrics of a job in order of arrival. Of more than `most`, those that a plot of about as many points has, so that
+    /// a response fits a message; a watch of the job sends them all.
     pub(super) async fn metrics(&self, job: &JobId, most: usize) -> Result<Vec<Metric>> {
         let (store, count) = (&self.0.store, |count: usize| u32::try_from(count).unwrap_or(u32::MAX));
         let all = store.metrics(job, 0, count(most.saturating_add(1))).await?;
@@ -37,11 +37,12 @@ impl JobApi {
         }
         let names = all.iter().map(|metric| metric.name.as_str()).collect::<HashSet<_>>().len();
         drop(all);
-        // Each name has its newest value beside the spaced ones. Names that follow the first values were not counted.
-        let points = (most / 2 / names.max(1)).saturating_sub(1);
-        let mut sparse = store.sparse_metrics(job, count(points)).await?;
-        sparse.drain(..sparse.len().saturating_sub(most));
-        Ok(sparse)
+        // Each name has its first and its newest value beside the extremes. Names that follow the first values were not
+        // counted.
+        let points = (most / 2 / names.max(1)).saturating_sub(2);
+        let mut plotted = store.plotted_metrics(job, count(points)).await?;
+        plotted.drain(..plotted.len().saturating_sub(most));
+        Ok(plotted)
     }
 }
 

@@ -67,24 +67,8 @@ impl Store {
 }
 
 impl Store {
-    /// Some of a job's metrics, in order of arrival: about `points` of each name, evenly spaced, and the newest. Values in
-    /// between are left out, peaks included.
-    pub(crate) async fn sparse_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>> {
-        sql::query(
-            "select id, step, name, value from (select *, row_number() over (partition by name order by id) as place, \
-               count(*) over (partition by name) as places from job_metrics where job_id = $1) as placed \
-             where place = places or (place - 1) % ((places + $2 - 1) / $2) = 0 order by id",
-        )
-        .bind(job.param())
-        .bind(points.max(1))
-        .try_map(row::read)
-        .fetch_all(self.read())
-        .await
-        .map_err(fault("reading some of the metrics"))
-    }
-
-    /// A job's metrics for a plot, in order of arrival: about `points` of each name, with the extremes of evenly spaced
-    /// stretches, so that every peak is drawn, and the first and the newest.
+    /// Some of a job's metrics, in order of arrival: about `points` of each name, which are the extremes of
+    /// evenly spaced stretches, so that a plot has every peak, with the first and the newest.
     ///
     /// Rows are read one by one, because a sort by value takes longer than to read them all.
     pub(crate) async fn plotted_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>> {
@@ -124,28 +108,6 @@ pub(super) async fn cut_back(tx: &mut Transaction, job: &JobId, checkpoint_step:
 mod tests {
     use super::*;
     use crate::store::testing;
-
-    #[tokio::test]
-    async fn metrics_are_thinned_to_few_points_of_each_name() {
-        let (_dir, store) = testing::store().await;
-        let attempt = testing::claimed(&store, &testing::task(&store).await.id, "local").await;
-        let id = attempt.job_id.clone();
-        let losses = (1..=95).map(|step| (step, "loss".to_owned(), 0.5));
-        let rates = (1..=3).map(|step| (step * 10, "rate".to_owned(), 0.25));
-        let progress = Progress { metrics: losses.chain(rates).collect(), ..Progress::default() };
-        store.report_progress(&attempt, &progress).await.unwrap();
-
-        let steps = async |points| {
-            let metrics = store.sparse_metrics(&id, points).await.unwrap();
-            let of = |name| metrics.iter().filter(|one| one.name == name).map(|one| one.step).collect::<Vec<_>>();
-            (of("loss"), of("rate"))
-        };
-        let (losses, rates) = steps(10).await;
-        assert_eq!(losses, [1, 11, 21, 31, 41, 51, 61, 71, 81, 91, 95]);
-        assert_eq!(rates, [10, 20, 30], "there are few");
-        assert_eq!(steps(1000).await.0, (1..=95).collect::<Vec<_>>());
-        assert_eq!(store.sparse_metrics(&JobId::new(), 10).await.unwrap(), []);
-    }
 
     #[tokio::test]
     async fn a_plot_has_every_peak_of_each_name_in_order_of_arrival() {

@@ -1,9 +1,15 @@
 //! Deployments and sessions with a policy that another server runs, and with one that does not answer.
 
-use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
+use std::{
+    net::SocketAddr,
+    sync::atomic::{AtomicUsize, Ordering::SeqCst},
+};
 
 use futures::{SinkExt as _, StreamExt as _};
-use tokio::{net::TcpListener, task::AbortHandle};
+use tokio::{
+    net::{TcpListener, TcpSocket},
+    task::JoinHandle,
+};
 use tokio_tungstenite::{accept_async, tungstenite::Message};
 
 use super::*;
@@ -13,21 +19,24 @@ use crate::domain::remote::{Protocol, RemotePolicy};
 struct Server {
     address: String,
     calls: Arc<AtomicUsize>,
-    accepting: AbortHandle,
+    accepting: JoinHandle<()>,
+    /// Keeps the port from other programs, also while no server listens on it.
+    port: TcpSocket,
 }
 
 impl Server {
-    async fn start(lab: &Lab) -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        Self::on(lab, listener)
+    fn start(lab: &Lab) -> Self {
+        Self::on(lab, SocketAddr::from(([127, 0, 0, 1], 0)))
     }
 
     /// On the address of one that has ended.
-    async fn again(lab: &Lab, address: &str) -> Self {
-        Self::on(lab, TcpListener::bind(address.strip_prefix("ws://").unwrap()).await.unwrap())
+    fn again(lab: &Lab, ended: &Self) -> Self {
+        Self::on(lab, ended.port.local_addr().unwrap())
     }
 
-    fn on(lab: &Lab, listener: TcpListener) -> Self {
+    fn on(lab: &Lab, address: SocketAddr) -> Self {
+        let port = bound(address);
+        let listener: TcpListener = bound(port.local_addr().unwrap()).listen(16).unwrap();
         let address = format!("ws://{}", listener.local_addr().unwrap());
         let calls: Arc<AtomicUsize> = Arc::default();
         let (spec, counted) = (lab.task.spec.clone(), Arc::clone(&calls));
@@ -57,12 +66,22 @@ impl Server {
                 });
             }
         });
-        Self { address, calls, accepting: accepting.abort_handle() }
+        Self { address, calls, accepting, port }
     }
 
-    fn stop(&self) {
+    /// Ends it and waits until its port is free for another one.
+    async fn stop(&mut self) {
         self.accepting.abort();
+        assert!((&mut self.accepting).await.unwrap_err().is_cancelled());
     }
+}
+
+/// A socket on this address, which others may have too unless they listen.
+fn bound(address: SocketAddr) -> TcpSocket {
+    let socket = TcpSocket::new_v4().unwrap();
+    socket.set_reuseaddr(true).unwrap();
+    socket.bind(address).unwrap();
+    socket
 }
 
 fn record(address: &str) -> RemotePolicy {
@@ -89,7 +108,7 @@ fn seen(number: u8, executed_action: &[f32]) -> Observation {
 /// A lab with a server and its deployment `arm`.
 async fn deployed() -> (Lab, Server, Policies, PolicyId) {
     let lab = Lab::new().await;
-    let server = Server::start(&lab).await;
+    let server = Server::start(&lab);
     let policies = lab.policies();
     let policy = policies.register(&lab.task, record(&server.address)).await.unwrap().id;
     policies.deploy("arm", Assignment::of(&policy)).await.unwrap();
@@ -120,14 +139,14 @@ async fn a_session_acts_by_the_other_server_and_executes_its_chunks() {
 
 #[tokio::test]
 async fn a_robot_with_deadlines_misses_them_while_the_server_is_gone_and_then_acts_again() {
-    let (lab, server, policies, _) = deployed().await;
+    let (lab, mut server, policies, _) = deployed().await;
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
     robot.receives().await.unwrap();
     let timed = |number: u8| Observation { deadline: Some(Duration::from_secs(30)), ..seen(number, &[]) };
     robot.acts(timed(1)).await;
     robot.acts(timed(2)).await;
-    server.stop();
+    server.stop().await;
     let begun = std::time::Instant::now();
     for number in 3..6 {
         robot.sends(SessionInput::Observation(timed(number)));
@@ -136,7 +155,7 @@ async fn a_robot_with_deadlines_misses_them_while_the_server_is_gone_and_then_ac
         assert!(reason.contains(&server.address) && reason.contains("start it"), "{reason}");
     }
     assert!(begun.elapsed() < Duration::from_secs(20), "a robot does not wait for its deadline");
-    let _back = Server::again(&lab, &server.address).await;
+    let _back = Server::again(&lab, &server);
     let mut attempts = tokio::time::interval(Duration::from_millis(20));
     for number in 6.. {
         attempts.tick().await;
@@ -156,8 +175,8 @@ async fn a_robot_with_deadlines_misses_them_while_the_server_is_gone_and_then_ac
 
 #[tokio::test]
 async fn a_session_without_a_deadline_ends_when_the_server_is_gone() {
-    let (_lab, server, policies, _) = deployed().await;
-    server.stop();
+    let (_lab, mut server, policies, _) = deployed().await;
+    server.stop().await;
     // It opens, because its server may be back by the first observation.
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
@@ -173,15 +192,15 @@ async fn a_session_without_a_deadline_ends_when_the_server_is_gone() {
 async fn only_a_server_that_answers_is_deployed() {
     let lab = Lab::new().await;
     let policies = lab.policies();
-    let server = Server::start(&lab).await;
+    let mut server = Server::start(&lab);
     let gone = policies.register(&lab.task, record(&server.address)).await.unwrap().id;
-    server.stop();
+    server.stop().await;
     let error = policies.deploy("arm", Assignment::of(&gone)).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Unavailable);
     assert!(error.message().contains(&server.address), "{error}");
     assert_eq!(lab.store.deployment("arm").await.unwrap_err().kind(), Kind::NotFound);
 
-    let server = Server::start(&lab).await;
+    let server = Server::start(&lab);
     let other = RemotePolicy { output: "action".into(), ..record(&server.address) };
     let other = policies.register(&lab.task, other).await.unwrap().id;
     let error = policies.deploy("arm", Assignment::of(&other)).await.unwrap_err();
