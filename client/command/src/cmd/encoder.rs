@@ -2,15 +2,19 @@
 //! the steps; one of a single step serves them, and nothing else.
 
 use gleaner_client::Client;
-use gleaner_core::Values;
-use gleaner_core::kinds::Family;
+use gleaner_core::kinds::{Family, Kind};
 use gleaner_core::proto::to_struct;
+use gleaner_core::{InitialWeights, Values, Words as _};
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{GetDatasetRequest, GetScoreRunRequest, JobSpec, PretrainSpec, SubmitJobRequest};
 
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
-use crate::ids::{self, Kind};
+use crate::ids;
+
+const INITIAL_WEIGHTS: &str = "initial_weights";
+/// Settings that choose first weights, or a model that may not be the encoder's.
+const CHOSEN_OTHERWISE: [&str; 5] = [INITIAL_WEIGHTS, "image_weights", "image_encoder", "preset", "history_steps"];
 
 /// What an encoder of one step is made from, and the options of its job.
 pub(super) struct From<'a> {
@@ -53,9 +57,9 @@ pub(super) async fn newest(
     from: From<'_>,
 ) -> Result<String> {
     if Family::Scorer.chosen(settings).is_none_or(|scorer| scorer.needs.encoder) {
-        return ids::newest(context, client, Kind::Encoder, Some(task)).await;
+        return ids::newest(context, client, ids::Kind::Encoder, Some(task)).await;
     }
-    if let Some(newest) = ids::newest_if_any(context, client, Kind::Encoder, task).await? {
+    if let Some(newest) = ids::newest_if_any(context, client, ids::Kind::Encoder, task).await? {
         return Ok(newest);
     }
     let job = present(client.jobs().submit_job(from.request(task)).await?.into_inner().job, "a job")?;
@@ -64,9 +68,20 @@ pub(super) async fn newest(
     Ok(encoder)
 }
 
-/// Refuses a policy that begins with the encoder of a dataset if that encoder has one step.
-pub(super) async fn expect_trained(client: &Client, task: &str, dataset: &str, settings: &Values) -> Result<()> {
-    let Some(policy) = Family::Policy.chosen(settings).filter(|policy| policy.needs.encoder) else { return Ok(()) };
+/// Refuses a policy that begins with the encoder of a dataset if that encoder has one step, and notes a trained one that
+/// the policy could begin with.
+pub(super) async fn expect_trained(
+    context: &Context,
+    client: &Client,
+    task: &str,
+    dataset: &str,
+    settings: &Values,
+) -> Result<()> {
+    let Some(policy) = Family::Policy.chosen(settings) else { return Ok(()) };
+    let (begins, could) = (begins(policy, settings), could_begin(policy, settings));
+    if !begins && !could {
+        return Ok(());
+    }
     let request = GetDatasetRequest { dataset_id: dataset.to_owned() };
     let found = present(client.datasets().get_dataset(request).await?.into_inner().dataset, "a dataset")?;
     let request = GetScoreRunRequest { score_run_id: found.score_run_id };
@@ -75,13 +90,31 @@ pub(super) async fn expect_trained(client: &Client, task: &str, dataset: &str, s
     let Some(run) = run.ok().and_then(|reply| reply.into_inner().score_run) else { return Ok(()) };
     let encoders = ids::encoders(client, Some(task)).await?;
     match encoders.iter().find(|encoder| encoder.id == run.encoder_id) {
-        Some(encoder) if !encoder.is_trained => Err(Failure::message(format!(
+        Some(encoder) if begins && !encoder.is_trained => Err(Failure::message(format!(
             "{dataset} was scored with an encoder of one step, with which the policy {} would begin; train one that begins \
-             from scratch, such as --policy bc, or run `gleaner pretrain --wait` and score with its encoder",
+             from scratch, such as bc with --initial-weights random, or run `gleaner pretrain --wait` and score with its encoder",
             policy.name
         ))),
+        Some(encoder) if could && encoder.is_trained => {
+            context.output.note(format_args!(
+                "{dataset} has a pretrained encoder; with --initial-weights encoder the policy would begin with it"
+            ));
+            Ok(())
+        }
         Some(_) | None => Ok(()),
     }
+}
+
+/// Whether a policy with these settings begins with an encoder.
+fn begins(policy: &Kind, settings: &Values) -> bool {
+    let given = settings.get(INITIAL_WEIGHTS).and_then(|word| word.as_str());
+    policy.needs.encoder || given == Some(InitialWeights::Encoder.as_str())
+}
+
+/// Whether a policy could begin with an encoder, and these settings do not choose its first weights otherwise.
+fn could_begin(policy: &Kind, settings: &Values) -> bool {
+    let has = policy.settings.iter().any(|setting| setting.name == INITIAL_WEIGHTS);
+    has && !CHOSEN_OTHERWISE.iter().any(|name| settings.contains_key(*name))
 }
 
 #[cfg(test)]

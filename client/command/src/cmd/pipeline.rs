@@ -32,8 +32,9 @@ enum Until {
 pub(crate) struct PipelineArgs {
     #[command(flatten)]
     snapshot: SnapshotArgs,
-    /// Last stage of the chain. Where neither the scorer nor the policy reads the encoder, as by default, pretraining has
-    /// one step, unless --steps is given.
+    /// Last stage of the chain. A training of bc begins with the encoder, unless --quick or --initial-weights is given.
+    /// Where neither the scorer nor the policy reads the encoder, as with --quick, pretraining has one step, unless --steps
+    /// is given.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
     /// Train for a first look, in minutes: 800 steps of 32 segments for the policy, where --train-steps and --train-batch
@@ -50,17 +51,34 @@ pub(crate) struct PipelineArgs {
 const QUICK: [(&str, u32); 4] = [("steps", 300), ("batch", 32), ("train_steps", 800), ("train_batch", 32)];
 /// The settings of a pretraining whose encoder has no use but its name and its sizes.
 const UNREAD: [(&str, u32); 2] = [("steps", 1), ("batch", 32)];
+/// The policy that begins with the pipeline's encoder by default (docs/decisions/0063).
+const BEGINS: &str = "bc";
+const INITIAL_WEIGHTS: &str = "initial_weights";
 
 impl PipelineArgs {
     pub(crate) fn spec(&self) -> PipelineSpec {
-        let mut settings = self.settings.clone();
-        let is_unread = !self.reads_encoder() && !settings.values.contains_key("steps");
+        let mut chosen = self.clone();
+        if self.begins_with_encoder() {
+            let encoder = InitialWeights::Encoder.as_str();
+            chosen.settings.values.insert(INITIAL_WEIGHTS.into(), encoder.into());
+        }
+        let is_unread = !chosen.reads_encoder() && !self.settings.values.contains_key("steps");
         let unread = if is_unread { &UNREAD[..] } else { &[] };
         let quick = if self.quick { &QUICK[..] } else { &[] };
         for (name, value) in unread.iter().chain(quick) {
-            settings.values.entry(*name).or_insert_with(|| (*value).into());
+            chosen.settings.values.entry(*name).or_insert_with(|| (*value).into());
         }
-        Self { settings, ..self.clone() }.completed()
+        chosen.completed()
+    }
+
+    /// Whether the policy begins with the pipeline's encoder although no option asks for it: the policy of which that
+    /// was measured does, unless its first weights or its history are chosen otherwise.
+    fn begins_with_encoder(&self) -> bool {
+        let settings = self.settings.of_job("train");
+        let measured = Family::Policy.chosen(&settings).is_some_and(|policy| policy.name == BEGINS);
+        let otherwise = [INITIAL_WEIGHTS, "image_weights", "history_steps"];
+        let chosen = otherwise.iter().any(|name| settings.contains_key(*name));
+        measured && !chosen && !self.quick && self.until >= Until::Train
     }
 
     /// The pipeline of these settings.
@@ -190,104 +208,4 @@ fn next(submitted: &[Job], waited: bool) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use clap::Parser;
-    use serde_json::json;
-
-    #[derive(Debug, Parser)]
-    struct Line {
-        #[command(flatten)]
-        pipeline: PipelineArgs,
-    }
-
-    fn spec(options: &str) -> PipelineSpec {
-        Line::try_parse_from(std::iter::once("x").chain(options.split_whitespace())).unwrap().pipeline.spec()
-    }
-
-    #[test]
-    fn the_chain_ends_at_the_given_stage() {
-        let stages = |until: &str| {
-            let spec = spec(&format!("--until {until}"));
-            (spec.score, spec.beta.is_some(), spec.train.is_some(), spec.evaluate.is_some())
-        };
-        assert_eq!(stages("pretrain"), (false, false, false, false));
-        assert_eq!(stages("score"), (true, false, false, false));
-        assert_eq!(stages("dataset"), (true, true, false, false));
-        assert_eq!(stages("train"), (true, true, true, false));
-        assert_eq!(stages("evaluate"), (true, true, true, true));
-    }
-
-    #[test]
-    fn a_first_look_is_short_where_no_length_is_given() {
-        let steps = |settings: Option<Struct>| {
-            let settings = gleaner_core::proto::from_struct(settings);
-            (settings["steps"].as_u64(), settings["batch"].as_u64())
-        };
-        let of = |options: &str| {
-            let spec = spec(options);
-            (steps(spec.pretrain.unwrap().settings), steps(spec.train.unwrap().settings))
-        };
-        assert_eq!(of("--quick"), ((Some(1), Some(32)), (Some(800), Some(32))));
-        for read in ["--policy finetune", "--scorer ssdf", "--until pretrain", "--initial-weights encoder"] {
-            let steps = steps(spec(&format!("--quick {read}")).pretrain.unwrap().settings);
-            assert_eq!(steps, (Some(300), Some(32)), "{read}");
-        }
-        for unread in ["--policy act", "--initial-weights random"] {
-            assert_eq!(of(&format!("--quick {unread}")).0, (Some(1), Some(32)), "{unread}");
-        }
-        assert_eq!(of("--quick --steps 7 --train-batch 8"), ((Some(7), Some(32)), (Some(800), Some(8))));
-        let unread = spec("").pretrain.unwrap().settings;
-        assert_eq!(steps(unread), (Some(1), Some(32)), "an encoder without a use is no work");
-    }
-
-    #[test]
-    fn options_that_are_left_out_are_not_sent() {
-        assert!(spec("--scorer ssdf").pretrain.unwrap().settings.unwrap().fields.is_empty());
-        assert!(spec("").train.unwrap().settings.unwrap().fields.is_empty());
-    }
-
-    #[test]
-    fn a_dataset_is_selected_by_threshold_or_by_fraction() {
-        let kept = |options: &str| (spec(options).beta, spec(options).top_fraction);
-        assert_eq!(kept(""), (Some(0.5), None));
-        assert_eq!(kept("--normaliser minmax"), (Some(0.9), None));
-        assert_eq!(kept("--top 0.1"), (None, Some(0.1)));
-        assert_eq!(kept("--top 0.1 --until score"), (None, None));
-        assert_eq!(spec("--min-run 5").shape.map(|shape| shape.min_run), Some(5));
-        assert_eq!((spec("").shape, spec("--min-run 5 --until score").shape), (None, None));
-        assert!(Line::try_parse_from(["x", "--top", "0.1", "--beta", "0.5"]).is_err());
-    }
-
-    #[test]
-    fn a_scale_has_three_factors() {
-        assert!(Line::try_parse_from(["x", "--scale", "1,2"]).unwrap_err().to_string().contains("3 numbers"));
-        assert!(Line::try_parse_from(["x", "--scale", "1,two,3"]).is_err());
-    }
-
-    #[test]
-    fn options_reach_their_stage() {
-        let spec = spec(
-            "--preset small --steps 7 --lr 0.5 --train-steps 9 --lambda 0.2 --beta 0.8 --seed 3 \
-             --expert-cohort a --expert-cohort b --imperfect-cohort c --objective mtp,aa --similarity segment_l2 \
-             --scale 1,0.5,2 --policy act --chunk-length 4 --shift-pixels 2 --imperfect-per-expert 3",
-        );
-        let json = |settings: Option<Struct>| serde_json::Value::Object(gleaner_core::proto::from_struct(settings));
-        let scoring = json(spec.scoring.unwrap().settings);
-        assert_eq!(scoring, json!({"similarity": "segment_l2", "scale": [1, 0.5, 2]}));
-        let pretrain = spec.pretrain.unwrap();
-        let expected = json!({
-            "preset": "small", "steps": 7, "learning_rate": 0.5, "seed": 3, "objectives": ["mtp", "aa"],
-            "shift_pixels": 2,
-        });
-        assert_eq!(json(pretrain.settings), expected);
-        let expected = json!({
-            "policy": "act", "preset": "small", "chunk_length": 4, "steps": 9, "lambda": 0.2, "seed": 3,
-            "shift_pixels": 2,
-        });
-        assert_eq!((json(spec.train.unwrap().settings), spec.beta), (expected, Some(0.8)));
-        let rule = pretrain.rule.unwrap();
-        assert_eq!(rule.imperfect_per_expert, 3.0);
-        assert_eq!((rule.expert_cohorts, rule.imperfect_cohorts), (vec!["a".into(), "b".into()], vec!["c".into()]));
-    }
-}
+mod tests;

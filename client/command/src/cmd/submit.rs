@@ -158,7 +158,7 @@ impl TrainCommand {
         let client = context.client().await?;
         let (task, data) = self.data(context, &client).await?;
         if let Data::DatasetId(dataset) = &data {
-            encoder::expect_trained(&client, &task, dataset, &self.settings.values).await?;
+            encoder::expect_trained(context, &client, &task, dataset, &self.settings.values).await?;
         }
         let spec = TrainSpec { data: Some(data), settings: Some(to_struct(&self.settings.values)) };
         let submission = Submission { task, spec: Spec::Train(spec), job: self.job };

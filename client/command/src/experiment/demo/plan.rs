@@ -106,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_demo_submits_the_jobs_that_it_always_submitted() {
+    fn the_demo_submits_a_chain_for_each_policy() {
         let plan = Plan::with("").unwrap();
         let (experiment, device) = (&plan.experiment, Device::default());
         let graph = Graph::without_evaluations(experiment, device);
@@ -121,10 +121,12 @@ mod tests {
         assert_eq!(rule.imperfect_cohorts, named);
         assert_eq!((rule.imperfect_per_expert, rule.max_experts, rule.seed), (0.0, 0, 0));
 
-        // The settings as they were sent when the demo wrote its own requests, completed as the server does.
+        // The settings, completed as the server does.
         let given = |settings: Value| settings.as_object().unwrap().clone();
-        // They held no expert out.
-        let training = json!({"policy": "finetune", "steps": 1_500, "batch": 32, "lambda": 0.1, "seed": 0, "validation_share": 0.0});
+        // No expert is held out.
+        let training = json!({
+            "policy": "bc", "initial_weights": "encoder", "steps": 1_500, "batch": 32, "seed": 0, "validation_share": 0.0,
+        });
         let mut training = TrainSpec::from_values(&given(training)).unwrap().values();
         let pretraining = given(json!({"steps": 2_000, "batch": 64, "seed": 0}));
         let pretraining = PretrainSpec::from_values(&pretraining).unwrap().values();
@@ -144,7 +146,7 @@ mod tests {
         assert_eq!(sent(3), (to_struct(&scoring), None));
         assert_eq!(sent(5), (to_struct(&training), Some(Data::DatasetId("input".into()))));
         // Without gleaned segments λ has no effect, and is left out.
-        assert_eq!(training.remove("lambda"), Some(json!(0.1)));
+        assert_eq!(training.remove("lambda"), Some(json!(0.3)));
         assert_eq!(training.remove("weighting"), Some("quality".into()));
         assert_eq!(sent(2), (to_struct(&training), Some(Data::ExpertsOf("input".into()))));
         assert_eq!(graph.stages[4].work, Work::Dataset { selection: Selection::beta(0.5) });

@@ -61,8 +61,7 @@ impl<'a> Run<'a> {
         let episodes = Gatherer::new(self.client, &recordings, experiment, &self.graph).episodes(&run).await?;
         self.done("compare with mark", comparing.elapsed(), format!("{} imperfect episodes", episodes.len()));
         self.time_jobs(&submitted, [&base, &gleaned]).await?;
-        let policies =
-            [(&base, "experts", "experts alone (SSDF-base)"), (&gleaned, "gleaned", "experts and gleaned segments")];
+        let policies = [(&base, "experts", "experts alone"), (&gleaned, "gleaned", "experts and gleaned segments")];
         let mut evaluations = Vec::with_capacity(policies.len());
         for (chain, name, trained_on) in policies {
             let policy_id = self.result_of(&submitted, chain, "train")?.id.clone();
