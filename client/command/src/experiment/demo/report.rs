@@ -233,7 +233,7 @@ mod tests {
             "Warning: the scores favour cohort late.",
             "| 0.9 | 25 | 25.0 % | 50.0 % | 12.5 % |",
             "| experts | 1 of 4, 25.0 % | 2.0 ms | 4.2 ms |",
-            "The same 4 episodes for each, none of them recorded; the dataset's β is 0.5, λ is 0.1, q is the share of expert steps that are at most as good.",
+            "The same 4 episodes for each, none of them recorded; the dataset's β is 0.5, λ is 0.3, q is the share of expert steps that are at most as good.",
             "| record | 1.5 | 10 episodes |",
             "| all | 1.8 | |",
         ] {
