@@ -101,10 +101,30 @@ async fn scores_by_default_need_no_pretraining() {
     for (words, part) in [
         (vec!["score", "--scorer", "ssdf"], "there is no trained encoder yet"),
         (vec!["train", "--policy", "finetune"], "an encoder of one step"),
+        (vec!["train", "--initial-weights", "encoder"], "an encoder of one step"),
     ] {
         let output = gleaner(url, &words).await;
         assert!(!output.success && output.errors.contains(part), "{words:?}: {}", output.errors);
     }
+}
+
+#[tokio::test]
+async fn a_pipeline_trains_from_its_encoder() {
+    let server = TestServer::start().await;
+    lab::set_up(&mut Api::connect(&server).await).await;
+    let url = server.url();
+    let short = ["--steps", "2", "--batch", "4", "--train-steps", "2", "--train-batch", "4"];
+    let chain = gleaner(url, &[&["pipeline", "--wait"], &short[..]].concat()).await;
+    assert!(chain.success, "{}", chain.errors);
+    let jobs = json(url, &["jobs"]).await;
+    let trained = jobs["jobs"].as_array().unwrap().iter().find_map(|job| job["spec"].get("train")).unwrap();
+    assert_eq!(
+        (&trained["settings"]["policy"], &trained["settings"]["initial_weights"]),
+        (&"bc".into(), &"encoder".into())
+    );
+    // On the same dataset a single training begins with random weights, and names the choice.
+    let train = gleaner(url, &["train", "--steps", "2", "--batch", "4", "--wait"]).await;
+    assert!(train.success && train.errors.contains("with --initial-weights encoder"), "{}", train.errors);
 }
 
 #[tokio::test]
