@@ -66,6 +66,7 @@ pub use find::{Found, Skipped, find_recordings};
 pub use foreign::is_dataset;
 pub use labels::{LabelledFile, outcome_from_word, read_labels};
 pub use lowest::LowestScore;
+pub use parts::METADATA as BAG_METADATA;
 pub use push::{PushEvent, PushItem, PushResult, Pushed};
 pub use ranges::{NamedRange, read_ranges};
 pub use score_table::{ScoredEpisode, read_scores};

@@ -14,7 +14,7 @@ use crate::error::{ClientError, Result};
 use crate::file::open_regular;
 
 /// The file beside the parts of a rosbag2 recording.
-const METADATA: &str = "metadata.yaml";
+pub const METADATA: &str = "metadata.yaml";
 /// Larger files are not the metadata of a recording.
 const METADATA_BYTES: u64 = 16 << 20;
 

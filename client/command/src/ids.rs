@@ -21,7 +21,7 @@ use crate::context::Context;
 use crate::failure::{Failure, Result};
 
 use choice::{choose, newest_note};
-pub(crate) use file_name::stem;
+pub(crate) use file_name::{of_bag, stem};
 pub(crate) use kind::Kind;
 use kind::kind;
 use listed::Tasks;

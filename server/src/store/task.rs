@@ -38,7 +38,7 @@ impl Store {
             .await
             .map_err(|error| match is_duplicate(&error) {
                 true => Error::exists(format!(
-                    "a task named {:?} exists already; use it, or choose another name",
+                    "a task named {:?} exists already; use it, update it, or choose another name",
                     spec.name
                 )),
                 false => fault("inserting a task")(error),

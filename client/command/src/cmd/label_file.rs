@@ -8,7 +8,7 @@ use gleaner_proto::v1::{Episode, LabelEpisodesRequest, ListEpisodesRequest, List
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
-use crate::ids::{every_page, stem};
+use crate::ids::{every_page, of_bag, stem};
 use crate::words;
 
 /// Labels the episodes that the file names, and leaves those that have their label already; returns the changed ones.
@@ -111,7 +111,8 @@ fn changes(task: &str, rows: &[&LabelledFile], episodes: &[Episode]) -> std::res
     let mut named = BTreeSet::new();
     for row in rows {
         let name = row.path.file_name().unwrap_or_default().to_string_lossy();
-        match by_name.get(stem(&name)).map(Vec::as_slice) {
+        let found = by_name.get(stem(&name)).or_else(|| by_name.get(of_bag(&name).as_str()));
+        match found.map(Vec::as_slice) {
             None | Some([]) => missing.push(format!("{name} (line {})", row.line)),
             Some([episode]) => {
                 if !named.insert(&episode.id) {
@@ -224,6 +225,8 @@ mod tests {
             [episode("ep_1", "a.mcap", Outcome::Unknown, ""), episode("ep_2", "a.mcap", Outcome::Unknown, "")];
         let refused = |path| changes("pick", &[&row(7, path, Outcome::Success, "")], &episodes).unwrap_err();
         assert_eq!(refused("c.mcap"), "no episode of the task pick has the id or file name c.mcap (line 7)");
+        let bag = [episode("ep_3", "run_0.mcap", Outcome::Unknown, "")];
+        assert_eq!(changes("pick", &[&row(1, "bags/run", Outcome::Success, "")], &bag).unwrap().len(), 1);
         assert_eq!(
             refused("x/a.mcap"),
             "several episodes of the task pick have the name a.mcap (line 7): give their ids"

@@ -259,7 +259,7 @@ pub(crate) fn after(job: &Job) -> String {
     match job.kind() {
         JobKind::Pretrain => format!("gleaner score --scorer ssdf --encoder {result} --wait"),
         JobKind::Score => format!("gleaner histogram {result}"),
-        JobKind::Train => format!("gleaner deploy NAME@test --policy {result}"),
+        JobKind::Train => format!("gleaner deploy NAME@prod --policy {result}"),
         JobKind::Evaluate => format!("gleaner evaluation {result}"),
         JobKind::Export | JobKind::Unspecified => format!("gleaner job {}", job.id),
     }

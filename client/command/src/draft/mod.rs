@@ -26,7 +26,7 @@ use candidate::{Candidate, LeftOut};
 use fields::Field;
 use way::{Way, WayTopic};
 
-/// Commands faster than the slowest camera by more than this are sampled at its rate.
+/// Commands faster than the slowest camera by more than this are sampled by its pictures.
 const FASTER: f64 = 1.2;
 /// A rate this near to a whole number is that number.
 const NEAR: f64 = 0.03;
@@ -79,13 +79,17 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
                        mapping of the other by hand";
         return Err(problem.to_owned());
     }
-    let (rate_hz, rate) = rate(&ways, &cameras, &fields);
+    let Pace { rate_hz, by_pictures, reason: rate } = pace(&ways, &cameras, &fields);
     let of = |action: bool| fields.iter().filter(move |field| field.action == action).map(|field| field.spec.clone());
     let mappings = ways.iter().enumerate().map(|(at, way)| Mapping {
         name: way.name.clone(),
         cameras: cameras.iter().filter_map(|camera| camera.sources.get(at).cloned()).collect(),
         fields: fields.iter().filter_map(|field| field.sources.get(at).cloned()).collect(),
-        clock: clock(&fields, at),
+        clock: if by_pictures {
+            slowest(way, &cameras, at).map(|(topic, _)| topic.to_owned())
+        } else {
+            commands(&fields, at)
+        },
     });
     let spec = TaskSpec {
         name: known.name.clone(),
@@ -143,8 +147,8 @@ fn topics(candidates: &[Vec<Candidate>]) -> String {
     }
 }
 
-/// The topic whose stamps are the steps: that of an action with stamps, of those the one with the most values.
-fn clock(fields: &[Field], way: usize) -> Option<String> {
+/// The topic of the commands: that of an action with stamps, of those the one with the most values.
+fn commands(fields: &[Field], way: usize) -> Option<String> {
     let stamped = |field: &&Field| field.stamped.get(way).copied().unwrap_or_default();
     let actions = fields.iter().filter(|field| field.action);
     let best = actions.rev().max_by_key(|field| (stamped(field), field.spec.size))?;
@@ -157,17 +161,32 @@ fn rate_of(way: &Way, topic: &str) -> Option<f64> {
     (found.rate_hz > 0.0).then_some(found.rate_hz)
 }
 
-/// The rate of the steps: that of the commands, or of the slowest camera if that is lower.
-fn rate(ways: &[Way], cameras: &[Camera], fields: &[Field]) -> (f64, String) {
-    let of_clock = |(at, way): (usize, &Way)| rate_of(way, &clock(fields, at)?);
-    let commands = ways.iter().enumerate().filter_map(of_clock).reduce(f64::min);
-    let of_cameras = |(at, way): (usize, &Way)| {
-        let rates = cameras.iter().filter_map(move |camera| rate_of(way, &camera.sources.get(at)?.color));
-        rates.reduce(f64::min)
-    };
+/// The steps of a task.
+struct Pace {
+    rate_hz: f64,
+    /// Whether a step begins with each picture of the slowest camera, and not with each command.
+    by_pictures: bool,
+    reason: String,
+}
+
+/// The slowest camera of a way: its topic and its rate.
+fn slowest<'a>(way: &Way, cameras: &'a [Camera], at: usize) -> Option<(&'a str, f64)> {
+    let rated = cameras.iter().filter_map(|camera| {
+        let topic = camera.sources.get(at)?.color.as_str();
+        Some((topic, rate_of(way, topic)?))
+    });
+    rated.min_by(|(_, one), (_, other)| one.total_cmp(other))
+}
+
+/// The pace of the steps: that of the commands, or of the slowest camera if that is slower.
+fn pace(ways: &[Way], cameras: &[Camera], fields: &[Field]) -> Pace {
+    let of_commands = |(at, way): (usize, &Way)| rate_of(way, &commands(fields, at)?);
+    let commands = ways.iter().enumerate().filter_map(of_commands).reduce(f64::min);
+    let of_cameras = |(at, way): (usize, &Way)| slowest(way, cameras, at).map(|(_, rate)| rate);
     let pictures = ways.iter().enumerate().filter_map(of_cameras).reduce(f64::min);
-    match (commands, pictures) {
-        (Some(commands), Some(pictures)) if commands > pictures * FASTER => (
+    let by_pictures = matches!((commands, pictures), (Some(commands), Some(pictures)) if commands > pictures * FASTER);
+    let (rate_hz, reason) = match (commands, pictures) {
+        (Some(commands), Some(pictures)) if by_pictures => (
             rounded(pictures),
             format!(
                 "Commands come at {commands:.1} Hz and the slowest camera at {pictures:.1} Hz: a step for each picture."
@@ -178,7 +197,8 @@ fn rate(ways: &[Way], cameras: &[Camera], fields: &[Field]) -> (f64, String) {
         }
         (None, Some(pictures)) => (rounded(pictures), format!("The slowest camera has {pictures:.1} Hz.")),
         (None, None) => (10.0, "No rate could be measured: correct it.".to_owned()),
-    }
+    };
+    Pace { rate_hz, by_pictures, reason }
 }
 
 fn rounded(rate: f64) -> f64 {

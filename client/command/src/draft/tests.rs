@@ -200,7 +200,9 @@ fn steps_follow_a_camera_slower_than_the_commands() {
         topic.rate_hz = if topic.camera.is_some() { 29.7 } else { 100.0 };
     }
     let draft = draft([&survey], &known("t")).unwrap();
-    assert_eq!(written(&draft).rate_hz, 30.0);
+    let spec = written(&draft);
+    assert_eq!(spec.rate_hz, 30.0);
+    assert_eq!(spec.mappings[0].clock.as_deref(), Some(spec.mappings[0].cameras[0].color.as_str()));
     assert!(draft.to_string().contains("Commands come at 100.0 Hz and the slowest camera at 29.7 Hz"));
 }
 

@@ -14,6 +14,11 @@ pub(crate) fn stem(name: &str) -> &str {
     name.strip_suffix(".mcap").unwrap_or(name)
 }
 
+/// The file name of the only recording in a rosbag2 folder of this name, without its ending.
+pub(crate) fn of_bag(folder: &str) -> String {
+    format!("{folder}_0")
+}
+
 /// The id of the episode that a text names: by its beginning, as the newest, or by the file name of its recording. `None`
 /// for the beginning of an id that no episode has, which the server rejects. A path is refused, because recordings in
 /// several folders often share a name. `kind` is that of episodes, or of deleted ones; `limits`: whether the command has
@@ -27,7 +32,12 @@ pub(super) fn choose(
 ) -> Result<Option<String>, String> {
     let ids = of_episodes(searched, episodes);
     let name = stem(text);
-    let named: Vec<&Episode> = episodes.iter().filter(|episode| stem(&episode.file_name) == name).collect();
+    let of =
+        |name: &str| -> Vec<&Episode> { episodes.iter().filter(|episode| stem(&episode.file_name) == name).collect() };
+    let mut named = of(name);
+    if named.is_empty() {
+        named = of(&of_bag(name));
+    }
     match (super::choice::choose(kind, text, &ids, limits), named.as_slice()) {
         (Ok(Some(id)), _) => return Ok(Some(id)),
         // Several ids begin so, and one recording has just this name.
@@ -111,6 +121,10 @@ mod tests {
             assert_eq!(choose(text, &episodes), Ok(Some("ep_1".into())), "{text}");
         }
         assert_eq!(choose("ep_0001.mcap", &episodes), Ok(Some("ep_4".into())));
+        let bags = [episode("ep_5", "run_0.mcap"), episode("ep_6", "run_1_0.mcap")];
+        for (folder, id) in [("run", "ep_5"), ("run_1", "ep_6"), ("run_0", "ep_5")] {
+            assert_eq!(choose(folder, &bags), Ok(Some(id.into())), "{folder}");
+        }
         assert_eq!(choose("ep_7", &episodes), Ok(None));
         let several = choose("b.mcap", &episodes).unwrap_err();
         assert_eq!(several, "b.mcap: 2 episodes have this file name: ep_2 (failure), ep_3 (failure); give an id");

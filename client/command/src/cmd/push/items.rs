@@ -3,7 +3,9 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use gleaner_client::{Client, LabelledFile, PushItem, Skipped, UploadLabel, find_recordings, read_labels};
+use gleaner_client::{
+    BAG_METADATA, Client, LabelledFile, PushItem, Skipped, UploadLabel, find_recordings, read_labels,
+};
 use gleaner_proto::v1::{ListTasksRequest, Outcome};
 
 use super::{PushArgs, join};
@@ -13,8 +15,6 @@ use crate::words;
 
 /// The labels file that is looked for in folders.
 const LABELS: &str = "labels.csv";
-/// What lists the parts of a rosbag2 folder.
-const METADATA: &str = "metadata.yaml";
 
 /// The recordings to send, and what was skipped.
 pub(super) async fn items(
@@ -125,7 +125,7 @@ fn chosen<'a>(
     let (mut rows, mut missing) = (Vec::new(), Vec::new());
     for path in recordings {
         // A rosbag2 folder may be listed by its own name or by that of its first file, whatever their number.
-        let folder = path.parent().filter(|folder| folder.join(METADATA).is_file()).map(place);
+        let folder = path.parent().filter(|folder| folder.join(BAG_METADATA).is_file()).map(place);
         let place = place(&path);
         let part = || by_place.keys().find(|listed| listed.parent() == Some(&place)).cloned();
         let key = [Some(place.clone()), folder].into_iter().flatten().find(|key| by_place.contains_key(key));
@@ -173,7 +173,7 @@ mod tests {
         let at = |name: &str| folder.path().join(name);
         for bag in ["one", "two", "three"] {
             std::fs::create_dir(at(bag)).unwrap();
-            for file in [METADATA, "bag_0.mcap"] {
+            for file in [BAG_METADATA, "bag_0.mcap"] {
                 std::fs::write(at(bag).join(file), "").unwrap();
             }
         }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gleaner_client::read_labels;
+use gleaner_client::{BAG_METADATA, read_labels};
 use gleaner_inspector::Assumed;
 use serde_json::json;
 
@@ -91,9 +91,19 @@ fn show(context: &Context, draft: &Draft, paths: &str) -> Result<()> {
     Ok(())
 }
 
+/// The folder that a recording is in; of one in a rosbag2 folder, the folder that this one is in.
+fn beside(recording: &Path) -> Option<&Path> {
+    let folder = recording.parent()?;
+    if !folder.join(BAG_METADATA).is_file() {
+        return Some(folder);
+    }
+    let outer = folder.parent()?;
+    Some(if outer.as_os_str().is_empty() { Path::new(".") } else { outer })
+}
+
 /// The name that labels beside the recordings have for their task, or else that of their folder.
 fn name_beside(recordings: &[PathBuf]) -> Option<String> {
-    let parents = recordings.iter().filter_map(|path| path.parent()).collect::<BTreeSet<&Path>>();
+    let parents = recordings.iter().filter_map(|path| beside(path)).collect::<BTreeSet<&Path>>();
     let tasks = parents.iter().filter_map(|folder| read_labels(&folder.join(LABELS)).ok()).flatten();
     let tasks: BTreeSet<String> = tasks.filter_map(|row| row.task).collect();
     let folder = parents.first().and_then(|folder| folder.canonicalize().ok());
@@ -120,6 +130,10 @@ mod tests {
         assert_eq!(name_beside(&recordings).unwrap(), "pick_up");
         std::fs::write(runs.join(LABELS), "file,task,outcome\na.mcap,PickCube-v0,success\n").unwrap();
         assert_eq!(name_beside(&recordings).unwrap(), "PickCube-v0");
+        let bag = recordings[0].parent().unwrap().join("run_1");
+        std::fs::create_dir(&bag).unwrap();
+        std::fs::write(bag.join(BAG_METADATA), "").unwrap();
+        assert_eq!(name_beside(&[bag.join("run_1_0.mcap")]).unwrap(), "PickCube-v0", "not that of the bag");
     }
 
     /// Neither needs a server or an inspector.
