@@ -109,12 +109,13 @@ async fn scores_by_default_need_no_pretraining() {
 }
 
 #[tokio::test]
-async fn a_pipeline_trains_from_its_encoder() {
+async fn a_policy_begins_with_the_encoder_of_its_pipeline() {
     let server = TestServer::start().await;
     lab::set_up(&mut Api::connect(&server).await).await;
     let url = server.url();
     let short = ["--steps", "2", "--batch", "4", "--train-steps", "2", "--train-batch", "4"];
-    let chain = gleaner(url, &[&["pipeline", "--wait"], &short[..]].concat()).await;
+    let words = ["pipeline", "--wait", "--initial-weights", "encoder"];
+    let chain = gleaner(url, &[&words, &short[..]].concat()).await;
     assert!(chain.success, "{}", chain.errors);
     let jobs = json(url, &["jobs"]).await;
     let trained = jobs["jobs"].as_array().unwrap().iter().find_map(|job| job["spec"].get("train")).unwrap();

@@ -32,9 +32,8 @@ enum Until {
 pub(crate) struct PipelineArgs {
     #[command(flatten)]
     snapshot: SnapshotArgs,
-    /// Last stage of the chain. A training of bc begins with the encoder, unless --quick or --initial-weights is given.
-    /// Where neither the scorer nor the policy reads the encoder, as with --quick, pretraining has one step, unless --steps
-    /// is given.
+    /// Last stage of the chain. Where neither the scorer nor the policy reads the encoder, as by default, pretraining has
+    /// one step, unless --steps is given. With `--initial-weights encoder` the policy begins with it.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
     /// Train for a first look, in minutes: 800 steps of 32 segments for the policy, where --train-steps and --train-batch
@@ -51,34 +50,17 @@ pub(crate) struct PipelineArgs {
 const QUICK: [(&str, u32); 4] = [("steps", 300), ("batch", 32), ("train_steps", 800), ("train_batch", 32)];
 /// The settings of a pretraining whose encoder has no use but its name and its sizes.
 const UNREAD: [(&str, u32); 2] = [("steps", 1), ("batch", 32)];
-/// The policy that begins with the pipeline's encoder by default (docs/decisions/0063).
-const BEGINS: &str = "bc";
-const INITIAL_WEIGHTS: &str = "initial_weights";
 
 impl PipelineArgs {
     pub(crate) fn spec(&self) -> PipelineSpec {
-        let mut chosen = self.clone();
-        if self.begins_with_encoder() {
-            let encoder = InitialWeights::Encoder.as_str();
-            chosen.settings.values.insert(INITIAL_WEIGHTS.into(), encoder.into());
-        }
-        let is_unread = !chosen.reads_encoder() && !self.settings.values.contains_key("steps");
+        let mut settings = self.settings.clone();
+        let is_unread = !self.reads_encoder() && !settings.values.contains_key("steps");
         let unread = if is_unread { &UNREAD[..] } else { &[] };
         let quick = if self.quick { &QUICK[..] } else { &[] };
         for (name, value) in unread.iter().chain(quick) {
-            chosen.settings.values.entry(*name).or_insert_with(|| (*value).into());
+            settings.values.entry(*name).or_insert_with(|| (*value).into());
         }
-        chosen.completed()
-    }
-
-    /// Whether the policy begins with the pipeline's encoder although no option asks for it: the policy of which that
-    /// was measured does, unless its first weights or its history are chosen otherwise.
-    fn begins_with_encoder(&self) -> bool {
-        let settings = self.settings.of_job("train");
-        let measured = Family::Policy.chosen(&settings).is_some_and(|policy| policy.name == BEGINS);
-        let otherwise = [INITIAL_WEIGHTS, "image_weights", "history_steps"];
-        let chosen = otherwise.iter().any(|name| settings.contains_key(*name));
-        measured && !chosen && !self.quick && self.until >= Until::Train
+        Self { settings, ..self.clone() }.completed()
     }
 
     /// The pipeline of these settings.

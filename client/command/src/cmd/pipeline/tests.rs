@@ -46,34 +46,14 @@ fn a_first_look_is_short_where_no_length_is_given() {
         assert_eq!(of(&format!("--quick {unread}")).0, (Some(1), Some(32)), "{unread}");
     }
     assert_eq!(of("--quick --steps 7 --train-batch 8"), ((Some(7), Some(32)), (Some(800), Some(8))));
-    let unread = spec("--initial-weights random").pretrain.unwrap().settings;
+    let unread = spec("").pretrain.unwrap().settings;
     assert_eq!(steps(unread), (Some(1), Some(32)), "an encoder without a use is no work");
-}
-
-#[test]
-fn the_default_policy_begins_with_the_encoder() {
-    let of = |options: &str| {
-        let spec = spec(options);
-        let settings = |settings: Option<Struct>| gleaner_core::proto::from_struct(settings);
-        let training = spec.train.map(|train| settings(train.settings)).unwrap_or_default();
-        let weights = training.get(INITIAL_WEIGHTS).and_then(|word| word.as_str()).map(str::to_owned);
-        (weights, settings(spec.pretrain.unwrap().settings).contains_key("steps"))
-    };
-    let encoder = Some("encoder".to_owned());
-    for options in ["", "--preset small --image-encoder residual", "--train-steps 9", "--until evaluate"] {
-        assert_eq!(of(options), (encoder.clone(), false), "{options}");
-    }
-    for options in ["--quick", "--policy flow", "--history-steps 3", "--until dataset"] {
-        assert_eq!(of(options), (None, true), "{options}");
-    }
-    assert_eq!(of("--initial-weights random"), (Some("random".to_owned()), true));
-    assert_eq!(of("--policy flow --initial-weights encoder"), (encoder, false));
 }
 
 #[test]
 fn options_that_are_left_out_are_not_sent() {
     assert!(spec("--scorer ssdf").pretrain.unwrap().settings.unwrap().fields.is_empty());
-    assert!(spec("--policy flow").train.unwrap().settings.unwrap().fields.keys().eq(["policy"]));
+    assert!(spec("").train.unwrap().settings.unwrap().fields.is_empty());
 }
 
 #[test]
