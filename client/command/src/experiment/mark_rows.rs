@@ -61,11 +61,11 @@ fn rows(text: &str) -> std::result::Result<Vec<MarkRow>, String> {
         };
         let line = lines.at(position.map_or(0, csv::Position::byte));
         let here = |problem: String| format!("line {line}: {problem}");
-        let cells = record.map_err(|error| match error.kind() {
-            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-                here(format!("has {len} cells, and the first line {expected_len}; add or remove commas"))
+        let cells = record.map_err(|error| {
+            if let csv::ErrorKind::UnequalLengths { expected_len, len, .. } = error.kind() {
+                return here(format!("has {len} cells, and the first line {expected_len}; add or remove commas"));
             }
-            _ => here(error.to_string()),
+            here(error.to_string())
         })?;
         let Cells { episode, file, went_wrong } =
             cells.deserialize(Some(&headers)).map_err(|error| here(error.to_string()))?;
