@@ -59,7 +59,7 @@ pub fn read_labels(csv_path: &Path) -> Result<Vec<LabelledFile>> {
     let form = "file,task,outcome,cohort (task and cohort may be left out)";
     let mut seen = BTreeSet::new();
     let mut files = Vec::new();
-    for (line, row) in rows::<Row>(&text, ["file", "outcome"], form).map_err(wrong)? {
+    for (line, row) in rows::<Row>(&text, &["file", "outcome"], form).map_err(wrong)? {
         let at_line = |problem: String| wrong(format!("line {line}: {problem}"));
         if row.file.is_empty() {
             return Err(at_line("the file is empty".into()));

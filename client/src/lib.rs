@@ -69,6 +69,7 @@ pub use lowest::LowestScore;
 pub use parts::METADATA as BAG_METADATA;
 pub use push::{PushEvent, PushItem, PushResult, Pushed};
 pub use ranges::{NamedRange, read_ranges};
+pub use rows::rows;
 pub use score_table::{ScoredEpisode, read_scores};
 pub use scoring::StepScorer;
 pub use session::{Session, observation};

@@ -41,7 +41,7 @@ pub fn read_ranges(csv_path: &Path) -> Result<Vec<NamedRange>> {
     let form = "start,end,success,name (success and name may be left out)";
     let mut names = BTreeSet::new();
     let mut ranges = Vec::new();
-    for (line, row) in rows(&text, ["start", "end"], form).map_err(wrong)? {
+    for (line, row) in rows(&text, &["start", "end"], form).map_err(wrong)? {
         let Row { start, end, success, name } = row;
         let at_line = |problem: String| wrong(format!("line {line}: {problem}"));
         let name = name.unwrap_or_default();

@@ -8,13 +8,13 @@ use serde::de::DeserializeOwned;
 ///
 /// # Errors
 /// A column of `needed` that is missing, with the header `form`; a row that cannot be read, with its line.
-pub(crate) fn rows<T: DeserializeOwned>(text: &str, needed: [&str; 2], form: &str) -> Result<Vec<(u64, T)>, String> {
+pub fn rows<T: DeserializeOwned>(text: &str, needed: &[&str], form: &str) -> Result<Vec<(u64, T)>, String> {
     // As spreadsheets write it; offsets are of the text after it.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let headers = reader.headers().map_err(|error| error.to_string())?.clone();
     for needed in needed {
-        if !headers.iter().any(|header| header == needed) {
+        if !headers.iter().any(|header| header == *needed) {
             return Err(format!("column {needed:?} is missing; the first line must be {form}"));
         }
     }
@@ -79,7 +79,7 @@ mod tests {
     }
 
     fn read(text: &str) -> Result<Vec<(u64, String, u32)>, String> {
-        let read = rows::<Row>(text, ["a", "b"], "a,b")?;
+        let read = rows::<Row>(text, &["a", "b"], "a,b")?;
         Ok(read.into_iter().map(|(line, Row { a, b })| (line, a, b)).collect())
     }
 

@@ -95,6 +95,7 @@ async fn datasets_are_inspected_drafted_and_checked_without_a_server() {
         let inspected = gleaner(NOWHERE, &["inspect", text(&dataset)]).await;
         let seen = inspected.text();
         assert!(inspected.success && seen.contains(format) && seen.contains("2 episodes, 21 steps at 10 Hz"), "{seen}");
+        assert!(inspected.errors.contains("next: gleaner push DATASET"), "{}", inspected.errors);
         let named = |episode| format!("{}_00000{episode}", name.trim_end_matches(".hdf5"));
         assert!(seen.contains(&named(0)) && seen.contains("/robot/action"), "{seen}");
         let folder = tempfile::tempdir().unwrap();

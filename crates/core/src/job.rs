@@ -1,5 +1,7 @@
 //! Jobs: their kinds, specs and legal transitions.
 
+mod metric;
+
 use crate::{EvaluateSpec, ImageWeights, PretrainSpec, Problem, ScoreSpec, TrainSpec};
 
 use super::{
@@ -8,6 +10,8 @@ use super::{
     placement::Placement,
     time::Millis,
 };
+
+pub use metric::Metric;
 
 /// The kinds of jobs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -264,19 +268,6 @@ impl Job {
             (_, known) => known,
         }
     }
-}
-
-/// One value that a job reported.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Metric {
-    /// Order of arrival; `watch` resumes after it.
-    pub sequence: i64,
-    /// The job's step.
-    pub step: u64,
-    /// For example `loss_mtp`.
-    pub name: String,
-    /// Its value.
-    pub value: f64,
 }
 
 #[cfg(test)]

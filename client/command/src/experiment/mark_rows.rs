@@ -45,59 +45,15 @@ pub(super) fn read(path: &Path) -> Result<Vec<MarkRow>> {
 }
 
 fn rows(text: &str) -> std::result::Result<Vec<MarkRow>, String> {
-    // As spreadsheets write it; offsets are of the text after it.
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let headers = reader.headers().map_err(|error| error.to_string())?.clone();
-    if headers.iter().all(|header| header != WENT_WRONG) {
-        return Err(format!("column {WENT_WRONG:?} is missing; its cells are the first wrong step, or empty"));
-    }
-    let mut lines = Lines { text: text.as_bytes(), byte: 0, line: 1 };
-    let mut rows = Vec::new();
-    for record in reader.records() {
-        let position = match &record {
-            Ok(record) => record.position(),
-            Err(error) => error.position(),
-        };
-        let line = lines.at(position.map_or(0, csv::Position::byte));
-        let here = |problem: String| format!("line {line}: {problem}");
-        let cells = record.map_err(|error| {
-            if let csv::ErrorKind::UnequalLengths { expected_len, len, .. } = error.kind() {
-                return here(format!("has {len} cells, and the first line {expected_len}; add or remove commas"));
-            }
-            here(error.to_string())
-        })?;
-        let Cells { episode, file, went_wrong } =
-            cells.deserialize(Some(&headers)).map_err(|error| here(error.to_string()))?;
+    let form = "file,went_wrong or episode,went_wrong";
+    let read = |(line, cells): (u64, Cells)| {
+        let Cells { episode, file, went_wrong } = cells;
         let step = if went_wrong.is_empty() { Ok(None) } else { went_wrong.parse::<u32>().map(Some) };
-        let step =
-            step.map_err(|_| here(format!("{WENT_WRONG}: expected a step or an empty cell, got {went_wrong:?}")))?;
-        rows.push(MarkRow { line, episode, file, mark: Mark { went_wrong: step } });
-    }
-    Ok(rows)
-}
-
-/// A place in a text, and its line.
-struct Lines<'a> {
-    text: &'a [u8],
-    byte: usize,
-    line: u64,
-}
-
-impl Lines<'_> {
-    /// The line of the record that the reader found from this byte on. The reader counts blank lines before a record as a
-    /// part of it.
-    fn at(&mut self, byte: u64) -> u64 {
-        let from = usize::try_from(byte).unwrap_or(usize::MAX);
-        while let Some(next) = self.text.get(self.byte) {
-            if self.byte >= from && !matches!(next, b'\n' | b'\r') {
-                break;
-            }
-            self.line += u64::from(*next == b'\n');
-            self.byte += 1;
-        }
-        self.line
-    }
+        let step = step
+            .map_err(|_| format!("line {line}: {WENT_WRONG}: expected a step or an empty cell, got {went_wrong:?}"))?;
+        Ok(MarkRow { line, episode, file, mark: Mark { went_wrong: step } })
+    };
+    gleaner_client::rows::<Cells>(text, &[WENT_WRONG], form)?.into_iter().map(read).collect()
 }
 
 /// The marks of a folder of recordings, each of one recording.
