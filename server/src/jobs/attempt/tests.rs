@@ -42,7 +42,7 @@ impl Engine for Exhausted {
     fn start(&self, _: Launch<'_>) -> Result<Box<dyn Execution>, String> {
         match self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)) {
             Ok(_) => Err("no process is free".to_owned()),
-            Err(_) => Ok(Box::new(Ended)),
+            Err(_) => Ok(Box::new(Ended(End::Broken, "it ended"))),
         }
     }
 
@@ -51,11 +51,8 @@ impl Engine for Exhausted {
     }
 }
 
-/// A worker that has ended without a result.
-struct Ended;
-
-/// A worker that a limit on its time has ended.
-struct Halted;
+/// A worker that has ended, in this way and with these words.
+struct Ended(fn(String) -> End, &'static str);
 
 #[async_trait::async_trait]
 impl Execution for Ended {
@@ -68,30 +65,11 @@ impl Execution for Ended {
     }
 
     async fn ended(&mut self) -> End {
-        End::Broken("it ended".to_owned())
+        self.0(self.1.to_owned())
     }
 
     async fn kill(&mut self, reason: String) -> End {
-        End::Broken(reason)
-    }
-}
-
-#[async_trait::async_trait]
-impl Execution for Halted {
-    fn placement(&self) -> watch::Receiver<Placement> {
-        watch::Sender::default().subscribe()
-    }
-
-    fn output(&mut self) -> Option<Output> {
-        None
-    }
-
-    async fn ended(&mut self) -> End {
-        End::Stopped("it reached its time limit".to_owned())
-    }
-
-    async fn kill(&mut self, reason: String) -> End {
-        End::Stopped(reason)
+        self.0(reason)
     }
 }
 
@@ -115,7 +93,7 @@ async fn after_a_restart(of_this_attempt: bool) -> Job {
     }
     let jobs = bench.with_engine(Box::new(Exhausted(AtomicU32::new(0))));
     let (job, lease) = (bench.store.job(&attempt.job_id).await.unwrap(), jobs.0.leases.grant(&attempt, Tie::Resumed));
-    resume(&jobs.0, job, attempt.clone(), &lease, Box::new(Halted)).await;
+    resume(&jobs.0, job, attempt.clone(), &lease, Box::new(Ended(End::Stopped, "it reached its time limit"))).await;
     bench.store.job(&attempt.job_id).await.unwrap()
 }
 
