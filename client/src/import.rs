@@ -6,8 +6,7 @@ use futures::stream;
 use gleaner_core::id::EpisodeId;
 use gleaner_proto::v1::import_scores_request::Message;
 use gleaner_proto::v1::{
-    GetSnapshotRequest, ImportScoresOpen, ImportScoresRequest, ImportedEpisode, ImportedEpisodes, ListEpisodesRequest,
-    ScoreRun,
+    ImportScoresOpen, ImportScoresRequest, ImportedEpisode, ImportedEpisodes, ListEpisodesRequest, ScoreRun,
 };
 
 use crate::connection::Client;
@@ -86,10 +85,9 @@ impl Client {
 
     /// The ids of a snapshot's episodes by the file name and by the digest of their recordings.
     async fn names(&self, snapshot: &str) -> Result<HashMap<String, BTreeSet<String>>> {
-        let request = GetSnapshotRequest { snapshot_id: snapshot.to_owned() };
-        let reply = self.snapshots().get_snapshot(request).await?.into_inner();
-        let members: HashSet<String> = reply.episodes.into_iter().map(|episode| episode.episode_id).collect();
-        let task = reply.snapshot.ok_or(ClientError::Contract { missing: "a snapshot" })?.task_id;
+        let task = self.snapshot(snapshot).await?.task_id;
+        let members = self.snapshot_episodes(snapshot).await?;
+        let members: HashSet<String> = members.into_iter().map(|episode| episode.episode_id).collect();
         let mut names: HashMap<String, BTreeSet<String>> = HashMap::new();
         // An episode of a snapshot may be in the trash.
         for deleted in [false, true] {

@@ -5,6 +5,7 @@
 //!   [`find_recordings`] and [`read_labels`] find them.
 //! - [`Client::download_export`] writes the files of a dataset into a new folder, and [`Client::export_episode`] one whole
 //!   episode with its scores.
+//! - [`Client::snapshot_episodes`] lists the episodes of a snapshot of any size.
 //! - [`Client::watch`] and [`Client::wait`] follow a job.
 //! - [`Client::score_recording`] and [`StepScorer`] score what is not stored; [`Client::import_scores`] stores scores made
 //!   elsewhere, which [`read_scores`] reads.
@@ -51,6 +52,7 @@ mod rows;
 mod score_table;
 mod scoring;
 mod session;
+mod snapshot;
 mod source;
 mod token;
 mod upload;

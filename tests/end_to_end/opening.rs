@@ -97,7 +97,7 @@ async fn imported(api: &mut Api, imperfect_per_expert: f64) -> (String, Vec<Stri
     let snapshot = api.snapshots.create_snapshot(request).await.unwrap().into_inner().snapshot.unwrap().id;
     let messages = lab::import(api, &snapshot, "a test").await;
     let run = api.scores.import_scores(tokio_stream::iter(messages)).await.unwrap().into_inner().score_run.unwrap();
-    let request = GetSnapshotRequest { snapshot_id: snapshot };
+    let request = GetSnapshotRequest { snapshot_id: snapshot, omit_episodes: false };
     let members = api.snapshots.get_snapshot(request).await.unwrap().into_inner().episodes;
     let imperfect = members.into_iter().filter(|member| member.role() == Role::Imperfect);
     (run.id, imperfect.map(|member| member.episode_id).collect())

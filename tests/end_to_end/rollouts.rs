@@ -35,7 +35,7 @@ async fn recorded_session_reads_back_with_label_and_scores() {
     let closed = session.close_as(Outcome::Failure).await.unwrap();
     let request = CreateSnapshotRequest { task: lab::TASK.into(), rule: None };
     let snapshot = api.snapshots.create_snapshot(request).await.unwrap().into_inner().snapshot.unwrap();
-    let request = GetSnapshotRequest { snapshot_id: snapshot.id };
+    let request = GetSnapshotRequest { snapshot_id: snapshot.id, omit_episodes: false };
     let counted = api.snapshots.get_snapshot(request).await.unwrap().into_inner().episodes;
     let counted = counted.iter().find(|episode| episode.episode_id == closed.episode_id).unwrap();
     assert_eq!(counted.role(), Role::Imperfect);

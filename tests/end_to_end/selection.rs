@@ -203,7 +203,7 @@ impl Api {
     async fn snapshot(&mut self, rule: RoleRule) -> (String, Vec<SnapshotEpisode>) {
         let request = CreateSnapshotRequest { task: lab::TASK.into(), rule: Some(rule) };
         let snapshot = self.snapshots.create_snapshot(request).await.unwrap().into_inner().snapshot.unwrap();
-        let request = GetSnapshotRequest { snapshot_id: snapshot.id.clone() };
+        let request = GetSnapshotRequest { snapshot_id: snapshot.id.clone(), omit_episodes: false };
         (snapshot.id, self.snapshots.get_snapshot(request).await.unwrap().into_inner().episodes)
     }
 

@@ -78,6 +78,7 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::EpisodeServiceListLabels
         | Rpc::EpisodeServiceDownloadEpisode
         | Rpc::SnapshotServiceGetSnapshot
+        | Rpc::SnapshotServiceListSnapshotEpisodes
         | Rpc::SnapshotServiceListSnapshots
         | Rpc::JobServiceGetJob
         | Rpc::JobServiceListJobs

@@ -22,7 +22,7 @@ impl Jobs {
         let Some(id) = named else {
             return Ok(self.0.store.create_snapshot(task, rule).await?.id);
         };
-        let (snapshot, _) = self.0.store.snapshot(&id).await?;
+        let snapshot = self.0.store.frozen(&id).await?;
         same_task(field, id.as_str(), &snapshot.task_id, task)?;
         self.0.store.expect_recordings(&id).await?;
         Ok(id)

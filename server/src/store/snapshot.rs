@@ -28,11 +28,18 @@ record! { Snapshot: id, task_id, rule, expert_episodes = "experts", imperfect_ep
 record! { SnapshotEpisode: episode_id, outcome, cohort, role, steps }
 record! { InputEpisode: id = "episode_id", recording, steps, file_name, outcome, cohort }
 record! { Placed: position; episode }
+record! { PlacedMember: position; episode }
 
 /// An episode at its place in a snapshot.
 pub(crate) struct Placed {
     pub(crate) position: i64,
     pub(crate) episode: InputEpisode,
+}
+
+/// A frozen episode at its place in a snapshot.
+struct PlacedMember {
+    position: u32,
+    episode: SnapshotEpisode,
 }
 
 impl Store {
@@ -88,6 +95,36 @@ impl Store {
         .await
         .map_err(fault("reading a snapshot's episodes"))?;
         Ok((snapshot, members))
+    }
+
+    /// At most `size` episodes of a snapshot behind a place (`None`: from the first one), in its order, and the place
+    /// behind which the next page begins, if there is one.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn snapshot_episodes(
+        &self,
+        id: &SnapshotId,
+        behind: Option<u32>,
+        size: u32,
+    ) -> Result<(Vec<SnapshotEpisode>, Option<u32>)> {
+        self.frozen(id).await?;
+        let members: Vec<PlacedMember> = sql::query(
+            "select position, episode_id, snapshot_episodes.outcome, snapshot_episodes.cohort, role, steps \
+             from snapshot_episodes join episodes on episodes.id = episode_id \
+             where snapshot_id = $1 and position > $2 order by position limit $3",
+        )
+        .bind(id.param())
+        .bind(behind.map_or(-1, i64::from))
+        // One row more than requested shows whether there is a next page.
+        .bind(i64::from(size) + 1)
+        .try_map(row::read)
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("listing a snapshot's episodes"))?;
+        let size = usize::try_from(size).unwrap_or(usize::MAX);
+        let next = (members.len() > size).then(|| size.checked_sub(1).map(|last| members[last].position)).flatten();
+        Ok((members.into_iter().take(size).map(|member| member.episode).collect(), next))
     }
 
     /// A task's snapshots, newest first.

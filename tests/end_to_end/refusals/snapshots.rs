@@ -27,6 +27,12 @@ async fn invalid_snapshots_are_rejected() {
     let negative = RoleRule { imperfect_per_expert: -1.0, ..RoleRule::default() };
     let not_a_number = RoleRule { imperfect_per_expert: f64::NAN, ..RoleRule::default() };
     let no_experts = RoleRule { expert_cohorts: vec!["absent".into()], ..RoleRule::default() };
+    let get = |id: &str| GetSnapshotRequest { snapshot_id: id.to_owned(), omit_episodes: true };
+    let page = |id: &str, page_size, token: &str| ListSnapshotEpisodesRequest {
+        snapshot_id: id.to_owned(),
+        page_size,
+        page_token: token.to_owned(),
+    };
     expect_errors!(api.snapshots:
         create_snapshot(CreateSnapshotRequest { task: String::new(), rule: None }) => InvalidArgument ["task: "];
         create_snapshot(CreateSnapshotRequest { task: "absent".into(), rule: None }) => NotFound ["absent"];
@@ -36,8 +42,12 @@ async fn invalid_snapshots_are_rejected() {
         create_snapshot(create(negative)) => InvalidArgument ["rule.imperfect_per_expert: "];
         create_snapshot(create(not_a_number)) => InvalidArgument ["rule.imperfect_per_expert: "];
         create_snapshot(create(no_experts)) => FailedPrecondition ["expert"];
-        get_snapshot(GetSnapshotRequest { snapshot_id: "snap_7".into() }) => InvalidArgument ["snapshot_id: "];
-        get_snapshot(GetSnapshotRequest { snapshot_id: absent_id("snap") }) => NotFound [&absent_id("snap")];
+        get_snapshot(get("snap_7")) => InvalidArgument ["snapshot_id: "];
+        get_snapshot(get(&absent_id("snap"))) => NotFound [&absent_id("snap")];
+        list_snapshot_episodes(page("snap_7", 0, "")) => InvalidArgument ["snapshot_id: "];
+        list_snapshot_episodes(page(&absent_id("snap"), 0, "")) => NotFound [&absent_id("snap")];
+        list_snapshot_episodes(page(&absent_id("snap"), 1001, "")) => InvalidArgument ["page_size: "];
+        list_snapshot_episodes(page(&absent_id("snap"), 10, "seventeen")) => InvalidArgument ["page_token: "];
         list_snapshots(ListSnapshotsRequest { task: "absent".into() }) => NotFound ["absent"];
     );
     expect_alive(&mut api).await;

@@ -205,7 +205,7 @@ pub fn train(data: train_spec::Data, steps: u32) -> job_spec::Spec {
 
 /// The messages that import a q of 0.5 for every step of a snapshot's imperfect episodes.
 pub async fn import(api: &mut Api, snapshot: &str, source: &str) -> Vec<ImportScoresRequest> {
-    let request = GetSnapshotRequest { snapshot_id: snapshot.to_owned() };
+    let request = GetSnapshotRequest { snapshot_id: snapshot.to_owned(), omit_episodes: false };
     let members = api.snapshots.get_snapshot(request).await.unwrap().into_inner().episodes;
     let imperfect = members.into_iter().filter(|episode| episode.role() == Role::Imperfect);
     let episodes = imperfect.map(|episode| ImportedEpisode {

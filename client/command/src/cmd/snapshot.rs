@@ -2,7 +2,7 @@
 
 use clap::{Args, Subcommand};
 use gleaner_proto::v1::{
-    CreateSnapshotRequest, GetSnapshotRequest, ListSnapshotsRequest, RoleRule, Snapshot, SnapshotEpisode,
+    CreateSnapshotRequest, GetSnapshotResponse, ListSnapshotsRequest, RoleRule, Snapshot, SnapshotEpisode,
 };
 
 use super::plan::RuleArgs;
@@ -104,9 +104,9 @@ fn rule(rule: Option<&RoleRule>) -> String {
 }
 
 async fn show(context: &Context, id: String) -> Result<()> {
-    let request = GetSnapshotRequest { snapshot_id: id };
-    let reply = context.client().await?.snapshots().get_snapshot(request).await?.into_inner();
-    let snapshot = present(reply.snapshot.as_ref(), "a snapshot")?;
+    let client = context.client().await?;
+    let snapshot = client.snapshot(&id).await?;
+    let reply = GetSnapshotResponse { episodes: client.snapshot_episodes(&id).await?, snapshot: Some(snapshot) };
     let columns = [Left("EPISODE"), Left("ROLE"), Left("OUTCOME"), Left("COHORT"), Right("STEPS")];
     let row = |episode: &SnapshotEpisode| {
         [
@@ -118,7 +118,7 @@ async fn show(context: &Context, id: String) -> Result<()> {
         ]
     };
     context.output.result(|| json::value(&reply), || table(columns, reply.episodes.iter().map(row)))?;
-    context.output.next(format_args!("gleaner pretrain --snapshot {} --wait", snapshot.id));
+    context.output.next(format_args!("gleaner pretrain --snapshot {id} --wait"));
     Ok(())
 }
 

@@ -6,9 +6,7 @@ use gleaner_core::arguments::{Given, Pretrain, Score, Train};
 use gleaner_core::proto::to_struct;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::train_spec::Data;
-use gleaner_proto::v1::{
-    GetDatasetRequest, GetSnapshotRequest, Job, JobKind, JobSpec, ScoreSpec, SubmitJobRequest, TrainSpec,
-};
+use gleaner_proto::v1::{GetDatasetRequest, Job, JobKind, JobSpec, ScoreSpec, SubmitJobRequest, TrainSpec};
 
 use super::plan::SnapshotArgs;
 use super::{encoder, follow, histogram};
@@ -187,9 +185,7 @@ async fn task_of_snapshot(client: &Client, named: Option<String>, snapshot_id: &
     if let Some(task) = named {
         return Ok(task);
     }
-    let request = GetSnapshotRequest { snapshot_id: snapshot_id.to_owned() };
-    let reply = client.snapshots().get_snapshot(request).await?.into_inner();
-    Ok(present(reply.snapshot, "a snapshot")?.task_id)
+    Ok(client.snapshot(snapshot_id).await?.task_id)
 }
 
 /// The task that was named, or the dataset's.

@@ -8,9 +8,7 @@ use gleaner_core::id::EpisodeId;
 use gleaner_core::job;
 use gleaner_core::looks::{Look, looks};
 use gleaner_core::selection::{Candidate, places};
-use gleaner_proto::v1::{
-    GetHistogramRequest, GetScoreRunRequest, GetSnapshotRequest, JobState, ListMetricsRequest, Metric, Role,
-};
+use gleaner_proto::v1::{GetHistogramRequest, GetScoreRunRequest, JobState, ListMetricsRequest, Metric, Role};
 
 use super::auroc::{self, AurocDifference, Scored};
 use super::difference::differences;
@@ -218,11 +216,10 @@ impl<'a> Gatherer<'a> {
     pub(super) async fn episodes(&self, run_id: &str) -> Result<Vec<MarkedEpisode>> {
         let request = GetScoreRunRequest { score_run_id: run_id.to_owned() };
         let run = self.client.scores().get_score_run(request).await?.into_inner().score_run;
-        let request = GetSnapshotRequest { snapshot_id: present(run, "a score run")?.snapshot_id };
-        let snapshot = self.client.snapshots().get_snapshot(request).await?.into_inner();
+        let members = self.client.snapshot_episodes(&present(run, "a score run")?.snapshot_id).await?;
         let steps: HashMap<String, u64> =
-            snapshot.episodes.iter().map(|episode| (episode.episode_id.clone(), episode.steps)).collect();
-        let imperfect = snapshot.episodes.into_iter().filter(|episode| episode.role() == Role::Imperfect);
+            members.iter().map(|episode| (episode.episode_id.clone(), episode.steps)).collect();
+        let imperfect = members.into_iter().filter(|episode| episode.role() == Role::Imperfect);
         let fetch = imperfect.map(|episode| self.episode(run_id, episode.episode_id, &steps));
         let mut episodes: Vec<MarkedEpisode> = futures::stream::iter(fetch).buffered(PARALLEL).try_collect().await?;
         let place = |id: &EpisodeId| self.recordings.by_episode.get(id.as_str()).map(|recording| recording.place);

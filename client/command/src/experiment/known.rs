@@ -11,7 +11,7 @@ use crate::failure::Result;
 /// The snapshot that an earlier run made, if this server has it.
 pub(super) async fn known_snapshot(client: &Client, state: &State, key: &str) -> Result<Option<StageResult>> {
     let Some(id) = state.snapshot(key) else { return Ok(None) };
-    let request = GetSnapshotRequest { snapshot_id: id.to_owned() };
+    let request = GetSnapshotRequest { snapshot_id: id.to_owned(), omit_episodes: true };
     known(id, client.snapshots().get_snapshot(request).await.map(drop))
 }
 

@@ -5,9 +5,7 @@ use std::collections::HashMap;
 
 use gleaner_client::{Client, ScoredEpisode, has_ended};
 use gleaner_core::proto::selection::selection_to_proto;
-use gleaner_proto::v1::{
-    CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, Job, JobSpec, Role, SubmitJobRequest,
-};
+use gleaner_proto::v1::{CreateDatasetRequest, CreateSnapshotRequest, Job, JobSpec, Role, SubmitJobRequest};
 use tonic::Code;
 
 use super::attempts::Trial;
@@ -159,8 +157,7 @@ impl<'a> Submitter<'a> {
             return Ok(known);
         }
         let (snapshot, encoder) = input.before.map_or((input.id, ""), |snapshot| (snapshot, input.id));
-        let request = GetSnapshotRequest { snapshot_id: snapshot.to_owned() };
-        let episodes = self.client.snapshots().get_snapshot(request).await?.into_inner().episodes;
+        let episodes = self.client.snapshot_episodes(snapshot).await?;
         let imperfect = episodes.into_iter().filter(|episode| episode.role() == Role::Imperfect);
         let scored = imperfect.map(|episode| {
             let mark = of_episode(recordings, &episode.episode_id)?.mark;

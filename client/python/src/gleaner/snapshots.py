@@ -11,6 +11,8 @@ from gleaner._rpc import Rpc
 from gleaner.settings import RoleRule
 from gleaner.types import Snapshot, SnapshotEpisode
 
+_PAGE = 1000
+
 
 class Snapshots:
     """`client.snapshots`."""
@@ -28,17 +30,21 @@ class Snapshots:
 
     def get(self, snapshot_id: str) -> Snapshot:
         """Returns a snapshot. Raises `NotFound`."""
-        return self._get(snapshot_id).snapshot
+        request = pb.GetSnapshotRequest(snapshot_id=snapshot_id, omit_episodes=True)
+        return self._rpc.safe("SnapshotService/GetSnapshot", request, pb.GetSnapshotResponse).snapshot
 
     def episodes(self, snapshot_id: str) -> list[SnapshotEpisode]:
         """A snapshot's episodes with their labels as they were then, and their roles."""
-        return [*self._get(snapshot_id).episodes]
+        request = pb.ListSnapshotEpisodesRequest(snapshot_id=snapshot_id, page_size=_PAGE)
+        episodes: list[SnapshotEpisode] = []
+        while True:
+            reply = self._rpc.safe("SnapshotService/ListSnapshotEpisodes", request, pb.ListSnapshotEpisodesResponse)
+            episodes.extend(reply.episodes)
+            if not reply.next_page_token:
+                return episodes
+            request.page_token = reply.next_page_token
 
     def list(self, task: str) -> list[Snapshot]:
         """A task's snapshots, newest first."""
         request = pb.ListSnapshotsRequest(task=task)
         return [*self._rpc.safe("SnapshotService/ListSnapshots", request, pb.ListSnapshotsResponse).snapshots]
-
-    def _get(self, snapshot_id: str) -> pb.GetSnapshotResponse:
-        request = pb.GetSnapshotRequest(snapshot_id=snapshot_id)
-        return self._rpc.safe("SnapshotService/GetSnapshot", request, pb.GetSnapshotResponse)

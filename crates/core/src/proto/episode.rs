@@ -62,12 +62,7 @@ pub fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) -> Result
     let v1::ListEpisodesRequest { task: _, outcome, cohort, page_size, page_token, deleted } = request;
     let after = match page_token.as_str() {
         "" => None,
-        token => Some(EpisodeId::parse("page_token", token).map_err(|_| {
-            Error::invalid(
-                "page_token",
-                "is not a page token: leave it empty, or send the next_page_token of the previous response",
-            )
-        })?),
+        token => Some(EpisodeId::parse("page_token", token).map_err(|_| field::foreign_page_token())?),
     };
     let cohort = (!cohort.is_empty()).then_some(cohort);
     let filter = EpisodeFilter { task_id, outcome: outcome_from_proto("outcome", outcome)?, cohort, deleted };

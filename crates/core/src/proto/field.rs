@@ -31,6 +31,14 @@ pub fn page_size(value: u32) -> Result<u32> {
     }
 }
 
+/// The refusal of a page token that this server did not return.
+pub fn foreign_page_token() -> Error {
+    Error::invalid(
+        "page_token",
+        "is not a page token: leave it empty, or send the next_page_token of the previous response",
+    )
+}
+
 /// A point in time for the wire.
 pub fn timestamp(time: Millis) -> Timestamp {
     let nanos = i32::try_from(time.0.rem_euclid(1000) * 1_000_000).unwrap_or(0);

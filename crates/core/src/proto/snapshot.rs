@@ -23,6 +23,20 @@ pub fn create_request(request: v1::CreateSnapshotRequest) -> Result<(String, Rol
     Ok((field::text("task", task)?, rule_from_proto("rule", rule)?))
 }
 
+/// The snapshot, the place of the last episode of the page before, and the size of a page of its episodes. A page token is
+/// that place.
+///
+/// # Errors
+/// Invalid when the id or the token is malformed, or the page is too large.
+pub fn episodes_request(request: v1::ListSnapshotEpisodesRequest) -> Result<(SnapshotId, Option<u32>, u32)> {
+    let v1::ListSnapshotEpisodesRequest { snapshot_id: id, page_size, page_token } = request;
+    let behind = match page_token.as_str() {
+        "" => None,
+        token => Some(token.parse().map_err(|_| field::foreign_page_token())?),
+    };
+    Ok((snapshot_id(&id)?, behind, field::page_size(page_size)?))
+}
+
 /// Most cohorts on one side of a rule.
 const MAX_COHORTS: usize = 1000;
 
@@ -128,6 +142,22 @@ mod tests {
             seed: 3,
         };
         assert_eq!(rule_from_proto("rule", Some(rule_to_proto(fine.clone()))).unwrap(), fine);
+    }
+
+    #[test]
+    fn a_malformed_page_of_episodes_is_rejected() {
+        let id = SnapshotId::new();
+        let request = |token: &str, page_size| v1::ListSnapshotEpisodesRequest {
+            snapshot_id: id.to_string(),
+            page_token: token.into(),
+            page_size,
+        };
+        assert_eq!(episodes_request(request("", 0)).unwrap(), (id.clone(), None, 100));
+        assert_eq!(episodes_request(request("17", 5)).unwrap(), (id.clone(), Some(17), 5));
+        for (token, size, field) in [("-1", 5, "page_token: "), ("1.5", 5, "page_token: "), ("", 1001, "page_size: ")] {
+            let error = episodes_request(request(token, size)).unwrap_err();
+            assert!(error.message().starts_with(field), "{error}");
+        }
     }
 
     #[test]

@@ -54,6 +54,31 @@ async fn a_snapshot_needs_both_sides() {
 }
 
 #[tokio::test]
+async fn a_snapshot_is_listed_by_pages_in_its_order() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    for outcome in [Outcome::Success, Outcome::Failure, Outcome::Failure, Outcome::Success] {
+        testing::episode(&store, &task, outcome, "ada").await;
+    }
+    let frozen = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap();
+    let (_, all) = store.snapshot(&frozen.id).await.unwrap();
+    let all: Vec<_> = all.into_iter().map(|member| (member.episode_id, member.role)).collect();
+    for size in 1..=5 {
+        let (mut listed, mut behind, mut pages) = (Vec::new(), None, 0);
+        loop {
+            let (page, next) = store.snapshot_episodes(&frozen.id, behind, size).await.unwrap();
+            listed.extend(page.into_iter().map(|member| (member.episode_id, member.role)));
+            pages += 1;
+            let Some(place) = next else { break };
+            behind = Some(place);
+        }
+        assert_eq!((&listed, pages), (&all, 4_u32.div_ceil(size)), "pages of {size}");
+    }
+    let absent = store.snapshot_episodes(&SnapshotId::new(), None, 5).await.unwrap_err();
+    assert_eq!(absent.kind(), Kind::NotFound);
+}
+
+#[tokio::test]
 async fn snapshots_are_listed_newest_first() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;

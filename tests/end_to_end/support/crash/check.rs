@@ -92,7 +92,8 @@ async fn expect_rows(lab: &Lab, before: &Acknowledged) -> Result<(), Status> {
         assert!(runs.iter().any(|run| run.id == *id), "{id} is gone");
     }
     for id in before.snapshots.iter().rev().take(3) {
-        api.snapshots.get_snapshot(GetSnapshotRequest { snapshot_id: id.clone() }).await?;
+        let request = GetSnapshotRequest { snapshot_id: id.clone(), omit_episodes: false };
+        api.snapshots.get_snapshot(request).await?;
     }
     let request = ListDeploymentsRequest { task: common::TASK.into() };
     let deployments = api.policies.list_deployments(request).await?.into_inner().deployments;

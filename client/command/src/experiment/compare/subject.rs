@@ -11,8 +11,7 @@ use gleaner_core::kinds::Family;
 use gleaner_core::proto::task::spec_from_proto;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{
-    Episode, GetScoreRunRequest, GetSnapshotRequest, GetTaskRequest, Kind, ListEpisodesRequest, ListKindsRequest, Role,
-    SnapshotEpisode,
+    Episode, GetScoreRunRequest, GetTaskRequest, Kind, ListEpisodesRequest, ListKindsRequest, Role, SnapshotEpisode,
 };
 use gleaner_sim::{SimConfig, Task};
 
@@ -44,14 +43,13 @@ impl<'a> Subject<'a> {
             [id] if SnapshotId::parse("", id).is_ok() => (vec![Origin::Snapshot(id.clone())], id.clone()),
             _ => encoders(context, client, ids).await?,
         };
-        let request = GetSnapshotRequest { snapshot_id: snapshot_id.clone() };
-        let reply = client.snapshots().get_snapshot(request).await?.into_inner();
-        let task_id = present(reply.snapshot, "a snapshot")?.task_id;
+        let task_id = client.snapshot(&snapshot_id).await?.task_id;
+        let episodes = client.snapshot_episodes(&snapshot_id).await?;
         let request = GetTaskRequest { task: task_id.clone() };
         let task = client.tasks().get_task(request).await?.into_inner().task;
         let spec = spec_from_proto(present(task.and_then(|task| task.spec), "a task")?);
         let spec = spec.map_err(|error| Failure::message(error.to_string()))?;
-        Ok(Self { client, task_id, spec, snapshot_id, episodes: reply.episodes, given })
+        Ok(Self { client, task_id, spec, snapshot_id, episodes, given })
     }
 
     /// Whether encoders are pretrained.
