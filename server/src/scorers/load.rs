@@ -1,9 +1,6 @@
 //! Loads a score run with the encoder, experts, settings and normaliser of its job.
 
-use std::{
-    collections::HashMap,
-    sync::{Arc, Weak},
-};
+use std::sync::{Arc, Weak};
 
 use gleaner_core::{Device, ScoreSpec, kinds::Family};
 use gleaner_learn::{LiveScorer, Normaliser, TaskShape, Trajectory};
@@ -13,11 +10,9 @@ use super::{Ready, engine::Engine, loaded_runs::LoadedRuns, source::Stored};
 use crate::{
     blobs::Blobs,
     domain::{
-        episode::Episode,
         id::{JobId, ScoreRunId},
         job::JobSpec,
         score::ScoreRun,
-        snapshot::Role,
         task::Task,
     },
     error::{Error, Kind as Fault, Result},
@@ -79,15 +74,12 @@ async fn settings(store: &Store, run: &ScoreRun, job: &JobId) -> Result<ScoreSpe
 
 /// The run's experts, in its order.
 async fn experts(store: &Store, ingest: &Ingest, task: &Task, run: &ScoreRun) -> Result<Vec<Trajectory>> {
-    let members = store.recordings(&run.snapshot_id).await?;
-    let experts = members.into_iter().filter(|(_, role)| *role == Role::Expert);
-    let mut by_id: HashMap<_, Episode> = experts.map(|(episode, _)| (episode.id.clone(), episode)).collect();
+    store.expect_recordings(&run.snapshot_id).await?;
     let shape = TaskShape::from(&task.spec);
     let mut trajectories = Vec::with_capacity(run.expert_ids.len());
     for id in &run.expert_ids {
-        let missing = || Error::internal("loading a scorer", format!("{id} is not an expert of {}", run.snapshot_id));
-        let episode = by_id.remove(id).ok_or_else(missing)?;
-        let steps = ingest.frames(&task.spec, &episode.recording).await?;
+        let (_, recording) = store.recording_of(id).await?;
+        let steps = ingest.frames(&task.spec, &recording).await?;
         let source = Stored { steps, widths: (&shape).into(), runtime: Handle::current() };
         let expert = Trajectory::read_from(&shape, id.as_str(), Arc::new(source));
         trajectories.push(expert.map_err(|error| Error::internal("loading a scorer", error))?);

@@ -1,6 +1,6 @@
 //! The segments of a dataset as a stream: made one by one as the caller reads, one episode open at a time.
 
-use std::{collections::HashMap, sync::Arc};
+use std::sync::Arc;
 
 use futures::{Stream, stream};
 use gleaner_proto::v1;
@@ -8,11 +8,7 @@ use gleaner_recording::TaskSpec;
 
 use super::Services;
 use crate::{
-    domain::{
-        dataset::DatasetContents,
-        id::{BlobId, EpisodeId},
-        snapshot::Role,
-    },
+    domain::{dataset::DatasetContents, id::EpisodeId, snapshot::Role},
     error::{Error, Result},
     ingest::Frames,
     wire::{self, dataset::SegmentsRequest},
@@ -42,7 +38,6 @@ struct Walk {
     /// l: a segment is the window of l + 1 steps that ends at its step.
     length: u32,
     include_frames: bool,
-    recordings: HashMap<EpisodeId, BlobId>,
     parts: std::vec::IntoIter<Part>,
     open: Option<Open>,
 }
@@ -56,13 +51,12 @@ pub(super) async fn segments(
     request: SegmentsRequest,
 ) -> Result<impl Stream<Item = Result<v1::Segment>> + Send + use<>> {
     let contents = services.store.dataset_contents(&request.dataset_id).await?;
-    let recordings = services.store.recordings(&contents.snapshot_id).await?;
+    services.store.expect_recordings(&contents.snapshot_id).await?;
     let walk = Walk {
         services: services.clone(),
         spec: services.store.task_by_id(&contents.dataset.task_id).await?.spec,
         length: services.store.segment_length(contents.run.origin.encoder_id()).await?,
         include_frames: request.include_frames,
-        recordings: recordings.into_iter().map(|(episode, _)| (episode.id, episode.recording)).collect(),
         parts: parts(contents, request.kept_only).into_iter(),
         open: None,
     };
@@ -94,11 +88,8 @@ impl Walk {
     }
 
     async fn begin(&self, mut part: Part) -> Result<Open> {
-        let recording = self
-            .recordings
-            .get(&part.episode)
-            .ok_or_else(|| Error::internal("streaming segments", "a scored episode is not in the run's snapshot"))?;
-        let frames = self.services.ingest.frames(&self.spec, recording).await?;
+        let (_, recording) = self.services.store.recording_of(&part.episode).await?;
+        let frames = self.services.ingest.frames(&self.spec, &recording).await?;
         let numbers = frames.numbers(0..frames.steps()).await?;
         let steps = u32::try_from(frames.steps()).map_err(|error| Error::internal("streaming segments", error))?;
         let ends = part.ends.take().unwrap_or_else(|| (0..steps).map(|end| (end, 1.0)).collect());

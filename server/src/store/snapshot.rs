@@ -3,13 +3,13 @@
 use std::collections::HashMap;
 
 use super::{
-    Store, episode, fault,
+    Store, fault,
     row::{self, Column as _, record},
     sql::{self, QueryBuilder, Transaction},
 };
 use crate::{
     domain::{
-        episode::{Episode, Outcome},
+        episode::Outcome,
         id::{EpisodeId, SnapshotId, TaskId},
         limit::{Member, limited},
         snapshot::{Role, RoleRule, Snapshot, SnapshotEpisode},
@@ -158,33 +158,6 @@ impl Store {
         .fetch_all(self.read())
         .await
         .map_err(fault("reading a snapshot's episodes"))
-    }
-
-    /// The episodes of a snapshot in its order, each with its role and with its outcome and cohort at that time.
-    ///
-    /// # Errors
-    /// NotFound; Precondition when a recording was permanently deleted.
-    pub(crate) async fn recordings(&self, id: &SnapshotId) -> Result<Vec<(Episode, Role)>> {
-        let (_, members) = self.snapshot(id).await?;
-        self.expect_recordings(id).await?;
-        let mut query = QueryBuilder::new(episode::COLUMNS);
-        query.push("join snapshot_episodes on episode_id = episodes.id where snapshot_id = ").push_bind(id.param());
-        let episodes: Vec<Episode> = query
-            .build()
-            .try_map(row::read)
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("reading a snapshot's episodes"))?;
-        let mut by_id: HashMap<EpisodeId, Episode> =
-            episodes.into_iter().map(|episode| (episode.id.clone(), episode)).collect();
-        members
-            .into_iter()
-            .map(|member| {
-                let episode = by_id.remove(&member.episode_id);
-                let episode = episode.ok_or_else(|| Error::internal("reading a snapshot", "an episode has no row"))?;
-                Ok((Episode { outcome: member.outcome, cohort: member.cohort, ..episode }, member.role))
-            })
-            .collect()
     }
 }
 

@@ -129,7 +129,8 @@ async fn reads(store: &Store) {
             store.dataset_contents(&dataset.id).await.unwrap();
         }
         for snapshot in store.snapshots(&task.id).await.unwrap() {
-            assert!(!store.recordings(&snapshot.id).await.unwrap().is_empty());
+            assert!(!store.snapshot(&snapshot.id).await.unwrap().1.is_empty());
+            store.expect_recordings(&snapshot.id).await.unwrap();
         }
     }
     assert!(store.schedules(None).await.unwrap().iter().all(|schedule| schedule.engine_options.is_empty()));

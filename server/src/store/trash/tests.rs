@@ -107,7 +107,7 @@ async fn an_episode_of_a_snapshot_is_deleted_by_force_only_and_keeps_its_row() {
     assert_eq!(members.len(), 2);
     let error = store.expect_recordings(&encoder.snapshot_id).await.unwrap_err();
     assert!(error.kind() == Kind::Precondition && error.message().contains(expert.id.as_str()), "{error}");
-    assert_eq!(store.recordings(&encoder.snapshot_id).await.unwrap_err().kind(), Kind::Precondition);
+    assert_eq!(store.expect_recordings(&encoder.snapshot_id).await.unwrap_err().kind(), Kind::Precondition);
     assert_eq!(store.episode(&expert.id).await.unwrap_err().kind(), Kind::NotFound);
     assert_eq!(store.undelete_episodes(&ids).await.unwrap_err().kind(), Kind::NotFound);
     assert!(listed(&store, &task, true).await.is_empty());
