@@ -6,7 +6,8 @@
 //! - [`Client::download_export`] writes the files of a dataset into a new folder, and [`Client::export_episode`] one whole
 //!   episode with its scores.
 //! - [`Client::snapshot_episodes`] lists the episodes of a snapshot of any size.
-//! - [`Client::watch`] and [`Client::wait`] follow a job.
+//! - [`Client::submit_pipeline`] queues a chain of jobs; [`Client::watch`] and [`Client::wait`] follow a job.
+//! - [`Client::every_schedule`] lists schedules, however many there are.
 //! - [`Client::score_recording`] and [`StepScorer`] score what is not stored; [`Client::import_scores`] stores scores made
 //!   elsewhere, which [`read_scores`] reads.
 //! - [`Session`] acts in lock step, for simulators; [`Client::control`] runs a robot ([`robot`]) at a fixed rate;
@@ -43,12 +44,14 @@ mod import;
 mod labels;
 mod lowest;
 mod parts;
+mod pipeline;
 mod push;
 mod ranges;
 mod reason;
 mod retry;
 pub mod robot;
 mod rows;
+mod schedules;
 mod score_table;
 mod scoring;
 mod session;

@@ -48,6 +48,36 @@ async fn job_key_is_one_job_across_a_restart() {
     assert_ne!(again.id, job.id, "a cancelled job holds no key");
 }
 
+/// The response of the first call may have been lost with the server.
+#[tokio::test]
+async fn pipeline_key_is_one_chain_across_a_restart() {
+    let (mut server, mut api, _) = lab::with_episodes(&["--workers", "0"]).await;
+    let request = |beta| SubmitPipelineRequest {
+        task: lab::TASK.into(),
+        pipeline: Some(PipelineSpec {
+            pretrain: Some(PretrainSpec::default()),
+            score: true,
+            beta: Some(beta),
+            ..PipelineSpec::default()
+        }),
+        key: "nightly 4f1c".into(),
+        ..SubmitPipelineRequest::default()
+    };
+    let first = api.jobs.submit_pipeline(request(0.5)).await.unwrap().into_inner();
+    assert_eq!(first.jobs.iter().map(|job| job.key.as_str()).collect::<Vec<_>>(), ["", "nightly 4f1c"]);
+    server.kill().await;
+    server.start_again().await;
+
+    let mut api = Api::connect(&server).await;
+    assert_eq!(api.jobs.submit_pipeline(request(0.5)).await.unwrap().into_inner(), first);
+    let other = api.jobs.submit_pipeline(request(0.9)).await.unwrap_err();
+    assert!(other.code() == Code::AlreadyExists && other.message().contains(&first.jobs[1].id), "{other}");
+    api.jobs.cancel_job(CancelJobRequest { job_id: first.jobs[0].id.clone() }).await.unwrap();
+    let again = api.jobs.submit_pipeline(request(0.9)).await.unwrap().into_inner();
+    assert_ne!(again.dataset_id, first.dataset_id, "a cancelled chain holds no key");
+    assert_eq!(api.jobs.list_jobs(ListJobsRequest::default()).await.unwrap().into_inner().jobs.len(), 4);
+}
+
 #[tokio::test]
 async fn upload_resumes_after_a_kill() {
     let (mut server, mut api) = lab::idle().await;

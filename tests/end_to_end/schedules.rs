@@ -21,7 +21,8 @@ fn create(name: &str, trigger: create_schedule_request::Trigger) -> CreateSchedu
 }
 
 async fn schedules(api: &mut Api) -> Vec<Schedule> {
-    api.schedules.list_schedules(ListSchedulesRequest { task: lab::TASK.into() }).await.unwrap().into_inner().schedules
+    let request = ListSchedulesRequest { task: lab::TASK.into(), ..Default::default() };
+    api.schedules.list_schedules(request).await.unwrap().into_inner().schedules
 }
 
 #[tokio::test]

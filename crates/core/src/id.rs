@@ -16,6 +16,11 @@ fn next() -> ulid::Ulid {
     generator.generate().unwrap_or_else(|_| ulid::Ulid::generate())
 }
 
+/// A text that no other call returns, for a caller's keys.
+pub fn unique() -> String {
+    next().to_string()
+}
+
 macro_rules! ids {
     ($($(#[$doc:meta])* $name:ident, $prefix:literal, $what:literal;)*) => {$(
         $(#[$doc])*

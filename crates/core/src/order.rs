@@ -6,11 +6,11 @@ use super::{
     dataset::{Dataset, ExportSpec},
     id::{DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
     job::{JobKind, JobSpec, JobState},
-    schedule::ScheduleStart,
+    schedule::{PipelineSpec, ScheduleStart},
     snapshot::RoleRule,
 };
 
-/// A caller's specification of a job. The server fills in parts that are left out. Stored with a job that has a key.
+/// A caller's specification of a job. The server fills in parts that are left out.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum JobOrder {
@@ -133,6 +133,9 @@ pub struct PipelineQueueing {
     pub priority: i32,
     /// Options of the engine of every job, or empty.
     pub engine_options: String,
+    /// The caller's own name for the work, or empty; that of the last job, which ends with every job before it that fails
+    /// or is cancelled.
+    pub key: String,
 }
 
 /// A job to be queued.
@@ -164,7 +167,20 @@ pub struct Keyed {
     /// The name.
     pub key: String,
     /// The order given with the name: one key stands for one order.
-    pub order: JobOrder,
+    pub order: KeyedOrder,
+}
+
+/// What a key stands for; stored with the job that has the key.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(untagged)]
+pub enum KeyedOrder {
+    /// One job.
+    Job(Box<JobOrder>),
+    /// A chain of jobs, of which the last one has the key.
+    Pipeline {
+        /// The chain, as its caller sent it.
+        pipeline: Box<PipelineSpec>,
+    },
 }
 
 /// Jobs that are queued in one transaction.

@@ -114,8 +114,8 @@ pub struct Schedule {
     pub name: String,
     /// Its trigger.
     pub trigger: Trigger,
-    /// The pipeline to start.
-    pub pipeline: PipelineSpec,
+    /// The pipeline to start, or the reason why its row cannot be read.
+    pub pipeline: std::result::Result<PipelineSpec, String>,
     /// Options that its jobs pass to their engine; empty for none.
     pub engine_options: String,
     /// Whether the schedule is paused.
@@ -130,6 +130,22 @@ pub struct Schedule {
     pub labelled_since: u32,
     /// Reason why the last start failed; empty when it succeeded.
     pub last_error: String,
+}
+
+impl Schedule {
+    /// The pipeline to start.
+    ///
+    /// # Errors
+    /// Precondition when its row cannot be read.
+    pub fn pipeline(&self) -> Result<&PipelineSpec> {
+        self.pipeline.as_ref().map_err(|problem| {
+            Error::precondition(format!(
+                "the pipeline of {} cannot be read: {problem}; it is damaged or of a newer version: start that version, or \
+                 delete the schedule and create another",
+                self.id
+            ))
+        })
+    }
 }
 
 #[cfg(test)]

@@ -51,6 +51,30 @@ pub(crate) fn tail(id: &str) -> String {
 
 /// A text with its ids as links.
 pub(crate) fn text(source: &str) -> Markup {
+    text_where(source, |_| true)
+}
+
+/// A text with its ids as links, apart from those of episodes without a page.
+pub(crate) fn text_where(source: &str, has_page: impl Fn(&EpisodeId) -> bool) -> Markup {
+    let to = |part: &str| page(part).filter(|_| EpisodeId::parse("id", part).ok().is_none_or(|id| has_page(&id)));
+    html! {
+        @for part in parts(source) {
+            @match to(part) {
+                Some(to) => a.id href=(to) { (part) },
+                None if is_id(part) => span.id { (part) },
+                None => (part),
+            }
+        }
+    }
+}
+
+/// The episodes that a text names.
+pub(crate) fn episodes(source: &str) -> Vec<EpisodeId> {
+    parts(source).into_iter().filter_map(|part| EpisodeId::parse("id", part).ok()).collect()
+}
+
+/// The words of a text, which ids are, and what is between them.
+fn parts(source: &str) -> Vec<&str> {
     let inside = |character: char| character.is_ascii_alphanumeric() || character == '_';
     let mut parts = Vec::new();
     let mut rest = source;
@@ -58,18 +82,10 @@ pub(crate) fn text(source: &str) -> Markup {
         let word = rest.find(|character| !inside(character)).unwrap_or(rest.len());
         let (now, later) =
             if word == 0 { rest.split_at(rest.find(inside).unwrap_or(rest.len())) } else { rest.split_at(word) };
-        parts.push((now, page(now)));
+        parts.push(now);
         rest = later;
     }
-    html! {
-        @for (part, to) in parts {
-            @match to {
-                Some(to) => a.id href=(to) { (part) },
-                None if is_id(part) => span.id { (part) },
-                None => (part),
-            }
-        }
-    }
+    parts
 }
 
 /// Whether a word looks like an id of any kind.
@@ -120,6 +136,22 @@ mod tests {
         assert_eq!(text("").into_string(), "");
         let export = ExportId::new();
         assert_eq!(text(export.as_str()).into_string(), format!("<span class=\"id\">{export}</span>"));
+    }
+
+    #[test]
+    fn episodes_without_a_page_are_not_links() {
+        let (kept, gone, job) = (EpisodeId::new(), EpisodeId::new(), JobId::new());
+        let source = format!("episodes {kept} and {gone} of {job}");
+        assert_eq!(episodes(&source), [kept.clone(), gone.clone()]);
+        let markup = text_where(&source, |id| *id != gone).into_string();
+        for shown in [
+            format!("href=\"/episodes/{kept}\""),
+            format!("href=\"/jobs/{job}\""),
+            format!("<span class=\"id\">{gone}<"),
+        ] {
+            assert!(markup.contains(&shown), "{markup}");
+        }
+        assert!(!markup.contains(&format!("/episodes/{gone}")), "{markup}");
     }
 
     #[test]

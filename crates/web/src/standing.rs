@@ -17,6 +17,9 @@ impl Standings {
     /// # Errors
     /// Internal.
     pub(super) async fn of(backend: &dyn Backend, ids: &[EpisodeId]) -> Result<Self> {
+        if ids.is_empty() {
+            return Ok(Self::default());
+        }
         let rows = backend.episode_rows(ids).await?;
         let known: HashSet<&EpisodeId> = rows.iter().map(|row| &row.episode.id).collect();
         let removed = ids.iter().filter(|id| !known.contains(id));

@@ -16,7 +16,7 @@ pub(super) const MAX_ATTEMPTS: u32 = 3;
 
 /// Pretrain, then score, then a dataset, then train, then evaluate: each linked to the one before it.
 pub(super) fn chain(task: &TaskId, pipeline: PipelineSpec, snapshot: &SnapshotId, queueing: PipelineQueueing) -> Plan {
-    let PipelineQueueing { priority, engine_options } = queueing;
+    let PipelineQueueing { priority, engine_options, key: _ } = queueing;
     let mut plan = Plan::default();
     let mut add = |spec: JobSpec, result_id: String| {
         let needs = plan.jobs.last().map(|before: &NewJob| before.id.clone()).into_iter().collect();

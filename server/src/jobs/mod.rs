@@ -178,9 +178,11 @@ impl Jobs {
     /// Stores a new schedule.
     ///
     /// # Errors
-    /// Exists when the task has a schedule of this name; Precondition for options of an engine that has none.
+    /// Exists when the task has a schedule of this name; Precondition for options of an engine that has none and for image
+    /// weights that the server lacks; Invalid for a pipeline with trials of a task that cannot be simulated.
     pub(crate) async fn add_schedule(&self, schedule: &Schedule) -> Result<Schedule> {
         self.accept_options(&schedule.engine_options)?;
+        self.startable(&schedule.task_id, schedule.pipeline()?).await?;
         let added = self.0.store.insert_schedule(schedule).await?;
         self.0.due.notify_one();
         Ok(added)

@@ -46,7 +46,7 @@ fn until(next: Option<Millis>) -> Duration {
 /// those behind it from starting.
 async fn start_due(inner: &Arc<Inner>, now: Millis) -> Result<Option<Millis>> {
     let mut next = None;
-    for schedule in inner.store.schedules(None).await?.into_iter().filter(|schedule| !schedule.paused) {
+    for schedule in inner.store.running_schedules().await? {
         let again = if due(&schedule, now) {
             start(inner, &schedule, now).await.unwrap_or_else(|error| {
                 tracing::error!(schedule.id = %schedule.id, %error, "a schedule could not start; retrying");
@@ -84,8 +84,9 @@ async fn next_start(inner: &Arc<Inner>, schedule: &Schedule, now: Millis) -> Res
     Ok(Some(next))
 }
 
-/// Starts one schedule. If it cannot start, the reason is stored in its row; cron then waits for its next time, and
-/// labels stay counted until one more arrives.
+/// Starts one schedule. If it cannot start, the reason is stored in its row. Cron then waits for its next time; a schedule
+/// that waits for labels keeps its count and tries again whenever the scheduler wakes: with the next label or change of a
+/// schedule, when cron is due, and after [`LONGEST`] at most.
 async fn start(inner: &Arc<Inner>, schedule: &Schedule, now: Millis) -> Result<Option<Millis>> {
     let next_run_at = match schedule.trigger.next_run("cron", now) {
         Ok(next) => next,
@@ -99,8 +100,13 @@ async fn start(inner: &Arc<Inner>, schedule: &Schedule, now: Millis) -> Result<O
     let label_mark = inner.store.newest_label().await?;
     let start = ScheduleStart { id: schedule.id.clone(), at: now, next_run_at, label_mark };
     let jobs = Jobs(Arc::clone(inner));
-    let queueing = PipelineQueueing { priority: 0, engine_options: schedule.engine_options.clone() };
-    match jobs.submit_pipeline(&schedule.task_id, &schedule.pipeline, queueing, Some(start)).await {
+    let engine_options = schedule.engine_options.clone();
+    let queueing = PipelineQueueing { engine_options, ..PipelineQueueing::default() };
+    let started = match schedule.pipeline() {
+        Ok(pipeline) => jobs.submit_pipeline(&schedule.task_id, pipeline, queueing, Some(start)).await,
+        Err(error) => Err(error),
+    };
+    match started {
         Ok((queued, _)) => tracing::info!(schedule.id = %schedule.id, jobs = queued.len(), "schedule started"),
         Err(error) => {
             tracing::warn!(schedule.id = %schedule.id, %error, "schedule could not start");

@@ -8,9 +8,9 @@ use super::{
 };
 use crate::{
     domain::{
-        id::{DatasetId, JobId, TaskId},
-        job::Job,
-        order::{JobOrder, Keyed, NewJob, PipelineQueueing, Plan, Queueing},
+        id::{DatasetId, JobId, ScoreRunId, TaskId},
+        job::{Job, JobKind},
+        order::{JobOrder, Keyed, KeyedOrder, NewJob, PipelineQueueing, Plan, Queueing},
         schedule::{PipelineSpec, ScheduleStart},
     },
     error::{Error, Kind, Result},
@@ -24,15 +24,16 @@ impl Jobs {
     /// would lack a role, when the job of an input failed, or when the server lacks the image weights; Exists when the
     /// key belongs to a job with another order; Precondition for options of an engine that has none; Exhausted when the disk is nearly full.
     pub(crate) async fn submit(&self, task: &TaskId, order: JobOrder, queueing: Queueing) -> Result<Job> {
-        if let Some(job) = self.known(task, &order, &queueing.key).await? {
+        let ordered = KeyedOrder::Job(Box::new(order.clone()));
+        if let Some(job) = self.known(task, &ordered, &queueing.key).await? {
             return Ok(job);
         }
         self.accept_options(&queueing.engine_options)?;
         self.0.blobs.room_for(0).await?;
         self.expect_weights(&order).await?;
-        let resolved = kinds::resolve(self, task, order.clone()).await?;
+        let resolved = kinds::resolve(self, task, order).await?;
         let Queueing { priority, needs, max_attempts, key, engine_options } = queueing;
-        let keyed = (!key.is_empty()).then(|| Keyed { key: key.clone(), order: order.clone() });
+        let keyed = (!key.is_empty()).then(|| Keyed { key: key.clone(), order: ordered.clone() });
         let job = NewJob {
             id: JobId::new(),
             task_id: task.clone(),
@@ -47,13 +48,13 @@ impl Jobs {
         match self.queue(Plan { jobs: vec![job], ..Plan::default() }).await {
             Ok(mut queued) => queued.pop().ok_or_else(|| Error::internal("queueing a job", "the new job has no row")),
             // Another caller queued the same work in the meantime.
-            Err(error) if error.kind() == Kind::Exists => self.known(task, &order, &key).await?.ok_or(error),
+            Err(error) if error.kind() == Kind::Exists => self.known(task, &ordered, &key).await?.ok_or(error),
             Err(error) => Err(error),
         }
     }
 
-    /// The job that a key names.
-    async fn known(&self, task: &TaskId, order: &JobOrder, key: &str) -> Result<Option<Job>> {
+    /// The job that a key names; the last one of a pipeline.
+    async fn known(&self, task: &TaskId, order: &KeyedOrder, key: &str) -> Result<Option<Job>> {
         if key.is_empty() {
             return Ok(None);
         }
@@ -79,7 +80,9 @@ impl Jobs {
         )))
     }
 
-    /// Queues a pipeline's jobs in one transaction, together with the new state of the schedule that starts it.
+    /// Queues a pipeline's jobs in one transaction, together with the new state of the schedule that starts it; or returns
+    /// the jobs that its key already names. The last job has the key: it fails or is cancelled with each job before it, and
+    /// so the key stands for the chain as long as that may succeed.
     ///
     /// # Errors
     /// As for [`Jobs::submit`].
@@ -90,19 +93,58 @@ impl Jobs {
         queueing: PipelineQueueing,
         start: Option<ScheduleStart>,
     ) -> Result<(Vec<Job>, Option<DatasetId>)> {
+        let (key, ordered) = (queueing.key.clone(), KeyedOrder::Pipeline { pipeline: Box::new(pipeline.clone()) });
+        if let Some(last) = self.known(task, &ordered, &key).await? {
+            return self.chain_to(last, pipeline).await;
+        }
         self.accept_options(&queueing.engine_options)?;
         self.0.blobs.room_for(0).await?;
+        let complete = self.startable(task, pipeline).await?;
+        let named = complete.snapshot_id.clone();
+        let snapshot = self.snapshot(task, "pipeline.pretrain.snapshot_id", named, &complete.rule).await?;
+        let mut plan = Plan { start, ..chain(task, complete, &snapshot, queueing) };
+        if let Some(last) = plan.jobs.last_mut().filter(|_| !key.is_empty()) {
+            last.keyed = Some(Keyed { key: key.clone(), order: ordered.clone() });
+        }
+        let dataset = plan.datasets.first().map(|dataset| dataset.id.clone());
+        match self.queue(plan).await {
+            Ok(jobs) => Ok((jobs, dataset)),
+            // Another caller queued the same work in the meantime.
+            Err(error) if error.kind() == Kind::Exists => {
+                let last = self.known(task, &ordered, &key).await?.ok_or(error)?;
+                self.chain_to(last, pipeline).await
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The pipeline with what the server fills in, or the reason why no start of it would queue a job.
+    ///
+    /// # Errors
+    /// Invalid for trials of a task that cannot be simulated; Precondition for image weights that the server lacks.
+    pub(super) async fn startable(&self, task: &TaskId, pipeline: &PipelineSpec) -> Result<PipelineSpec> {
         let mut pipeline = pipeline.clone();
         if let Some(evaluate) = pipeline.evaluate.take() {
             pipeline.evaluate =
                 Some(kinds::simulated(self, task, "pipeline.evaluate.settings.simulation", evaluate).await?);
         }
         self.expect_weights_of_pipeline(&pipeline).await?;
-        let named = pipeline.snapshot_id.clone();
-        let snapshot = self.snapshot(task, "pipeline.pretrain.snapshot_id", named, &pipeline.rule).await?;
-        let plan = Plan { start, ..chain(task, pipeline, &snapshot, queueing) };
-        let dataset = plan.datasets.first().map(|dataset| dataset.id.clone());
-        Ok((self.queue(plan).await?, dataset))
+        Ok(pipeline)
+    }
+
+    /// The jobs of a queued pipeline from its last one, in order, and its dataset.
+    async fn chain_to(&self, last: Job, pipeline: &PipelineSpec) -> Result<(Vec<Job>, Option<DatasetId>)> {
+        let mut jobs = vec![last];
+        while let Some(before) = jobs.last().and_then(|job| job.needs.first().cloned()) {
+            jobs.push(self.0.store.job(&before).await?);
+        }
+        jobs.reverse();
+        let score = jobs.iter().find(|job| job.spec.kind() == JobKind::Score);
+        let (Some(score), Some(selection)) = (score, pipeline.selection()) else { return Ok((jobs, None)) };
+        // Others may have seen the scores through the same selection since: the pipeline's own dataset is the oldest.
+        let datasets = self.0.store.datasets_of_run(&ScoreRunId::parse("result_id", &score.result_id)?).await?;
+        let own = datasets.into_iter().rev().find(|dataset| dataset.selection == selection);
+        Ok((jobs, own.map(|dataset| dataset.id)))
     }
 
     pub(super) async fn queue(&self, plan: Plan) -> Result<Vec<Job>> {
@@ -119,3 +161,6 @@ impl Jobs {
         Ok(queued)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -127,7 +127,7 @@ async fn a_pipeline_links_all_its_jobs() {
         bench.jobs.submit_pipeline(&bench.task.id, &short, PipelineQueueing::default(), None).await.unwrap();
     assert_eq!((jobs.len(), dataset), (1, None));
 
-    let queueing = || PipelineQueueing { priority: 0, engine_options: "--partition=gpu".into() };
+    let queueing = || PipelineQueueing { engine_options: "--partition=gpu".into(), ..PipelineQueueing::default() };
     let refused = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), queueing(), None).await.unwrap_err();
     assert!(refused.message().starts_with("engine_options: this server runs jobs by the engine local"), "{refused}");
     let plan = chain(&bench.task.id, pipeline(), &SnapshotId::new(), queueing());

@@ -135,6 +135,22 @@ impl<M: Model> Engine<M> {
         Arc::clone(&self.shape)
     }
 
+    /// Rejects a history that is to be hidden and that the model does not have. Loading does not: earlier versions stored such
+    /// deployments.
+    ///
+    /// # Errors
+    /// Invalid.
+    pub(super) fn expect_history(&self) -> Result<()> {
+        if !self.identity.hide_history || self.window > 1 {
+            return Ok(());
+        }
+        let policy = &self.identity.policy_id;
+        Err(Error::invalid(
+            "hide_history",
+            format!("needs a policy with a history: {policy} acts on the newest step alone; leave it out"),
+        ))
+    }
+
     /// The steps in the model's window: l + 1.
     pub(super) fn window(&self) -> usize {
         self.window

@@ -109,8 +109,8 @@ impl Policies {
     /// the policy has answered a blank observation. Running sessions keep their policy.
     ///
     /// # Errors
-    /// NotFound; Invalid when the run belongs to another task, or the history is to be hidden from a policy that always
-    /// saw it in training; Precondition when the policy or the run is not finished or cannot be used by this version,
+    /// NotFound; Invalid when the run belongs to another task, or the history is to be hidden from a policy that has none or
+    /// always saw it in training; Precondition when the policy or the run is not finished or cannot be used by this version,
     /// the run cannot score live, or the name belongs to another task.
     pub(crate) async fn deploy(&self, name: &str, assignment: Assignment) -> Result<Deployment> {
         let policy = self.0.store.policy(&assignment.policy_id).await?;
@@ -122,6 +122,7 @@ impl Policies {
             let _scorer = scorer;
             let _moving = policies.0.moving.lock().await;
             let engine = policies.load(&policy, assignment.hide_history).await?;
+            engine.expect_history()?;
             let deployment = policies.0.store.deploy(&name, &policy.task_id, &assignment).await?;
             lock(&policies.0.loaded).point(&name, &engine);
             tracing::info!(deployment.name = name, policy.id = %policy.id, "policy deployed");

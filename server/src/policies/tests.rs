@@ -1,5 +1,6 @@
 //! Deployments and sessions with real, tiny policies.
 
+mod hidden;
 mod moved;
 mod remote;
 mod score_run;

@@ -29,9 +29,13 @@ impl ScheduleService for ScheduleApi {
 
     async fn list_schedules(&self, request: Request<v1::ListSchedulesRequest>) -> Reply<v1::ListSchedulesResponse> {
         answer(async {
-            let task = self.0.task_or_all(&request.get_ref().task).await?;
-            let schedules = self.0.store.schedules(task.as_ref()).await?;
-            Ok(v1::ListSchedulesResponse { schedules: schedules.into_iter().map(wire::schedule::schedule).collect() })
+            let wire::schedule::ListRequest { task, size, after } = wire::schedule::list_request(request.into_inner())?;
+            let task = self.0.task_or_all(&task).await?;
+            let (schedules, next) = self.0.store.schedules(task.as_ref(), after.as_ref(), size).await?;
+            Ok(v1::ListSchedulesResponse {
+                schedules: schedules.into_iter().map(wire::schedule::schedule).collect(),
+                next_page_token: next.map(String::from).unwrap_or_default(),
+            })
         })
         .await
     }

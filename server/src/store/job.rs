@@ -10,7 +10,7 @@ use crate::{
     domain::{
         id::{JobId, TaskId},
         job::{Job, JobState},
-        order::{JobFilter, JobOrder, NewJob, Plan},
+        order::{JobFilter, KeyedOrder, NewJob, Plan},
         placement::Placement,
         time::Millis,
     },
@@ -84,10 +84,10 @@ impl Store {
     }
 
     /// The task's job of this key that has not failed and was not cancelled, and its order.
-    pub(crate) async fn job_of_key(&self, task: &TaskId, key: &str) -> Result<Option<(Job, JobOrder)>> {
+    pub(crate) async fn job_of_key(&self, task: &TaskId, key: &str) -> Result<Option<(Job, KeyedOrder)>> {
         let held = "select id, ordered from jobs where task_id = $1 and key = $2 and key <> '' \
              and state not in ('failed', 'cancelled')";
-        let found: Option<(JobId, JobOrder)> = sql::query(held)
+        let found: Option<(JobId, KeyedOrder)> = sql::query(held)
             .bind(task.param())
             .bind(key)
             .try_map(row::read)

@@ -23,7 +23,7 @@ use crate::domain::{
         SnapshotId, TaskId, TokenId, UploadId,
     },
     job::{JobKind, JobSpec, JobState},
-    order::JobOrder,
+    order::KeyedOrder,
     remote::RemotePolicy,
     schedule::PipelineSpec,
     selection::SelectionShape,
@@ -116,7 +116,7 @@ columns!(String: Outcome Role JobKind JobState access::Role;
     |value| Ok(value.as_str().to_owned()));
 columns!(String: Client; |text| Self::parse(&text).ok_or_else(|| format!("{text:?} is not a client").into());
     |client| Ok(client.to_string()));
-columns!(String: TaskSpec RemotePolicy Report RoleRule JobSpec JobOrder ScoreSpec PipelineSpec Vec<SeedResult> Vec<EpisodeId> Vec<String>;
+columns!(String: TaskSpec RemotePolicy Report RoleRule JobSpec KeyedOrder ScoreSpec PipelineSpec Vec<SeedResult> Vec<EpisodeId> Vec<String>;
     |json| Ok(serde_json::from_str(&json)?); |value| Ok(serde_json::to_string(value)?));
 columns!(Option<String>: Vec<JobId>;
     |ids| ids.iter().flat_map(|ids| ids.split(',')).map(|id| Ok(id.to_owned().try_into()?)).collect();

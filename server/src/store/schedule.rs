@@ -40,7 +40,8 @@ impl Record for Schedule {
                 (None, Some(episodes)) => Trigger::LabelledEpisodes(episodes),
                 (None, None) | (Some(_), Some(_)) => return Err(unreadable("cron", "the schedule needs one trigger")),
             },
-            pipeline: column(row, "pipeline")?,
+            // One damaged row, or one of a newer version, is not the end of the list and of the scheduler.
+            pipeline: column(row, "pipeline").map_err(|error| error.to_string()),
             engine_options: column(row, "engine_options")?,
             paused: column(row, "paused")?,
             next_run_at: column(row, "next_run_at")?,
@@ -62,6 +63,7 @@ impl Store {
             Trigger::Cron(cron) => (Some(cron), None),
             Trigger::LabelledEpisodes(episodes) => (None, Some(*episodes)),
         };
+        let pipeline = schedule.pipeline()?;
         let mut tx = self.write().await?;
         sql::query(
             "insert into schedules (id, task_id, name, cron, labelled_episodes, pipeline, paused, next_run_at, \
@@ -73,7 +75,7 @@ impl Store {
         .bind(&schedule.name)
         .bind(cron)
         .bind(labelled_episodes)
-        .bind(schedule.pipeline.param())
+        .bind(pipeline.param())
         .bind(schedule.paused)
         .bind(schedule.next_run_at.param())
         .bind(Millis::now().param())
@@ -110,10 +112,35 @@ impl Store {
             .ok_or_else(|| Error::not_found("schedule", id))
     }
 
-    /// The schedules of a task, or of all, oldest first.
-    pub(crate) async fn schedules(&self, task: Option<&TaskId>) -> Result<Vec<Schedule>> {
-        sql::query(select_schedules!("where $1 is null or task_id = $1 order by id"))
-            .bind(task.map(Column::param))
+    /// At most `size` schedules of a task, or of all, that come after the id `after`, oldest first. The second value is the
+    /// `after` of the next page; `None` on the last one.
+    pub(crate) async fn schedules(
+        &self,
+        task: Option<&TaskId>,
+        after: Option<&ScheduleId>,
+        size: u32,
+    ) -> Result<(Vec<Schedule>, Option<ScheduleId>)> {
+        // One row more than requested shows whether there is a next page.
+        let mut schedules: Vec<Schedule> = sql::query(select_schedules!(
+            "where ($1 is null or task_id = $1) and ($2 is null or id > $2) order by id limit $3"
+        ))
+        .bind(task.map(Column::param))
+        .bind(after.map(Column::param))
+        .bind(i64::from(size) + 1)
+        .try_map(row::read)
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("listing schedules"))?;
+        let size = usize::try_from(size).unwrap_or(usize::MAX);
+        let more = schedules.len() > size;
+        schedules.truncate(size);
+        let next = if more { schedules.last().map(|schedule| schedule.id.clone()) } else { None };
+        Ok((schedules, next))
+    }
+
+    /// The schedules that are not paused, oldest first.
+    pub(crate) async fn running_schedules(&self) -> Result<Vec<Schedule>> {
+        sql::query(select_schedules!("where not paused order by id"))
             .try_map(row::read)
             .fetch_all(self.read())
             .await

@@ -124,6 +124,7 @@ async fn incomplete_pipelines_are_rejected() {
         change(&mut pipeline);
         SubmitPipelineRequest { task: task.to_owned(), pipeline: Some(pipeline), ..Default::default() }
     };
+    let keyed = |key: String| SubmitPipelineRequest { key, ..submit(lab::TASK, |_| {}) };
     let data =
         |r: &mut PipelineSpec| r.train.as_mut().unwrap().data = Some(train_spec::Data::ExpertsOf(absent_id("enc")));
     let subject = |r: &mut PipelineSpec| {
@@ -150,6 +151,8 @@ async fn incomplete_pipelines_are_rejected() {
         submit_pipeline(submit(lab::TASK, data)) => InvalidArgument ["pipeline.train.data: "];
         submit_pipeline(submit(lab::TASK, named)) => InvalidArgument ["pipeline.scoring.encoder_id: "];
         submit_pipeline(submit(lab::TASK, subject)) => InvalidArgument ["pipeline.evaluate.subject: "];
+        submit_pipeline(keyed("x".repeat(201))) => InvalidArgument ["key: "];
+        submit_pipeline(keyed("\0".into())) => InvalidArgument ["key: "];
     );
     expect_alive(&mut api).await;
 }
@@ -172,7 +175,7 @@ async fn unknown_jobs_are_rejected() {
         list_jobs(list(|r| r.task = "absent".into())) => NotFound ["absent"];
         list_jobs(list(|r| r.state = 77)) => InvalidArgument ["state: "];
         list_jobs(list(|r| r.page_size = 1001)) => InvalidArgument ["page_size: "];
-        list_jobs(list(|r| r.page_token = "1".into())) => InvalidArgument ["page_token: "];
+        list_jobs(list(|r| r.page_token = "1".into())) => InvalidArgument ["page_token: is not a page token"];
         cancel_job(CancelJobRequest { job_id: "x".into() }) => InvalidArgument ["job_id: "];
         cancel_job(CancelJobRequest { job_id: unknown.clone() }) => NotFound [&unknown];
         cancel_job(CancelJobRequest { job_id: ended.clone() }) => FailedPrecondition [&ended];

@@ -39,7 +39,9 @@ async fn invalid_schedules_are_rejected() {
         create_schedule(with(|r| r.trigger = Some(Trigger::LabelledEpisodes(0)))) => InvalidArgument ["labelled_episodes: "];
         create_schedule(with(|r| r.pipeline = None)) => InvalidArgument ["pipeline: "];
         create_schedule(with(|r| r.pipeline = Some(PipelineSpec::default()))) => InvalidArgument ["pipeline.pretrain: "];
-        list_schedules(ListSchedulesRequest { task: "absent".into() }) => NotFound ["absent"];
+        list_schedules(ListSchedulesRequest { task: "absent".into(), ..Default::default() }) => NotFound ["absent"];
+        list_schedules(ListSchedulesRequest { page_size: 1001, ..Default::default() }) => InvalidArgument ["page_size: "];
+        list_schedules(ListSchedulesRequest { page_token: "1".into(), ..Default::default() }) => InvalidArgument ["page_token: is not a page token"];
         pause_schedule(PauseScheduleRequest { schedule_id: "x".into(), paused: true }) => InvalidArgument ["schedule_id: "];
         pause_schedule(PauseScheduleRequest { schedule_id: absent_id("sch"), paused: true }) => NotFound [&absent_id("sch")];
         delete_schedule(DeleteScheduleRequest { schedule_id: "x".into() }) => InvalidArgument ["schedule_id: "];

@@ -145,6 +145,10 @@ pub(crate) struct PipelineCommand {
     pipeline: PipelineArgs,
     #[command(flatten)]
     submit: SubmitArgs,
+    /// Key that prevents duplicate chains, chosen by the caller. A chain with the same key none of whose jobs failed or was
+    /// cancelled is returned instead of a new one. Default: a key of this call, for its retries over a broken connection.
+    #[arg(long, default_value = "", hide_default_value = true)]
+    key: String,
     #[command(flatten)]
     engine: EngineArgs,
 }
@@ -157,8 +161,9 @@ impl PipelineCommand {
             pipeline: Some(self.pipeline.spec()),
             priority: self.submit.priority,
             engine_options: self.engine.options,
+            key: self.key,
         };
-        let mut reply = client.jobs().submit_pipeline(request).await?.into_inner();
+        let mut reply = client.submit_pipeline(request).await?;
         if self.submit.wait {
             for job in &mut reply.jobs {
                 *job = follow::to_success(context, &client, &job.id).await?;

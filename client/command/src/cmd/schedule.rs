@@ -3,9 +3,7 @@
 use clap::{Args, Subcommand};
 use gleaner_proto::v1::create_schedule_request::Trigger as NewTrigger;
 use gleaner_proto::v1::schedule::Trigger;
-use gleaner_proto::v1::{
-    CreateScheduleRequest, DeleteScheduleRequest, ListSchedulesRequest, PauseScheduleRequest, Schedule,
-};
+use gleaner_proto::v1::{CreateScheduleRequest, DeleteScheduleRequest, PauseScheduleRequest, Schedule};
 use serde_json::json;
 
 use super::pipeline::PipelineArgs;
@@ -68,7 +66,7 @@ impl ScheduleCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         match self {
             Self::Create(args) => args.run(context).await,
-            Self::List { task } => list(context, task).await,
+            Self::List { task } => list(context, &task).await,
             Self::Pause { id } => pause(context, id, true).await,
             Self::Resume { id } => pause(context, id, false).await,
             Self::Delete { id } => delete(context, id).await,
@@ -98,9 +96,8 @@ impl CreateArgs {
     }
 }
 
-async fn list(context: &Context, task: String) -> Result<()> {
-    let request = ListSchedulesRequest { task };
-    let reply = context.client().await?.schedules().list_schedules(request).await?.into_inner();
+async fn list(context: &Context, task: &str) -> Result<()> {
+    let reply = context.client().await?.every_schedule(task).await?;
     context.output.result(|| json::value(&reply), || listing(&reply.schedules))?;
     match reply.schedules.first() {
         Some(schedule) if schedule.paused => {
@@ -133,11 +130,6 @@ fn listing(schedules: &[Schedule]) -> String {
     let columns = ["ID", "NAME", "RUNS", "ENGINE OPTIONS", "NEXT RUN", "LAST RUN", "STATE"].map(Left);
     let row = |schedule: &Schedule| {
         let (runs, next) = when(schedule);
-        let state = match (schedule.paused, schedule.last_error.as_str()) {
-            (true, _) => "paused".into(),
-            (false, "") => "active".into(),
-            (false, error) => format!("active; last run could not start: {error}"),
-        };
         [
             schedule.id.clone(),
             schedule.name.clone(),
@@ -145,10 +137,21 @@ fn listing(schedules: &[Schedule]) -> String {
             schedule.engine_options.clone(),
             if schedule.paused { "-".into() } else { next },
             words::moment(schedule.last_run_time.as_ref()),
-            state,
+            state(schedule),
         ]
     };
     table(columns, schedules.iter().map(row))
+}
+
+fn state(schedule: &Schedule) -> String {
+    let (paused, error) = (schedule.paused, schedule.last_error.as_str());
+    match &schedule.pipeline {
+        None if paused => format!("paused; cannot start: {error}"),
+        None => format!("cannot start: {error}"),
+        Some(_) if paused => "paused".into(),
+        Some(_) if error.is_empty() => "active".into(),
+        Some(_) => format!("active; last run could not start: {error}"),
+    }
 }
 
 fn when(schedule: &Schedule) -> (String, String) {
@@ -164,6 +167,21 @@ fn when(schedule: &Schedule) -> (String, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_error_of_a_schedule_that_cannot_start_is_shown() {
+        use gleaner_proto::v1::PipelineSpec;
+
+        let shown = |paused, last_error: &str, pipeline: Option<PipelineSpec>| {
+            state(&Schedule { paused, last_error: last_error.into(), pipeline, ..Schedule::default() })
+        };
+        let pipeline = || Some(PipelineSpec::default());
+        assert_eq!(shown(false, "", pipeline()), "active");
+        assert_eq!(shown(false, "no expert", pipeline()), "active; last run could not start: no expert");
+        assert_eq!(shown(true, "no expert", pipeline()), "paused");
+        assert_eq!(shown(false, "damaged", None), "cannot start: damaged");
+        assert_eq!(shown(true, "damaged", None), "paused; cannot start: damaged");
+    }
 
     #[test]
     fn the_next_run_of_each_trigger_is_shown() {

@@ -4,10 +4,11 @@ use gleaner_client::Client;
 use gleaner_core::proto::from_struct;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{
-    Deployment, Episode, Job, JobKind, JobState, ListDatasetsRequest, ListDeploymentsRequest, ListEpisodesRequest,
-    ListEpisodesResponse, ListEvaluationsRequest, ListJobsRequest, ListPoliciesRequest, ListSchedulesRequest,
+    Deployment, Episode, GetEpisodeRequest, Job, JobKind, JobState, ListDatasetsRequest, ListDeploymentsRequest,
+    ListEpisodesRequest, ListEpisodesResponse, ListEvaluationsRequest, ListJobsRequest, ListPoliciesRequest,
     ListScoreRunsRequest, ListSnapshotsRequest, ListTasksRequest, Task,
 };
+use tonic::Code;
 
 use super::choice::Entry;
 use super::{Kind, LATEST};
@@ -69,6 +70,16 @@ impl Tasks {
     }
 }
 
+/// The task of an episode; `None` for an episode that the server does not have, which the command then rejects.
+pub(super) async fn task_of(client: &Client, episode: &str) -> Result<Option<Tasks>> {
+    let request = GetEpisodeRequest { episode_id: episode.to_owned() };
+    match client.episodes().get_episode(request).await {
+        Ok(reply) => Ok(reply.into_inner().episode.map(|episode| Tasks::one(&episode.task_id))),
+        Err(status) if matches!(status.code(), Code::NotFound | Code::InvalidArgument) => Ok(None),
+        Err(status) => Err(status.into()),
+    }
+}
+
 /// What there is of a kind in these tasks.
 pub(super) async fn ids(client: &Client, kind: Kind, tasks: &Tasks, text: &str) -> Result<Vec<Entry>> {
     match kind {
@@ -83,8 +94,7 @@ pub(super) async fn ids(client: &Client, kind: Kind, tasks: &Tasks, text: &str) 
         }
         Kind::Policy => policies(client, tasks, text == LATEST).await,
         Kind::Schedule => {
-            let request = ListSchedulesRequest { task: tasks.named().unwrap_or_default().to_owned() };
-            let reply = client.schedules().list_schedules(request).await?.into_inner();
+            let reply = client.every_schedule(tasks.named().unwrap_or_default()).await?;
             Ok(reply.schedules.into_iter().map(|schedule| tasks.entry(schedule.id, &schedule.task_id)).collect())
         }
         Kind::Evaluation => {

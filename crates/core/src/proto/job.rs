@@ -39,15 +39,20 @@ pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder
     if max_attempts.is_some_and(|attempts| attempts == 0 || attempts > MAX_ATTEMPTS) {
         return Err(Error::invalid("max_attempts", format!("must be between 1 and {MAX_ATTEMPTS}")));
     }
+    let key = named_key(key)?;
+    let engine_options = engine_options::engine_options("engine_options", &engine_options)?;
+    let queueing = Queueing { priority, needs, max_attempts, key, engine_options };
+    Ok((field::text("task", task)?, order::order(spec)?, queueing))
+}
+
+fn named_key(key: String) -> Result<String> {
     if key.chars().count() > LONGEST_KEY || key.chars().any(char::is_control) {
         return Err(Error::invalid(
             "key",
             format!("must be at most {LONGEST_KEY} characters, without control characters"),
         ));
     }
-    let engine_options = engine_options::engine_options("engine_options", &engine_options)?;
-    let queueing = Queueing { priority, needs, max_attempts, key, engine_options };
-    Ok((field::text("task", task)?, order::order(spec)?, queueing))
+    Ok(key)
 }
 
 /// The task's name or id, the pipeline, and the settings of its queueing.
@@ -55,9 +60,10 @@ pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder
 /// # Errors
 /// Invalid names the field and the remedy.
 pub fn pipeline_request(request: v1::SubmitPipelineRequest) -> Result<(String, PipelineSpec, PipelineQueueing)> {
-    let v1::SubmitPipelineRequest { task, pipeline, priority, engine_options } = request;
+    let v1::SubmitPipelineRequest { task, pipeline, priority, engine_options, key } = request;
+    let key = named_key(key)?;
     let engine_options = engine_options::engine_options("engine_options", &engine_options)?;
-    let queueing = PipelineQueueing { priority, engine_options };
+    let queueing = PipelineQueueing { priority, engine_options, key };
     Ok((field::text("task", task)?, order::pipeline(pipeline)?, queueing))
 }
 
@@ -79,7 +85,10 @@ pub struct ListRequest {
 /// Invalid names the field.
 pub fn list_request(request: v1::ListJobsRequest) -> Result<ListRequest> {
     let v1::ListJobsRequest { task, state, page_size, page_token } = request;
-    let before = if page_token.is_empty() { None } else { Some(JobId::parse("page_token", &page_token)?) };
+    let before = match page_token.as_str() {
+        "" => None,
+        token => Some(JobId::parse("page_token", token).map_err(|_| field::foreign_page_token())?),
+    };
     Ok(ListRequest { task, state: state_from(state)?, size: field::page_size(page_size)?, before })
 }
 
@@ -224,11 +233,14 @@ mod tests {
             engine_options: "--wrap=ls".into(),
             ..Default::default()
         };
-        let refused = pipeline_request(pipeline).unwrap_err();
+        let refused = pipeline_request(pipeline.clone()).unwrap_err();
         assert!(refused.message().starts_with("engine_options: --wrap=ls: is set by the server"), "{refused}");
+        let refused = pipeline_request(v1::SubmitPipelineRequest { key: "a\nb".into(), ..pipeline }).unwrap_err();
+        assert!(refused.message().starts_with("key: "), "{refused}");
 
         let list = |request| list_request(request).err().unwrap().message().to_owned();
         assert!(list(v1::ListJobsRequest { page_size: 1001, ..Default::default() }).starts_with("page_size: "));
-        assert!(list(v1::ListJobsRequest { page_token: "x".into(), ..Default::default() }).starts_with("page_token: "));
+        let foreign = list(v1::ListJobsRequest { page_token: "x".into(), ..Default::default() });
+        assert!(foreign.starts_with("page_token: is not a page token"), "{foreign}");
     }
 }

@@ -40,7 +40,7 @@ impl NewSchedule {
             task_id,
             name,
             trigger,
-            pipeline,
+            pipeline: Ok(pipeline),
             engine_options,
             paused: false,
             next_run_at,
@@ -79,8 +79,33 @@ pub fn create_request(request: v1::CreateScheduleRequest, now: Millis) -> Result
     Ok((field::text("task", task)?, schedule))
 }
 
-/// A schedule.
+/// Page of a list of schedules.
+#[derive(Debug)]
+pub struct ListRequest {
+    /// The task's name or id; empty: every task.
+    pub task: String,
+    /// Number of schedules on the page.
+    pub size: u32,
+    /// The newest schedule of the page before; `None` for the first page.
+    pub after: Option<ScheduleId>,
+}
+
+/// Reads the page of a list of schedules.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn list_request(request: v1::ListSchedulesRequest) -> Result<ListRequest> {
+    let v1::ListSchedulesRequest { task, page_size, page_token } = request;
+    let after = match page_token.as_str() {
+        "" => None,
+        token => Some(ScheduleId::parse("page_token", token).map_err(|_| field::foreign_page_token())?),
+    };
+    Ok(ListRequest { task, size: field::page_size(page_size)?, after })
+}
+
+/// A schedule. The error of one that cannot be read is that of its next run.
 pub fn schedule(schedule: Schedule) -> v1::Schedule {
+    let unreadable = schedule.pipeline().err().map(|error| error.message().to_owned());
     let Schedule {
         id,
         task_id,
@@ -105,12 +130,12 @@ pub fn schedule(schedule: Schedule) -> v1::Schedule {
         task_id: task_id.into(),
         name,
         trigger: Some(trigger),
-        pipeline: Some(order::pipeline_to_proto(pipeline)),
+        pipeline: pipeline.ok().map(order::pipeline_to_proto),
         paused,
         next_run_time: next_run_at.map(field::timestamp),
         last_run_time: last_run_at.map(field::timestamp),
         labelled_since: if by_labels { labelled_since } else { 0 },
-        last_error,
+        last_error: unreadable.unwrap_or(last_error),
         engine_options,
     }
 }
@@ -144,6 +169,33 @@ mod tests {
         assert_eq!(shown.next_run_time.unwrap().seconds, 9_000);
         assert_eq!((shown.name.as_str(), shown.paused, shown.labelled_since), ("nightly", false, 0));
         assert_eq!(shown.engine_options, "-p gpu");
+    }
+
+    #[test]
+    fn a_schedule_that_cannot_be_read_is_shown_with_its_error() {
+        let (_, made) = create_request(request(cron("30 2 * * *")), Millis(0)).unwrap();
+        let stored = Schedule { pipeline: Err("missing field `rule`".into()), ..made.of(TaskId::new()) };
+        let id = stored.id.to_string();
+        let shown = schedule(stored);
+        assert_eq!((shown.name.as_str(), shown.pipeline), ("nightly", None));
+        assert!(shown.last_error.contains(&id) && shown.last_error.contains("`rule`"), "{}", shown.last_error);
+    }
+
+    #[test]
+    fn a_malformed_page_of_schedules_is_rejected() {
+        let request = |token: &str, page_size| v1::ListSchedulesRequest {
+            task: String::new(),
+            page_size,
+            page_token: token.into(),
+        };
+        let id = ScheduleId::new();
+        let page = list_request(request(id.as_str(), 0)).unwrap();
+        assert_eq!((page.size, page.after), (100, Some(id)));
+        assert_eq!(list_request(request("", 1000)).unwrap().after, None);
+        for (token, size, field) in [("17", 5, "page_token: is not a page token"), ("", 1001, "page_size: ")] {
+            let error = list_request(request(token, size)).unwrap_err();
+            assert!(error.message().starts_with(field), "{error}");
+        }
     }
 
     #[test]

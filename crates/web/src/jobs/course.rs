@@ -11,7 +11,7 @@ use gleaner_core::{
 use maud::{Markup, html};
 
 use super::{curves, log};
-use crate::{Backend, link, page_request::PageRequest, refusal::Answer, text};
+use crate::{Backend, link, page_request::PageRequest, refusal::Answer, standing::Standings, text};
 
 /// The engine of the server's own machine.
 const LOCAL: &str = "local";
@@ -37,17 +37,20 @@ pub(super) async fn course(backend: &dyn Backend, job: &Job) -> Result<Markup> {
     if let Err(error) = &text {
         tracing::warn!(job.id = %job.id, %error, "a job's log cannot be shown");
     }
+    let named = [link::episodes(&job.error), link::episodes(&job.message)].concat();
+    let standings = Standings::of(backend, &named).await?;
+    let linked = |text: &str| link::text_where(text, |id| standings.has_page(id));
     Ok(html! {
         div #course data-state=(job.state.as_str()) {
-            (standing(job, &metrics, Millis::now()))
-            @if !job.error.is_empty() { p.note.bad role="alert" { (link::text(&job.error)) } }
+            (standing(job, linked(&job.message), &metrics, Millis::now()))
+            @if !job.error.is_empty() { p.note.bad role="alert" { (linked(&job.error)) } }
             (panels(&metrics))
         }
         (log::newest(&job.id, &text))
     })
 }
 
-fn standing(job: &Job, metrics: &[Metric], now: Millis) -> Markup {
+fn standing(job: &Job, message: Markup, metrics: &[Metric], now: Millis) -> Markup {
     html! {
         div.panel.standing {
             div.row {
@@ -59,7 +62,7 @@ fn standing(job: &Job, metrics: &[Metric], now: Millis) -> Markup {
                 }
                 @if let Some(left) = left(job, metrics, now) { span.soft { "about " (text::seconds(left)) " left" } }
             }
-            @if !job.message.is_empty() { p.message { (link::text(&job.message)) } }
+            @if !job.message.is_empty() { p.message { (message) } }
             dl.facts.settings {
                 div { dt { "Submitted" } dd { (text::time(job.created_at)) " UTC" } }
                 @if let Some(started) = job.started_at { div { dt { "Newest attempt" } dd { (text::time(started)) " UTC" } } }
@@ -213,21 +216,23 @@ mod tests {
             waiting: text("Resources <x>"),
             ..Placement::default()
         };
-        let shown = standing(&Job { placement: waits.clone(), ..running() }, &[], Millis(2000)).into_string();
+        let shown = standing(&Job { placement: waits.clone(), ..running() }, html! {}, &[], Millis(2000)).into_string();
         for part in ["slurm", "17", "Resources &lt;x&gt;"] {
             assert!(shown.contains(part), "{shown}");
         }
         let runs = Placement { node: text("node1"), waiting: String::new(), ..waits };
-        let shown = standing(&Job { placement: runs, ..running() }, &[], Millis(2000)).into_string();
+        let shown = standing(&Job { placement: runs, ..running() }, html! {}, &[], Millis(2000)).into_string();
         assert!(shown.contains("node1") && !shown.contains("Waiting"), "{shown}");
         let local = Placement { engine: text(LOCAL), engine_id: text("4711"), ..Placement::default() };
-        let shown = standing(&Job { placement: local, ..running() }, &[], Millis(2000)).into_string();
+        let shown = standing(&Job { placement: local, ..running() }, html! {}, &[], Millis(2000)).into_string();
         assert!(!shown.contains("Engine") && !shown.contains("4711"), "{shown}");
     }
 
     #[test]
     fn the_state_and_message_are_shown_as_text() {
-        let text = standing(&Job { cancel_requested: true, ..running() }, &[], Millis(2000)).into_string();
+        let text =
+            standing(&Job { cancel_requested: true, ..running() }, link::text(&running().message), &[], Millis(2000))
+                .into_string();
         assert!(
             text.contains(">cancelling<") && text.contains("writing &lt;files&gt;") && text.contains("25.0 %"),
             "{text}"

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use axum::response::IntoResponse as _;
 use gleaner_core::{
     Error, Result,
-    id::{JobId, TaskId},
+    id::{EpisodeId, JobId, TaskId},
     job::{Job, JobKind, JobState},
     order::JobFilter,
     time::Millis,
@@ -21,6 +21,7 @@ use crate::{
     refusal::Answer,
     sheet::{self, Format, Sheet},
     shell::{self, Head, Tab},
+    standing::Standings,
     text,
 };
 
@@ -53,6 +54,8 @@ pub(crate) async fn show(request: PageRequest) -> Answer {
         return Ok(sheet_of(backend, &filter, before, &names).await?.answer(parameters.format)?);
     }
     let (jobs, next) = backend.jobs(&filter, before.as_ref(), SIZE).await?;
+    let named: Vec<EpisodeId> = jobs.iter().flat_map(|job| link::episodes(summary(job))).collect();
+    let standings = Standings::of(backend, &named).await?;
     let now = Millis::now();
     let live = jobs.iter().any(|job| !job.state.ended());
     let body = html! {
@@ -67,7 +70,7 @@ pub(crate) async fn show(request: PageRequest) -> Answer {
                     th { "State" } th { "Kind" } th { "Job" } th { "Task" } th { "Progress" } th { "Summary" }
                     th.number { "Attempt" } th.number { "Age" }
                 } }
-                tbody #jobs data-live[live] { @for job in &jobs { (row(job, &names, now)) } }
+                tbody #jobs data-live[live] { @for job in &jobs { (row(job, (&names, &standings), now)) } }
             } }
             (sheet::links(&request.without("before")))
         }
@@ -117,8 +120,12 @@ fn word<T>(field: &str, text: &str, read: fn(&str) -> Option<T>, words: &[&str])
     read(text).map(Some).ok_or_else(|| Error::invalid(field, format!("must be one of {}", words.join(", "))))
 }
 
-fn row(job: &Job, names: &HashMap<&TaskId, &str>, now: Millis) -> Markup {
-    let text = if job.error.is_empty() { &job.message } else { &job.error };
+/// What the list has of the message of a job, or of its error.
+fn summary(job: &Job) -> &str {
+    if job.error.is_empty() { &job.message } else { &job.error }
+}
+
+fn row(job: &Job, (names, standings): (&HashMap<&TaskId, &str>, &Standings), now: Millis) -> Markup {
     html! { tr id=(job.id) {
         td { (state(job)) }
         td { (job.spec.kind().as_str()) }
@@ -130,7 +137,7 @@ fn row(job: &Job, names: &HashMap<&TaskId, &str>, now: Millis) -> Markup {
                 small.soft { " " (text::count(job.done)) " of " (text::count(job.total)) }
             }
         }
-        td.message { (link::text(text)) }
+        td.message { (link::text_where(summary(job), |id| standings.has_page(id))) }
         td.number { (job.attempt) span.soft { " of " (job.max_attempts) } }
         td.number title=(text::stamp(job.created_at)) { (age(job.created_at, now)) }
     } }

@@ -15,7 +15,7 @@ fn schedule(bench: &Bench, trigger: Trigger, next_run_at: Option<Millis>) -> Sch
         task_id: bench.task.id.clone(),
         name: format!("{trigger:?}"),
         trigger,
-        pipeline: PipelineSpec {
+        pipeline: Ok(PipelineSpec {
             snapshot_id: None,
             rule: RoleRule::default(),
             pretrain: PretrainSpec::default(),
@@ -26,7 +26,7 @@ fn schedule(bench: &Bench, trigger: Trigger, next_run_at: Option<Millis>) -> Sch
             shape: crate::domain::selection::SelectionShape::default(),
             train: Some(TrainSpec::default()),
             evaluate: None,
-        },
+        }),
         engine_options: String::new(),
         paused: false,
         next_run_at,
@@ -150,4 +150,46 @@ async fn a_clock_that_was_years_ahead_stops_no_schedule_and_a_correction_repeats
     due(years + 1, years + hour, 6).await;
     due(2 * hour + 7, 3 * hour, 6).await;
     due(3 * hour, 4 * hour, 9).await;
+}
+
+/// Its row is damaged, or a newer version wrote it.
+#[tokio::test]
+async fn a_schedule_that_cannot_be_read_does_not_start_and_does_not_stop_the_others() {
+    let bench = Bench::new().await;
+    bench.jobs.stop().await;
+    let mut unread = Vec::new();
+    for trigger in [Trigger::Cron("0 * * * *".into()), Trigger::LabelledEpisodes(1)] {
+        let next = trigger.next_run("cron", Millis(0)).unwrap();
+        unread.push(bench.store.insert_schedule(&schedule(&bench, trigger, next)).await.unwrap().id);
+    }
+    testing::run(&bench.store, "update schedules set pipeline = '{}'").await;
+    testing::episode(&bench.store, &bench.task, Outcome::Success, "").await;
+    let hour = 3_600_000;
+    let sound =
+        Schedule { name: "sound".into(), ..schedule(&bench, Trigger::Cron("0 * * * *".into()), Some(Millis(hour))) };
+    let sound = bench.store.insert_schedule(&sound).await.unwrap().id;
+    assert_eq!(start_due(&bench.jobs.0, Millis(hour)).await.unwrap(), Some(Millis(2 * hour)));
+    assert_eq!(jobs(&bench.jobs).await, 3);
+    assert_eq!(bench.store.schedule(&sound).await.unwrap().last_error, "");
+    for id in &unread {
+        let unread = bench.store.schedule(id).await.unwrap();
+        assert!(unread.last_error.contains("cannot be read"), "{unread:?}");
+        assert_eq!(unread.last_run_at, None);
+    }
+    assert_eq!(bench.store.schedule(&unread[0]).await.unwrap().next_run_at, Some(Millis(2 * hour)));
+}
+
+#[tokio::test]
+async fn a_schedule_whose_pipeline_could_never_start_is_refused() {
+    let bench = Bench::new().await;
+    let mut never = schedule(&bench, Trigger::LabelledEpisodes(1), None);
+    never.pipeline.as_mut().unwrap().evaluate = Some(gleaner_core::EvaluateSpec::default());
+    let refused = bench.jobs.add_schedule(&never).await.unwrap_err();
+    assert_eq!(refused.kind(), crate::error::Kind::Invalid);
+    assert!(refused.message().starts_with("pipeline.evaluate.settings.simulation: "), "{refused}");
+    never.pipeline.as_mut().unwrap().evaluate = None;
+    never.pipeline.as_mut().unwrap().pretrain.image_weights = "absent.safetensors".to_owned().try_into().unwrap();
+    let refused = bench.jobs.add_schedule(&never).await.unwrap_err();
+    assert!(refused.message().starts_with("image_weights: "), "{refused}");
+    assert!(bench.store.running_schedules().await.unwrap().is_empty());
 }

@@ -15,6 +15,7 @@ use crate::{
         order::{JobOrder, Queueing},
         snapshot::RoleRule,
         task::Task,
+        time::Millis,
         work::Progress,
     },
     pages::testing::{Client, FORM, JSON, Pages},
@@ -131,7 +132,7 @@ async fn a_job_is_cancelled_once_and_retried() {
     assert_eq!(content.status, StatusCode::CONFLICT, "once is enough");
     let id = page.trim_start_matches("/jobs/");
     assert!(content.text().contains(id) && pages.services.store.job(&JobId::parse("id", id).unwrap()).await.is_ok());
-    let log = pages.services.store.audit(crate::domain::time::Millis(0), 100).await.unwrap();
+    let log = pages.services.store.audit(Millis(0), 100).await.unwrap();
     let subject = format!("job_id={}", job.id);
     assert!(log.iter().any(|entry| entry.rpc == "pages/RetryJob" && entry.subjects == [subject.clone()]));
 }
@@ -145,6 +146,30 @@ async fn a_failed_job_shows_its_error_and_links_to_the_cause() {
     results::set_state(&pages.services.store, &job.id, JobState::Failed, &error).await;
     let shown = pages.get(&Client::default(), &format!("/jobs/{}", job.id)).await.text();
     assert!(shown.contains(&format!("href=\"/jobs/{cause}\"")) && shown.contains("&lt;failed&gt;"), "{shown}");
+}
+
+#[tokio::test]
+async fn an_episode_in_a_jobs_error_is_a_link_while_it_has_a_page() {
+    let pages = Pages::open(false).await;
+    let task = task(&pages).await;
+    let (job, store) = (pretrain(&pages, &task).await, &pages.services.store);
+    let episode = testing::episode(store, &task, Outcome::Failure, "").await.id;
+    let error = format!("episode {episode}: the picture is damaged");
+    results::set_state(store, &job.id, JobState::Failed, &error).await;
+    let link = format!("href=\"/episodes/{episode}\"");
+    let paths = ["/jobs".to_owned(), format!("/jobs/{}", job.id), format!("/jobs/{}/course", job.id)];
+    let expect = async |is_link: bool| {
+        for path in &paths {
+            let shown = pages.get(&Client::default(), path).await.text();
+            assert!(shown.contains(episode.as_str()), "{path}: {shown}");
+            assert_eq!(shown.contains(&link), is_link, "{path}: {shown}");
+        }
+    };
+    expect(true).await;
+    store.delete_episodes(std::slice::from_ref(&episode), true).await.unwrap();
+    expect(true).await;
+    assert_eq!(store.sweep_trash(Millis(i64::MAX)).await.unwrap().purged, 1);
+    expect(false).await;
 }
 
 #[tokio::test]

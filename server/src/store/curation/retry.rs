@@ -4,7 +4,7 @@ use crate::{
     domain::{
         id::JobId,
         job::{Job, JobState},
-        order::{JobOrder, NewJob},
+        order::{KeyedOrder, NewJob},
     },
     error::{Error, Result},
     store::{
@@ -19,7 +19,7 @@ impl Store {
     ///
     /// # Errors
     /// Internal, also for a job without a key.
-    pub(crate) async fn ordered(&self, job: &JobId) -> Result<JobOrder> {
+    pub(crate) async fn ordered(&self, job: &JobId) -> Result<KeyedOrder> {
         sql::query("select ordered from jobs where id = $1")
             .bind(job.param())
             .try_map(row::read)

@@ -26,7 +26,7 @@ async fn triggered(store: &Store, task: &TaskId, name: &str, trigger: Trigger) -
             task_id: task.clone(),
             name: name.to_owned(),
             trigger,
-            pipeline: PipelineSpec {
+            pipeline: Ok(PipelineSpec {
                 snapshot_id: None,
                 rule: RoleRule::default(),
                 pretrain: PretrainSpec::default(),
@@ -37,7 +37,7 @@ async fn triggered(store: &Store, task: &TaskId, name: &str, trigger: Trigger) -
                 shape: crate::domain::selection::SelectionShape::default(),
                 train: None,
                 evaluate: None,
-            },
+            }),
             engine_options: "--partition=gpu".to_owned(),
             paused: false,
             next_run_at: None,
@@ -123,11 +123,11 @@ async fn names_are_unique_within_a_task_and_deletion_is_final() {
     let id = schedule(&store, &task, "often").await.unwrap().id;
     assert_eq!(schedule(&store, &task, "often").await.unwrap_err().kind(), Kind::Exists);
     schedule(&store, &task, "seldom").await.unwrap();
-    assert_eq!(store.schedules(Some(&task.id)).await.unwrap().len(), 2);
-    assert!(store.schedules(Some(&TaskId::new())).await.unwrap().is_empty());
+    assert_eq!(store.schedules(Some(&task.id), None, 9).await.unwrap().0.len(), 2);
+    assert!(store.schedules(Some(&TaskId::new()), None, 9).await.unwrap().0.is_empty());
     store.delete_schedule(&id).await.unwrap();
     assert_eq!(store.delete_schedule(&id).await.unwrap_err().kind(), Kind::NotFound);
-    assert_eq!(store.schedules(None).await.unwrap().len(), 1);
+    assert_eq!(store.schedules(None, None, 9).await.unwrap().0.len(), 1);
 }
 
 /// A start takes seconds where it takes a snapshot of a large task.
@@ -184,4 +184,52 @@ async fn a_schedule_of_a_deleted_task_is_refused_by_the_task() {
     store.delete_task(&task.id).await.unwrap();
     let refused = schedule(&store, &task, "late").await.unwrap_err();
     assert!(refused.kind() == Kind::NotFound && refused.message().contains(task.id.as_str()), "{refused}");
+}
+
+#[tokio::test]
+async fn pages_have_each_schedule_once_and_oldest_first() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let mut other = testing::spec();
+    other.name = "other".into();
+    let other = store.insert_task(&other).await.unwrap();
+    let mut made = Vec::new();
+    for name in ["a", "b", "c", "d"] {
+        made.push(schedule(&store, &task, name).await.unwrap().id);
+        schedule(&store, &other, name).await.unwrap();
+    }
+    for size in 1..=5 {
+        let (mut seen, mut after) = (Vec::new(), None);
+        loop {
+            let (page, next) = store.schedules(Some(&task.id), after.as_ref(), size).await.unwrap();
+            assert!(page.len() <= usize::try_from(size).unwrap());
+            seen.extend(page.into_iter().map(|schedule| schedule.id));
+            after = next;
+            if after.is_none() {
+                break;
+            }
+        }
+        assert_eq!(seen, made, "pages of {size}");
+    }
+    assert_eq!(store.schedules(None, None, 9).await.unwrap().0.len(), 8);
+}
+
+/// Its row is damaged, or a newer version wrote it.
+#[tokio::test]
+async fn a_schedule_that_cannot_be_read_is_listed_paused_and_deleted() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let unread = schedule(&store, &task, "unread").await.unwrap().id;
+    let sound = schedule(&store, &task, "sound").await.unwrap().id;
+    for text in ["{\"score\":", "{\"stages\":[]}", ""] {
+        testing::run(&store, &format!("update schedules set pipeline = '{text}' where id = '{unread}'")).await;
+        let (listed, _) = store.schedules(Some(&task.id), None, 9).await.unwrap();
+        assert_eq!(listed.iter().map(|schedule| &schedule.id).collect::<Vec<_>>(), [&unread, &sound], "{text}");
+        let error = listed[0].pipeline().unwrap_err();
+        assert!(error.kind() == Kind::Precondition && error.message().contains(unread.as_str()), "{error}");
+        assert!(listed[1].pipeline().is_ok());
+    }
+    assert!(store.pause_schedule(&unread, true, None).await.unwrap().paused);
+    assert_eq!(store.running_schedules().await.unwrap().len(), 1);
+    store.delete_schedule(&unread).await.unwrap();
 }

@@ -133,7 +133,8 @@ async fn reads(store: &Store) {
             store.expect_recordings(&snapshot.id).await.unwrap();
         }
     }
-    assert!(store.schedules(None).await.unwrap().iter().all(|schedule| schedule.engine_options.is_empty()));
+    let (schedules, _) = store.schedules(None, None, 1000).await.unwrap();
+    assert!(schedules.iter().all(|schedule| schedule.pipeline.is_ok() && schedule.engine_options.is_empty()));
     assert!(!store.jobs(&JobFilter::default(), None, 100).await.unwrap().0.is_empty());
     store.deployments(None).await.unwrap();
     store.named_blobs().await.unwrap();
