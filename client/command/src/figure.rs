@@ -17,6 +17,8 @@ const BAD: RGBColor = RGBColor(196, 69, 54);
 const BAR: RGBColor = RGBColor(86, 120, 166);
 const LINES: [RGBColor; 6] = [GOOD, BAD, BAR, RGBColor(190, 140, 40), RGBColor(120, 80, 150), RGBColor(90, 90, 90)];
 const TITLE: (&str, u32) = ("sans-serif", 17);
+/// Most characters of a title, for which there is room.
+const LONGEST_TITLE: usize = 80;
 
 /// A value with its 95 % interval, if it has one.
 #[derive(Clone, Debug)]
@@ -42,9 +44,12 @@ pub(crate) struct Axis<'a> {
 }
 
 /// Imperfect segments by q: for each bin over [0, 1] the good ones and, on top of them, the bad ones; and the outline of
-/// the experts' bins, scaled to the same number of segments.
-pub(crate) fn spread(bins: &[[u32; 2]], experts: &[u64]) -> Result<String> {
+/// the experts' bins, scaled to the same number of segments. The title names what they are of; empty: all that there is.
+pub(crate) fn spread(of: &str, bins: &[[u32; 2]], experts: &[u64]) -> Result<String> {
     draw(SIZE, |canvas| {
+        let of = shortened(of, LONGEST_TITLE);
+        let below = if of.is_empty() { None } else { Some(canvas.titled(&of, TITLE).map_err(failed)?) };
+        let canvas = below.as_ref().unwrap_or(canvas);
         let segments: u32 = bins.iter().map(|[good, bad]| good + bad).sum();
         let experts = outline(experts, f64::from(segments));
         let highest = experts.iter().map(|(_, height)| *height).fold(0.0, f64::max);
@@ -79,6 +84,14 @@ pub(crate) fn spread(bins: &[[u32; 2]], experts: &[u64]) -> Result<String> {
         chart.draw_series(LineSeries::new(experts, BLACK.stroke_width(2))).map_err(failed)?;
         Ok(())
     })
+}
+
+/// A text of at most this many characters.
+fn shortened(text: &str, longest: usize) -> String {
+    if text.chars().count() <= longest {
+        return text.to_owned();
+    }
+    text.chars().take(longest.saturating_sub(1)).chain(['…']).collect()
 }
 
 /// The outline of bars of these counts, scaled to a number of segments; nothing without counts.
@@ -250,10 +263,18 @@ mod tests {
 
     #[test]
     fn a_spread_of_zero_does_not_divide_by_zero() {
-        assert!(spread(&[], &[]).unwrap().starts_with("<svg"));
-        let plain = spread(&[[0, 0], [3, 1]], &[]).unwrap();
+        assert!(spread("", &[], &[]).unwrap().starts_with("<svg"));
+        let plain = spread("", &[[0, 0], [3, 1]], &[]).unwrap();
         assert!(plain.contains("rect") && !plain.contains("#000000\" stroke-width=\"2\""), "{plain}");
-        assert!(spread(&[[0, 0], [3, 1]], &[1, 3]).unwrap().contains("#000000\" stroke-width=\"2\""));
+        assert!(spread("", &[[0, 0], [3, 1]], &[1, 3]).unwrap().contains("#000000\" stroke-width=\"2\""));
         assert_eq!(outline(&[1, 3], 8.0), [(0.0, 2.0), (0.5, 2.0), (0.5, 6.0), (1.0, 6.0)]);
+    }
+
+    #[test]
+    fn a_spread_names_what_it_is_of_in_a_line_that_has_room() {
+        let svg = spread("a < b, seed 0", &[[3, 1]], &[]).unwrap();
+        assert_eq!(svg.matches("\na &lt; b, seed 0\n").count(), 1, "{svg}");
+        assert!(svg.contains("\nImperfect segments by q"), "{svg}");
+        assert_eq!((shortened("abcd", 4), shortened("abcde", 4)), ("abcd".to_owned(), "abc…".to_owned()));
     }
 }

@@ -52,6 +52,8 @@ pub(crate) struct Incomplete {
     task: Option<String>,
     /// Whether the command takes `--task` beside ids.
     limits: bool,
+    /// The full id of the episode that it names.
+    episode: Option<String>,
 }
 
 impl Incomplete {
@@ -67,7 +69,7 @@ pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
     while let Some((_, deeper)) = inner.subcommand() {
         inner = deeper;
     }
-    let mut found = Vec::new();
+    let (mut found, mut episode) = (Vec::new(), None);
     for argument in inner.ids() {
         let Some(kind) = kind(command, argument.as_str()) else { continue };
         if inner.value_source(argument.as_str()) != Some(ValueSource::CommandLine) {
@@ -83,6 +85,9 @@ pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
             let rest = text.strip_prefix(kind.prefix());
             let begins = rest.is_some_and(|rest| rest.len() < ULID);
             let full = rest.is_some_and(is_ulid);
+            if full && kind == Kind::Episode {
+                episode = Some(text.to_owned());
+            }
             // What is to be deleted is named by its id.
             let recording = matches!(kind, Kind::Episode | Kind::Deleted) && command != "delete";
             let file = recording && !full;
@@ -97,7 +102,7 @@ pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
     let task = inner.try_get_one::<String>("task");
     // `label` has it for the rows of --from, in place of ids.
     let limits = task.is_ok() && command != "label";
-    Incomplete { ids: found, limits, task: task.ok().flatten().cloned() }
+    Incomplete { ids: found, limits, task: task.ok().flatten().cloned(), episode }
 }
 
 /// The arguments of a command line, by its definition, with full ids.
@@ -107,13 +112,13 @@ pub(crate) fn incomplete(matches: &ArgMatches) -> Incomplete {
 pub(crate) async fn complete(
     context: &Context,
     (command, words): (Command, Vec<OsString>),
-    Incomplete { ids: given, task, limits }: Incomplete,
+    Incomplete { ids: given, task, limits, mut episode }: Incomplete,
 ) -> Result<Vec<OsString>> {
     let client = context.client().await?;
     let tasks = Tasks::of(&client, task.as_deref()).await?;
-    let mut full = Vec::with_capacity(given.len());
+    let mut full = vec![String::new(); given.len()];
     let mut episodes = None;
-    for Given { kind, text, by_file, .. } in &given {
+    for (place, Given { kind, text, by_file, .. }) in runs_last(&given) {
         let latest = text == LATEST;
         let mut note = None;
         let id = if *by_file {
@@ -128,9 +133,15 @@ pub(crate) async fn complete(
             }
             file_name::choose(*kind, text, listed, &tasks, limits)
         } else {
-            let entries = listed::ids(&client, *kind, &tasks, text).await?;
+            let beside = match &episode {
+                Some(episode) if latest && *kind == Kind::Run => listed::task_of(&client, episode).await?,
+                Some(_) | None => None,
+            };
+            let entries = listed::ids(&client, *kind, beside.as_ref().unwrap_or(&tasks), text).await?;
             if latest {
+                let of_its_task = |note| format!("{note}, of the episode's task");
                 note = newest_note(*kind, &entries, limits);
+                note = if beside.is_some() { note.map(of_its_task) } else { note };
             }
             if *kind == Kind::Policy && !latest {
                 let deployments = listed::deployments(&client, &tasks).await?;
@@ -144,9 +155,19 @@ pub(crate) async fn complete(
         if let Some(note) = note {
             context.output.note(note);
         }
-        full.push(id.map_err(Failure::message)?.unwrap_or_else(|| text.clone()));
+        full[place] = id.map_err(Failure::message)?.unwrap_or_else(|| text.clone());
+        if *kind == Kind::Episode {
+            episode = Some(full[place].clone());
+        }
     }
     replaced((command, words), &given, &full).map_err(Failure::message)
+}
+
+/// The ids that a line leaves open, each with its place, those of score runs last: `latest` is then of the task of the
+/// episode beside it (`gleaner scores latest FILE`).
+fn runs_last(given: &[Given]) -> Vec<(usize, &Given)> {
+    let (runs, others): (Vec<_>, Vec<_>) = given.iter().enumerate().partition(|(_, given)| given.kind == Kind::Run);
+    others.into_iter().chain(runs).collect()
 }
 
 /// The newest of a task, which a command takes if none is given; a note names it.

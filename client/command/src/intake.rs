@@ -14,6 +14,7 @@ use gleaner_recording::printable;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
+use crate::words;
 pub(crate) use walk::{Conversion, Episode};
 
 /// A path that is a dataset of another program by its name.
@@ -149,9 +150,11 @@ impl Intake {
         let Description { format, episodes, steps, rate_stated, spec, left_out, .. } = &self.description;
         let guessed = if *rate_stated { "" } else { " (a guess; give it with --rate)" };
         let mut text = format!(
-            "{}: {}, {episodes} episodes, {steps} steps at {} Hz{guessed}\n",
+            "{}: {}, {}, {} at {} Hz{guessed}\n",
             printable::field(&self.path.display().to_string()),
             printable::field(format),
+            words::counted(*episodes, "episode", "episodes"),
+            words::counted(*steps, "step", "steps"),
             spec.rate_hz
         );
         for left in left_out {

@@ -1,7 +1,7 @@
 //! Interruptions by the keyboard or the system, of commands that have something to remove or to stop first.
 
 use rustix::process::Signal;
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::{self, SignalKind, signal};
 
 use crate::failure::{Failure, Result};
 
@@ -11,19 +11,33 @@ pub(crate) async fn unless_interrupted<T>(
     interrupted: &'static str,
 ) -> Result<T> {
     // Both are received from here on, also before the first poll of the work.
-    let (mut keyboard, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
-    let stop = async {
+    let mut signals = Signals::listen()?;
+    unless(work, signals.next(), interrupted).await
+}
+
+/// The signals that ask a command to stop. They end the process no longer, and none is lost between two waits.
+pub(crate) struct Signals {
+    keyboard: unix::Signal,
+    terminate: unix::Signal,
+}
+
+impl Signals {
+    pub(crate) fn listen() -> Result<Self> {
+        Ok(Self { keyboard: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
+    }
+
+    /// The next of them since the last wait or the beginning.
+    pub(crate) async fn next(&mut self) -> Signal {
         tokio::select! {
-            _ = keyboard.recv() => Signal::INT,
-            _ = terminate.recv() => Signal::TERM,
+            _ = self.keyboard.recv() => Signal::INT,
+            _ = self.terminate.recv() => Signal::TERM,
         }
-    };
-    unless(work, stop, interrupted).await
+    }
 }
 
 /// The result of the work, or a failure if `stop` completes first. The work is then dropped, and with it its temporary files
 /// and its children.
-async fn unless<T>(
+pub(crate) async fn unless<T>(
     work: impl Future<Output = Result<T>>,
     stop: impl Future<Output = Signal>,
     message: &'static str,
@@ -35,6 +49,10 @@ async fn unless<T>(
         done = work => done,
     }
 }
+
+/// Held by tests that send such signals to their own process, and by those that listen to them and must receive no others.
+#[cfg(test)]
+pub(crate) static ALONE: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
 
 #[cfg(test)]
 mod tests {
@@ -63,9 +81,9 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
-    /// The signals are sent to the process of the tests itself, in which no other test receives them.
     #[tokio::test]
     async fn an_interrupted_command_has_the_exit_code_of_its_signal() {
+        let _alone = ALONE.lock().await;
         for (signal, code) in [(Signal::INT, 130), (Signal::TERM, 143)] {
             let work = async {
                 kill_process(getpid(), signal).unwrap();

@@ -11,7 +11,7 @@ use tokio::io::{AsyncBufReadExt as _, BufReader, Lines};
 use tokio::process::{Child, ChildStdout, Command};
 
 use crate::failure::{Failure, Result};
-use crate::interrupt::unless_interrupted;
+use crate::interrupt::{Signals, unless};
 
 const READY: &str = "listening on ";
 const START_PATIENCE: Duration = Duration::from_secs(60);
@@ -21,6 +21,9 @@ const STOP_PATIENCE: Duration = Duration::from_secs(30);
 pub(crate) struct ServerProcess {
     child: Child,
     url: String,
+    signals: Signals,
+    /// The message of the failure after one of these signals.
+    interrupted: &'static str,
 }
 
 /// The address of an experiment's server, noted in a file beside its data: after a kill, the next run finds the server
@@ -55,38 +58,19 @@ impl Address {
 }
 
 impl ServerProcess {
-    /// Starts `binary serve` on a data folder, with further flags, and waits until it listens. Its log goes to a file.
-    pub(crate) async fn start(binary: &Path, data: &Path, log: &Path, flags: &[&str]) -> Result<Self> {
-        // The log of an earlier server stays; that server may still be writing.
-        let log_file = std::fs::OpenOptions::new().create(true).append(true).open(log).map_err(ClientError::io(log))?;
-        let mut child = Command::new(binary)
-            .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
-            .arg(data)
-            .args(flags)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(log_file)
-            .kill_on_drop(true)
-            .spawn()
-            .map_err(ClientError::io(binary))?;
-        let stdout = child.stdout.take().ok_or_else(|| Failure::message("the server's output cannot be read"))?;
-        let mut lines = BufReader::new(stdout).lines();
-        let url = match tokio::time::timeout(START_PATIENCE, ready(&mut lines)).await {
-            Ok(Some(url)) => url,
-            Ok(None) => {
-                return Err(Failure::message(format!(
-                    "{} ended before it was listening; {}",
-                    binary.display(),
-                    tail(log)
-                )));
-            }
-            Err(_) => {
-                return Err(Failure::message(format!("{} was not listening in time; {}", binary.display(), tail(log))));
-            }
-        };
-        // Later output must not fill the pipe.
-        tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
-        Ok(Self { child, url })
+    /// Starts `binary serve` on a data folder, with further flags, and waits until it listens. Its log goes to a file. If
+    /// the keyboard or the system asks to stop meanwhile, the server is stopped and the failure has this message.
+    pub(crate) async fn start(
+        binary: &Path,
+        data: &Path,
+        log: &Path,
+        flags: &[&str],
+        interrupted: &'static str,
+    ) -> Result<Self> {
+        // Before there is a process that must not outlive this one.
+        let mut signals = Signals::listen()?;
+        let (child, url) = listening(binary, data, log, flags, signals.next(), interrupted).await?;
+        Ok(Self { child, url, signals, interrupted })
     }
 
     pub(crate) fn url(&self) -> &str {
@@ -95,34 +79,77 @@ impl ServerProcess {
 
     /// The note for a later run.
     pub(crate) fn address(&self) -> Address {
-        let pid = self.child.id().and_then(|id| i32::try_from(id).ok()).unwrap_or_default();
-        Address { url: self.url.clone(), pid }
+        address(&self.child, &self.url)
     }
 
     /// Does work on this server, which is stopped whether the work succeeds, fails or is interrupted.
-    pub(crate) async fn during<T>(
-        self,
-        work: impl AsyncFnOnce(Client) -> Result<T>,
-        interrupted: &'static str,
-    ) -> Result<T> {
-        let done = match Client::connect(self.url(), None).await {
-            Ok(client) => unless_interrupted(work(client), interrupted).await,
-            Err(error) => Err(error.into()),
-        };
-        let stopped = self.stop().await;
+    pub(crate) async fn during<T>(self, work: impl AsyncFnOnce(Client) -> Result<T>) -> Result<T> {
+        let Self { child, url, mut signals, interrupted } = self;
+        let connected = async { work(Client::connect(&url, None).await?).await };
+        let done = unless(connected, signals.next(), interrupted).await;
+        let stopped = stop(child).await;
         let done = done?;
         stopped.map(|()| done)
     }
+}
 
-    /// Asks the server to end, and ends it when it does not.
-    pub(crate) async fn stop(mut self) -> Result<()> {
-        self.address().request_stop();
-        match tokio::time::timeout(STOP_PATIENCE, self.child.wait()).await {
-            Ok(ended) => well(ended?),
-            Err(_) => {
-                self.child.kill().await?;
-                Err(Failure::message("the server did not stop on request and was killed"))
-            }
+/// A server that listens, with its address; or, if `stop` completes before, no process and a failure with this message.
+async fn listening(
+    binary: &Path,
+    data: &Path,
+    log: &Path,
+    flags: &[&str],
+    stop_asked: impl Future<Output = Signal>,
+    interrupted: &'static str,
+) -> Result<(Child, String)> {
+    // The log of an earlier server stays; that server may still be writing.
+    let log_file = std::fs::OpenOptions::new().create(true).append(true).open(log).map_err(ClientError::io(log))?;
+    let mut child = Command::new(binary)
+        .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
+        .arg(data)
+        .args(flags)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(log_file)
+        .kill_on_drop(true)
+        .spawn()
+        .map_err(ClientError::io(binary))?;
+    let stdout = child.stdout.take().ok_or_else(|| Failure::message("the server's output cannot be read"))?;
+    let mut lines = BufReader::new(stdout).lines();
+    let listens = async {
+        let late = |what: &str| Failure::message(format!("{} {what}; {}", binary.display(), tail(log)));
+        match tokio::time::timeout(START_PATIENCE, ready(&mut lines)).await {
+            Ok(Some(url)) => Ok(url),
+            Ok(None) => Err(late("ended before it was listening")),
+            Err(_) => Err(late("was not listening in time")),
+        }
+    };
+    let url = match unless(listens, stop_asked, interrupted).await {
+        Ok(url) => url,
+        Err(failure) => {
+            // The reason is that of the start.
+            let _ = stop(child).await;
+            return Err(failure);
+        }
+    };
+    // Later output must not fill the pipe.
+    tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
+    Ok((child, url))
+}
+
+fn address(child: &Child, url: &str) -> Address {
+    let pid = child.id().and_then(|id| i32::try_from(id).ok()).unwrap_or_default();
+    Address { url: url.to_owned(), pid }
+}
+
+/// Asks a server to end, and ends it when it does not.
+async fn stop(mut child: Child) -> Result<()> {
+    address(&child, "").request_stop();
+    match tokio::time::timeout(STOP_PATIENCE, child.wait()).await {
+        Ok(ended) => well(ended?),
+        Err(_) => {
+            child.kill().await?;
+            Err(Failure::message("the server did not stop on request and was killed"))
         }
     }
 }
@@ -163,22 +190,45 @@ mod tests {
 
     // One test: a script that is written while another test forks could not be executed ("text file busy").
     #[tokio::test]
-    async fn a_server_starts_and_stops_and_a_failed_start_reports_its_log() {
+    async fn a_server_starts_and_stops_and_a_failed_or_interrupted_start_leaves_none() {
+        let _alone = crate::interrupt::ALONE.lock().await;
         let folder = tempfile::tempdir().unwrap();
         let log = folder.path().join("log");
         let body =
             "trap 'echo bye >&2; exit 0' TERM\necho listening on http://127.0.0.1:9\nwhile :; do sleep 0.02; done";
-        let server = ServerProcess::start(&script(folder.path(), body), folder.path(), &log, &[]).await.unwrap();
+        let start = async |body: &str| {
+            ServerProcess::start(&script(folder.path(), body), folder.path(), &log, &[], "interrupted").await
+        };
+        let server = start(body).await.unwrap();
         assert_eq!(server.url(), "http://127.0.0.1:9");
         // The process runs, but does not answer: the note is not used.
         let note = folder.path().join("note");
         server.address().note(&note).unwrap();
         assert!(Address::left_behind(&note).await.is_none());
-        server.stop().await.unwrap();
+        server.during(async |_| -> Result<()> { panic!("it does not answer") }).await.unwrap_err();
         assert_eq!(std::fs::read_to_string(&log).unwrap(), "bye\n");
 
         let body = "echo data folder is in use >&2; exit 3";
-        let error = ServerProcess::start(&script(folder.path(), body), folder.path(), &log, &[]).await.err().unwrap();
+        let error = start(body).await.err().unwrap();
         assert!(error.to_string().contains("data folder is in use"), "{error}");
+
+        // A signal while it starts: the process is asked to end, and has ended before the failure is there.
+        std::fs::remove_file(&log).unwrap();
+        let begun = folder.path().join("begun");
+        assert!(std::process::Command::new("mkfifo").arg(&begun).status().unwrap().success());
+        let stopped = "trap 'echo stopped >&2; exit 0' TERM";
+        let body = format!("{stopped}\necho $$ > '{}'\nwhile :; do sleep 0.02; done", begun.display());
+        let signalled = async {
+            // Opening a FIFO waits for its writer.
+            let read = tokio::task::spawn_blocking(move || std::fs::read_to_string(begun).unwrap());
+            let pid = Pid::from_raw(read.await.unwrap().trim().parse().unwrap()).unwrap();
+            kill_process(rustix::process::getpid(), Signal::TERM).unwrap();
+            pid
+        };
+        let (started, pid) = tokio::join!(start(&body), signalled);
+        let failure = started.err().unwrap();
+        assert_eq!((failure.exit_code(), failure.to_string()), (143, "interrupted".to_owned()));
+        assert_eq!(std::fs::read_to_string(&log).unwrap(), "stopped\n");
+        assert!(test_kill_process(pid).is_err(), "no process is left");
     }
 }

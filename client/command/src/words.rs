@@ -1,5 +1,6 @@
 //! Values as text in tables and lines: enum words, times, sizes, durations.
 
+use std::fmt::Display;
 use std::time::Duration;
 
 use gleaner_client::Driven;
@@ -63,6 +64,18 @@ pub(crate) fn duration(span: Duration) -> String {
     }
 }
 
+/// How long the rest of some work takes: `about 2 min 10 s left`.
+pub(crate) fn time_left(rest: Duration) -> String {
+    if rest < Duration::from_secs(1) { "almost done".to_owned() } else { format!("about {} left", duration(rest)) }
+}
+
+/// A count with its noun: `1 study`, `2 studies`.
+pub(crate) fn counted(count: impl TryInto<u64> + Display, one: &str, many: &str) -> String {
+    let text = count.to_string();
+    let is_one = count.try_into().is_ok_and(|count| count == 1);
+    format!("{text} {}", if is_one { one } else { many })
+}
+
 pub(crate) fn milliseconds(span: Duration) -> String {
     format!("{:.1} ms", span.as_secs_f64() * 1e3)
 }
@@ -114,6 +127,20 @@ mod tests {
     fn durations_are_shown_in_a_fitting_unit() {
         let message: Vec<String> = [0.25, 42.7, 61.0, 7322.0].map(|s| duration(Duration::from_secs_f64(s))).into();
         assert_eq!(message, ["0.2 s", "42 s", "1 min 01 s", "2 h 02 min"]);
+    }
+
+    #[test]
+    fn the_last_second_of_some_work_is_no_number() {
+        let left = [0.0, 0.04, 0.999, 1.0, 130.0].map(|seconds| time_left(Duration::from_secs_f64(seconds)));
+        assert_eq!(left[..3], ["almost done"; 3]);
+        assert_eq!(left[3..], ["about 1.0 s left", "about 2 min 10 s left"]);
+    }
+
+    #[test]
+    fn a_single_one_is_counted_in_the_singular() {
+        let studies = [0_usize, 1, 2].map(|count| counted(count, "study", "studies"));
+        assert_eq!(studies, ["0 studies", "1 study", "2 studies"]);
+        assert_eq!(counted(1_u64, "step", "steps"), "1 step");
     }
 
     #[test]

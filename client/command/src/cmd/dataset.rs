@@ -155,7 +155,7 @@ async fn stream(context: &Context, args: StreamArgs) -> Result<()> {
         context.output.json_line(&line)?;
         count += 1;
     }
-    context.output.note(format_args!("{count} segments"));
+    context.output.note(words::counted(count, "segment", "segments"));
     context.output.next(training(&args.id));
     Ok(())
 }

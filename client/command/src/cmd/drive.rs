@@ -136,7 +136,7 @@ fn summary(plan: &DrivePlan, driven: &Driven) -> String {
     };
     let recorded = match (&plan.record, driven.recorded()) {
         (None, _) => String::new(),
-        (Some(_), count) => format!("\n{count} episodes recorded"),
+        (Some(_), count) => format!("\n{} recorded", words::counted(count, "episode", "episodes")),
     };
     format!("{steps}{pace}{recorded}{}", lowest(driven))
 }

@@ -4,17 +4,18 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use gleaner_client::expect_new_folder;
+use gleaner_client::{Client, expect_new_folder};
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{
-    ExportFormat, ExportSpec, GetEpisodeResponse, JobSpec, ListExportFilesResponse, SubmitJobRequest,
+    ExportFormat, ExportSpec, GetEpisodeRequest, GetEpisodeResponse, JobSpec, ListExportFilesResponse, SubmitJobRequest,
 };
 
 use super::follow;
+use super::newest_run::{self, Missing};
 use super::selection::{beta_of, threshold};
 use super::submit::{EngineArgs, task_of_dataset};
 use crate::context::Context;
-use crate::failure::{Result, present};
+use crate::failure::{Failure, Result, present};
 use crate::{json, words};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -27,15 +28,20 @@ enum FormatArg {
     Robomimic,
 }
 
+/// Both forms of the command.
+const USAGE: &str = "gleaner export [OPTIONS] --out <PATH> <DATASET>
+       gleaner export [OPTIONS] --out <PATH> --episode <EPISODE> [--scores <RUN>]";
+
 #[derive(Args, Debug)]
+#[command(override_usage = USAGE)]
 pub(crate) struct ExportArgs {
     /// Id of the dataset.
     #[arg(required_unless_present = "episode")]
     dataset: Option<String>,
     /// Id of an episode to write whole, with the scores of every step, as one MCAP file.
-    #[arg(long, value_name = "EPISODE", requires = "scores", conflicts_with_all = ["dataset", "format", "depth", "options"])]
+    #[arg(long, value_name = "EPISODE", conflicts_with_all = ["dataset", "format", "depth", "options"])]
     episode: Option<String>,
-    /// Id of the score run of the episode.
+    /// Id of the score run of the episode. Default: the newest run of the episode's task that holds the episode.
     #[arg(long, value_name = "RUN", requires = "episode", conflicts_with = "dataset")]
     scores: Option<String>,
     /// Threshold above which a step of the episode is marked as kept, 0 to 1. Default: that of the run.
@@ -64,17 +70,22 @@ pub(crate) struct ExportArgs {
 
 impl ExportArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        match (&self.dataset, &self.episode, &self.scores) {
-            (None, Some(episode), Some(run)) => self.write_episode(context, episode, run).await,
-            (dataset, _, _) => self.write_dataset(context, dataset.as_deref().unwrap_or_default()).await,
+        match (&self.dataset, &self.episode) {
+            (None, Some(episode)) => self.write_episode(context, episode).await,
+            (dataset, _) => self.write_dataset(context, dataset.as_deref().unwrap_or_default()).await,
         }
     }
 
-    async fn write_episode(&self, context: &Context, episode: &str, run: &str) -> Result<()> {
+    async fn write_episode(&self, context: &Context, episode: &str) -> Result<()> {
         let client = context.client().await?;
-        let beta = beta_of(&client, run, self.beta).await?;
-        let episode = client.export_episode(episode, run, beta, &self.out).await?;
-        let text = format!("{} ({} steps) with its scores in {}", episode.id, episode.steps, self.out.display());
+        let run = match &self.scores {
+            Some(run) => run.clone(),
+            None => newest_with(context, &client, episode).await?,
+        };
+        let beta = beta_of(&client, &run, self.beta).await?;
+        let episode = client.export_episode(episode, &run, beta, &self.out).await?;
+        let steps = words::counted(episode.steps, "step", "steps");
+        let text = format!("{} ({steps}) with its scores in {}", episode.id, self.out.display());
         let reply = GetEpisodeResponse { episode: Some(episode), report: None };
         context.output.result(|| json::value(&reply), || text)?;
         context.output.next(format_args!("open {} in Foxglove, Rerun or PlotJuggler", self.out.display()));
@@ -122,9 +133,34 @@ impl ExportArgs {
     }
 }
 
+/// The newest run that holds an episode, which a note names.
+async fn newest_with(context: &Context, client: &Client, id: &str) -> Result<String> {
+    let request = GetEpisodeRequest { episode_id: id.to_owned() };
+    let reply = client.episodes().get_episode(request).await?.into_inner();
+    match newest_run::of(client, present(reply.episode.as_ref(), "an episode")?).await? {
+        Ok(newest) => {
+            context.output.note(newest.note);
+            Ok(newest.id)
+        }
+        Err(why) => Err(Failure::message(unscored(id, &why))),
+    }
+}
+
+/// Why an episode cannot be written with scores, and what to do.
+fn unscored(id: &str, why: &Missing) -> String {
+    let why = match why {
+        Missing::NoRun => "its task has no score run yet",
+        Missing::Elsewhere(lack) => lack,
+    };
+    format!(
+        "{id}: {why}; make a run with `gleaner score --wait`, or get the recording alone with `gleaner download {id}`"
+    )
+}
+
 fn summary(files: usize, bytes: u64, took: Duration, folder: &str) -> String {
     format!(
-        "{files} files, {:.1} MB, verified, in {folder} ({:.1} MB/s)",
+        "{}, {:.1} MB, verified, in {folder} ({:.1} MB/s)",
+        words::counted(files, "file", "files"),
         words::megabytes(bytes),
         words::rate(bytes, took)
     )
@@ -139,5 +175,36 @@ fn next(format: FormatArg, folder: &Path) -> String {
              && hf repo tag create USER/NAME v3.0 --repo-type dataset"
         ),
         FormatArg::Robomimic => format!("train.data in robomimic's config: {folder}/dataset.hdf5"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::{CommandFactory as _, Parser as _};
+
+    use super::*;
+    use crate::cli::Cli;
+
+    #[test]
+    fn an_episode_is_exported_without_naming_a_run() {
+        let parsed = |line: &str| Cli::try_parse_from(line.split(' '));
+        assert!(parsed("gleaner export --episode ep_1 --out a").is_ok());
+        assert!(parsed("gleaner export --episode ep_1 --beta 0.5 --out a").is_ok());
+        let mut command = Cli::command();
+        let export = command.find_subcommand_mut("export").unwrap();
+        assert!(export.render_usage().to_string().contains("--episode <EPISODE> [--scores <RUN>]"));
+        let refused = parsed("gleaner export --out a").unwrap_err().to_string();
+        assert!(refused.contains("--episode <EPISODE> [--scores <RUN>]"), "{refused}");
+    }
+
+    #[test]
+    fn an_episode_without_a_run_has_the_reason_and_what_to_do() {
+        let none = unscored("ep_1", &Missing::NoRun);
+        assert!(
+            none.starts_with("ep_1: its task has no score run yet; make a run with `gleaner score --wait`"),
+            "{none}"
+        );
+        let lack = unscored("ep_1", &Missing::Elsewhere("the score run of the task lacks the episode".into()));
+        assert!(lack.contains("lacks the episode; make") && lack.ends_with("`gleaner download ep_1`"), "{lack}");
     }
 }

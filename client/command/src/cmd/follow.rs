@@ -68,9 +68,9 @@ impl View {
     /// A line on the progress of a job, if enough has happened since the last one.
     fn progress(&mut self, job: &Job, now: Instant) -> Option<String> {
         let pace = self.pace.get_or_insert(Pace::at(job, now));
-        let left = words::duration(pace.left(job, now)?);
+        let left = words::time_left(pace.left(job, now)?);
         let loss = latest(&self.metrics).into_iter().next().map_or(String::new(), |loss| format!(", {loss}"));
-        Some(format!("{} {}: {} of {}{loss}, about {left} left", job.id, job.message, job.done, job.total))
+        Some(format!("{} {}: {} of {}{loss}, {left}", job.id, job.message, job.done, job.total))
     }
 
     pub(crate) fn end(self) {
@@ -167,5 +167,6 @@ mod tests {
         assert_eq!(line, "job_1 training: 30 of 100, loss 0.5000, about 1 min 10 s left");
         assert_eq!(at(140, "training", 39), None, "the same tenth");
         assert!(at(150, "training", 40).unwrap().ends_with("about 2 min 00 s left"));
+        assert!(at(210, "training", 100).unwrap().ends_with("100 of 100, loss 0.5000, almost done"));
     }
 }

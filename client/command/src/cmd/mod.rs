@@ -18,6 +18,7 @@ pub(crate) mod kinds;
 pub(crate) mod label;
 mod label_file;
 pub(crate) mod metrics;
+mod newest_run;
 pub(crate) mod open;
 pub(crate) mod pipeline;
 mod plan;

@@ -6,14 +6,11 @@ use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 
 use clap::{Args, ValueEnum};
-use futures::{StreamExt as _, stream};
 use gleaner_client::{Client, expect_new_file};
-use gleaner_proto::v1::{
-    Episode, GetEpisodeRequest, GetEpisodeResponse, GetEpisodeScoresRequest, ListScoreRunsRequest, Outcome, ScoreRun,
-};
+use gleaner_proto::v1::{GetEpisodeRequest, GetEpisodeResponse};
 use tokio::process::Command;
-use tonic::Code;
 
+use super::newest_run::{self, Missing};
 use super::selection::{beta_of, threshold};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
@@ -21,8 +18,6 @@ use crate::{json, words};
 
 /// Runs the modules of the Python client.
 const PYTHON: &str = "python3";
-/// Score runs in which an episode is looked up at once.
-const LOOKUPS: usize = 4;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Viewer {
@@ -58,7 +53,8 @@ impl OpenArgs {
         expect_new_file(&file)?;
         let reply = self.write(context, &client, &file).await?;
         let steps = reply.episode.as_ref().map_or(0, |episode| episode.steps);
-        let text = format!("{} ({steps} steps) in {}", self.episode, file.display());
+        let steps = words::counted(steps, "step", "steps");
+        let text = format!("{} ({steps}) in {}", self.episode, file.display());
         context.output.result(|| json::value(&reply), || text)?;
         let layout = self.viewer.layout(context, &file).await;
         let ended = self.viewer.open(context, &file, layout.as_deref()).await;
@@ -89,11 +85,9 @@ impl OpenArgs {
         let run = match &self.scores {
             Some(run) => Some(run.clone()),
             None => {
-                let request = ListScoreRunsRequest { task: episode.task_id.clone() };
-                let runs = client.scores().list_score_runs(request).await?.into_inner().score_runs;
-                let found = newest_with(client, &runs, &episode.id).await?;
-                context.output.note(chosen(episode, &runs, found));
-                found.and_then(|at| runs.get(at)).map(|run| run.id.clone())
+                let newest = newest_run::of(client, episode).await?;
+                context.output.note(newest.as_ref().map_or_else(without_scores, |run| run.note.clone()));
+                newest.ok().map(|run| run.id)
             }
         };
         match run {
@@ -107,55 +101,14 @@ impl OpenArgs {
     }
 }
 
-/// The place of the first run that holds an episode.
-async fn newest_with(client: &Client, runs: &[ScoreRun], episode: &str) -> Result<Option<usize>> {
-    let lookup = |run: &ScoreRun| {
-        let request = GetEpisodeScoresRequest { score_run_id: run.id.clone(), episode_id: episode.to_owned() };
-        async move { client.scores().get_episode_scores(request).await }
-    };
-    let mut lookups = stream::iter(runs.iter().map(lookup)).buffered(LOOKUPS).enumerate();
-    while let Some((at, scores)) = lookups.next().await {
-        match scores {
-            Ok(_) => return Ok(Some(at)),
-            Err(status) if status.code() == Code::NotFound => {}
-            Err(status) => return Err(status.into()),
+/// The note on a recording that is opened alone, with the reason.
+fn without_scores(why: &Missing) -> String {
+    match why {
+        Missing::NoRun => "the task has no score run yet, so the recording has no scores".to_owned(),
+        Missing::Elsewhere(lack) => {
+            format!("{lack}; the recording has no scores (`gleaner score` makes a new run)")
         }
     }
-    Ok(None)
-}
-
-/// Which run of a task an episode is opened with, or why with none. The runs are the newest first.
-fn chosen(episode: &Episode, runs: &[ScoreRun], found: Option<usize>) -> String {
-    match (found.and_then(|at| Some((at, runs.get(at)?))), runs) {
-        (Some((0, run)), _) => format!("score run {} (the newest of the task)", run.id),
-        (Some((newer, run)), _) => {
-            let lack =
-                if newer == 1 { "a newer one lacks it".to_owned() } else { format!("{newer} newer ones lack it") };
-            format!("score run {} (the newest of the task that holds the episode; {lack})", run.id)
-        }
-        (None, []) => "the task has no score run yet, so the recording has no scores".to_owned(),
-        (None, [newest, ..]) => {
-            let lack = match runs.len() {
-                1 => "the score run of the task lacks".to_owned(),
-                many => format!("the {many} score runs of the task lack"),
-            };
-            let why = missing_because(episode, newest, runs.len() == 1);
-            format!("{lack} the episode, because {why}; the recording has no scores (`gleaner score` makes a new run)")
-        }
-    }
-}
-
-/// `only`: whether the task has one run.
-fn missing_because(episode: &Episode, newest: &ScoreRun, only: bool) -> String {
-    let [pushed, scored] = [&episode.create_time, &newest.create_time].map(|time| words::timestamp(time.as_ref()));
-    if pushed.zip(scored).is_some_and(|(pushed, scored)| pushed > scored) {
-        return "it was pushed later".to_owned();
-    }
-    if episode.outcome() == Outcome::Unknown {
-        return "its outcome is unknown, and snapshots by outcome leave it out".to_owned();
-    }
-    let snapshots = if only { "the snapshot of the run leaves" } else { "the snapshots of the runs leave" };
-    format!("{snapshots} it out, or it is an expert without scores (the only one of a snapshot, or of imported scores)")
 }
 
 impl Viewer {
@@ -224,47 +177,11 @@ impl Viewer {
 mod tests {
     use super::*;
 
-    fn time(seconds: i64) -> Option<prost_types::Timestamp> {
-        Some(prost_types::Timestamp { seconds, nanos: 0 })
-    }
-
     #[test]
-    fn the_note_names_the_run_or_why_there_is_none() {
-        let run = |id: &str, seconds| ScoreRun { id: id.into(), create_time: time(seconds), ..ScoreRun::default() };
-        let episode = |seconds, outcome: Outcome| Episode {
-            create_time: time(seconds),
-            outcome: outcome.into(),
-            ..Episode::default()
-        };
-        let runs = [run("run_3", 30), run("run_2", 20), run("run_1", 10)];
-        let failed = episode(5, Outcome::Failure);
-        assert_eq!(chosen(&failed, &runs, Some(0)), "score run run_3 (the newest of the task)");
-        let second = "score run run_2 (the newest of the task that holds the episode; a newer one lacks it)";
-        assert_eq!(chosen(&failed, &runs, Some(1)), second);
-        assert!(
-            chosen(&failed, &runs, Some(2)).contains("run_1 (the newest of the task that holds the episode; 2 newer")
-        );
-        assert!(chosen(&failed, &[], None).starts_with("the task has no score run yet"));
-        for (episode, why) in [
-            (episode(40, Outcome::Failure), "because it was pushed later; the recording has no scores"),
-            (episode(5, Outcome::Unknown), "because its outcome is unknown"),
-            (episode(5, Outcome::Success), "it is an expert without scores"),
-        ] {
-            let note = chosen(&episode, &runs, None);
-            assert!(note.starts_with("the 3 score runs of the task lack the episode") && note.contains(why), "{note}");
-        }
-        for (runs, begin) in [
-            (
-                &runs[..1],
-                "the score run of the task lacks the episode, because the snapshot of the run leaves it out, or",
-            ),
-            (
-                &runs[..2],
-                "the 2 score runs of the task lack the episode, because the snapshots of the runs leave it out, or",
-            ),
-        ] {
-            let note = chosen(&failed, runs, None);
-            assert!(note.starts_with(begin), "{note}");
-        }
+    fn a_recording_without_scores_has_the_reason() {
+        assert!(without_scores(&Missing::NoRun).starts_with("the task has no score run yet, so"));
+        let lack =
+            Missing::Elsewhere("the score run of the task lacks the episode, because it was pushed later".into());
+        assert!(without_scores(&lack).contains("because it was pushed later; the recording has no scores"));
     }
 }

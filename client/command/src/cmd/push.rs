@@ -21,7 +21,7 @@ use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::intake::{self, Candidate, Intake};
 use cut::Marks;
-use shown::{document, summary};
+use shown::{document, summary, without_cohort};
 
 #[derive(Args, Debug)]
 #[group(id = "what", required = true, multiple = true, args = ["paths", "labels"])]
@@ -53,7 +53,7 @@ pub(crate) struct PushArgs {
     /// or unknown.
     #[arg(long, value_parser = outcome_from_word, value_name = "success|failure|unknown")]
     outcome: Option<Outcome>,
-    /// Cohort: a free name for a group of episodes, such as an operator, a policy or a skill level. Default of a dataset of
+    /// Cohort: a free name for a group of episodes, such as a kind of failure, an operator or a policy. Default of a dataset of
     /// another program: its name.
     #[arg(long)]
     cohort: Option<String>,
@@ -64,7 +64,8 @@ pub(crate) struct PushArgs {
     /// above 0. Default: next.success of LeRobot's datasets; robomimic's rewards where they are 0 and 1.
     #[arg(long, value_name = "NAME", conflicts_with = "outcome")]
     success_column: Option<String>,
-    /// CSV file with the columns file,task,outcome,cohort that labels each recording; paths are relative to it. Default:
+    /// CSV file with the columns file,task,outcome,cohort that labels each recording; paths are relative to it. A cohort can
+    /// name the kind of a failure. Default:
     /// the labels.csv in each folder given, unless --outcome or --cohort is given.
     #[arg(long, value_name = "CSV", conflicts_with_all = ["outcome", "cohort"])]
     labels: Option<PathBuf>,
@@ -145,6 +146,9 @@ fn report(context: &Context, pushed: &Pushed, skipped: &[Skipped], task: &str) -
             "{failures} of {} recordings were rejected; fix them and push them again",
             pushed.results.len()
         )));
+    }
+    if let Some(hint) = without_cohort(pushed) {
+        context.output.note(hint);
     }
     context.output.next(format_args!("gleaner pipeline --task {task} --quick --wait"));
     Ok(())

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use super::task::sim_config;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
+use crate::words;
 
 /// Evaluation jobs try seed s on the simulator's attempts 2³² · (s + 1) and on.
 const EVALUATED: u64 = 1 << 32;
@@ -66,7 +67,7 @@ impl RecordArgs {
         let labels = self.out.join("labels.csv");
         context.output.result(
             || Ok(document(&self.out, &recorded)),
-            || format!("{} episodes recorded in {}", recorded.len(), self.out.display()),
+            || format!("{} recorded in {}", words::counted(recorded.len(), "episode", "episodes"), self.out.display()),
         )?;
         context.output.next(format_args!(
             "gleaner task create --sim {}; gleaner push --labels {}",

@@ -61,7 +61,7 @@ impl RunsArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct ScoresArgs {
-    /// Id of the score run.
+    /// Id of the score run; `latest` is the newest of the episode's task.
     run: String,
     /// Id of the episode, or the file name of its recording.
     episode: String,
@@ -112,8 +112,9 @@ fn drawing(what: &str, scores: &EpisodeScores, beta: f64, width: usize) -> Strin
     let mean = sum / q.len().max(1) as f64;
     let spread = if q.is_empty() { "no steps".into() } else { format!("mean {mean:.3}, min {low:.3}, max {high:.3}") };
     format!(
-        "q of {what}, {} steps: {spread}; {kept} steps above β = {beta}\n{}",
-        q.len(),
+        "q of {what}, {}: {spread}; {} above β = {beta}\n{}",
+        words::counted(q.len(), "step", "steps"),
+        words::counted(kept, "step", "steps"),
         chart::curve(q, width, CHART_ROWS, Some(beta))
     )
 }
@@ -189,7 +190,7 @@ mod tests {
         let first = drawn.lines().next();
         assert_eq!(
             first,
-            Some("q of ep_7 (imperfect), 2 steps: mean 0.750, min 0.500, max 1.000; 1 steps above β = 0.9")
+            Some("q of ep_7 (imperfect), 2 steps: mean 0.750, min 0.500, max 1.000; 1 step above β = 0.9")
         );
         assert_eq!(drawn.lines().count(), 1 + CHART_ROWS + 2);
     }

@@ -2,6 +2,7 @@
 
 mod check;
 mod draft;
+mod pace;
 
 use std::path::{Path, PathBuf};
 

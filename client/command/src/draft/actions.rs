@@ -3,7 +3,6 @@
 //! Works on candidates alone.
 
 use super::candidate::Candidate;
-use super::measured::meaning;
 use super::tokens::Command;
 
 /// The rule by which a candidate is a command.
@@ -25,7 +24,7 @@ impl Actions<'_> {
 
     /// Why a candidate is an action or proprioception.
     pub(super) fn reason(&self, candidate: &Candidate) -> String {
-        let Candidate { name, topic, path, beside, command, .. } = candidate;
+        let Candidate { beside, .. } = candidate;
         let named = !self.named.is_empty();
         if self.has(candidate) {
             return match beside {
@@ -34,12 +33,7 @@ impl Actions<'_> {
                 None => "An action, by its name or its topic.".to_owned(),
             };
         }
-        if named && *command > Command::No {
-            return "Proprioception, because `--action` names other topics, although it is named like a command; remove it \
-                    if a robot cannot send it."
-                .to_owned();
-        }
-        match [path, name, topic].into_iter().find_map(|name| meaning(name)) {
+        match candidate.meaning() {
             Some(meaning) => format!("Proprioception, because it is named like {meaning}."),
             None => "Proprioception, because it is not named like a command; remove it if a robot cannot send it."
                 .to_owned(),
@@ -72,9 +66,6 @@ mod tests {
         let of = |topic, path, command| actions.reason(&candidate(topic, path, command));
         assert_eq!(of("/teleop", "target", Command::Yes), "An action, because `--action` names its topic.");
         assert_eq!(of("/teleop", "x", Command::No), "An action, because `--action` names its topic.");
-        assert!(
-            of("/cmd", "target", Command::Yes).starts_with("Proprioception, because `--action` names other topics")
-        );
         assert_eq!(
             of("/state", "joint_position", Command::No),
             "Proprioception, because it is named like joint positions."

@@ -7,6 +7,7 @@ use gleaner_recording::{CameraSource, CameraSpec, RecordedSize};
 use super::candidate::LeftOut;
 use super::tokens::{camera_name, likeness};
 use super::way::{Way, WayTopic};
+use crate::words::counted;
 
 /// Longest side of a step's picture in a draft: models read it in reasonable time.
 const STEP_SIDE: u32 = 128;
@@ -125,7 +126,10 @@ fn camera_of(name: String, same: &[Found<'_>]) -> Camera {
     reasons.push(format!("{} holds pictures of {height}×{width} pixels ({format}).", same[0].color.found.topic));
     let others = same.iter().flat_map(|found| &found.color.sizes).filter(|other| **other != (height, width)).count();
     if others > 0 {
-        reasons.push(format!("{others} recordings have another size and would be refused."));
+        reasons.push(format!(
+            "{} another size and would be refused.",
+            counted(others, "recording has", "recordings have")
+        ));
     }
     if recorded.is_some() {
         let (height, width) = step;

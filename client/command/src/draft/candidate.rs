@@ -4,6 +4,7 @@
 
 use gleaner_recording::{FieldKind, SurveyedField, ValueRange};
 
+use super::measured::meaning;
 use super::tokens::{self, Command};
 use super::way::{Way, WayTopic};
 
@@ -38,6 +39,13 @@ pub(super) struct Candidate {
     pub(super) orders: Vec<Order>,
     /// All its different values, if there are at most two.
     pub(super) values: Vec<f64>,
+}
+
+impl Candidate {
+    /// What its name means, in words.
+    pub(super) fn meaning(&self) -> Option<&'static str> {
+        [&self.path, &self.name, &self.topic].into_iter().find_map(|name| meaning(name))
+    }
 }
 
 /// One order of a candidate's values.

@@ -25,6 +25,10 @@ pub(super) struct Field {
     pub(super) action: bool,
     /// Whether an observation may as well be a command.
     pub(super) open: bool,
+    /// What its name means, in words.
+    pub(super) meaning: Option<&'static str>,
+    /// Whether the draft has it as a comment, so that it is no part of the task.
+    pub(super) is_aside: bool,
     pub(super) stamped: Vec<bool>,
     /// Its place in each way.
     pub(super) sources: Vec<FieldSource>,
@@ -212,7 +216,16 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
         reasons.insert(place, format!("Its unit is that of {} by the conventions of ROS.", first.schema));
     }
     let stamped = std::iter::once(first.stamped).chain(alike.iter().map(|like| like.candidate.stamped));
-    Field { spec, action, open: !action && first.open, stamped: stamped.collect(), sources, reasons }
+    Field {
+        spec,
+        action,
+        open: !action && first.open,
+        meaning: first.meaning(),
+        is_aside: false,
+        stamped: stamped.collect(),
+        sources,
+        reasons,
+    }
 }
 
 /// Which numbers of an action never change.

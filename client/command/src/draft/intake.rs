@@ -7,6 +7,7 @@ use super::Draft;
 use super::cameras::{Camera, step_size};
 use super::candidate::LeftOut;
 use super::fields::{self, Field};
+use crate::words::counted;
 
 /// Most names of values in a comment.
 const NAMES_SHOWN: usize = 16;
@@ -46,6 +47,8 @@ pub(crate) fn of_description(description: &Description, name: String) -> Draft {
             spec: field.clone(),
             action,
             open: false,
+            meaning: None,
+            is_aside: false,
             stamped: vec![true],
             sources: sources(mapping, &field.name),
             reasons,
@@ -59,7 +62,11 @@ pub(crate) fn of_description(description: &Description, name: String) -> Draft {
     let left_out = description.left_out.iter();
     let left_out = left_out.map(|left| LeftOut { what: left.what.clone(), reason: left.reason.clone() });
     Draft {
-        origin: format!("{} episodes of a dataset, {}", description.episodes, description.format),
+        origin: format!(
+            "{} of a dataset, {}",
+            counted(description.episodes, "episode", "episodes"),
+            description.format
+        ),
         rate,
         cameras,
         fields: drafted,

@@ -37,6 +37,11 @@ const INERTIAL: &[&str] = &["imu", "accelerometer", "gyro", "gyroscope"];
 const BASES: &[&str] = &["odom", "odometry", "base"];
 const SCENES: &[&str] = &["goal", "goals", "object", "objects", "obj", "cube", "block"];
 
+/// Meanings that other rules of a draft refer to.
+pub(super) const GRIPPER: &str = "the gripper";
+pub(super) const JOINT_POSITIONS: &str = "joint positions";
+pub(super) const JOINT_TORQUES: &str = "joint torques";
+
 /// How certain it is that a path means a measurement rather than a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Measured {
@@ -60,7 +65,7 @@ pub(super) fn measured(path: &str) -> Measured {
 pub(super) fn meaning(name: &str) -> Option<&'static str> {
     let words = stems(name);
     if has(&words, GRIPPERS) {
-        return Some("the gripper");
+        return Some(GRIPPER);
     }
     quantity(&words).or_else(|| has(&words, STATES).then_some("the state of the robot"))
 }
@@ -86,8 +91,8 @@ fn quantity(words: &[String]) -> Option<&'static str> {
         (tool && of(PLACES), "the position of the end effector"),
         (tool, "the pose of the end effector"),
         (of(JOINT_RATES) || (of(JOINTS) && of(RATES)), "joint velocities"),
-        (of(TORQUES), "joint torques"),
-        (of(JOINTS), "joint positions"),
+        (of(TORQUES), JOINT_TORQUES),
+        (of(JOINTS), JOINT_POSITIONS),
         (of(FORCES), "forces"),
         (of(INERTIAL), "an inertial sensor"),
         (of(BASES), "the base of the robot"),

@@ -8,6 +8,7 @@ mod candidate;
 mod fields;
 mod intake;
 mod measured;
+mod repeats;
 mod role;
 #[cfg(test)]
 mod tests;
@@ -17,6 +18,8 @@ mod way;
 mod write;
 
 use gleaner_recording::{Mapping, Survey, TaskSpec};
+
+use crate::words::counted;
 
 pub(crate) use intake::of_description;
 
@@ -73,18 +76,24 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
         return Err(format!("{problem}; name them with --action TOPIC: {}", topics(&candidates)));
     }
     let cameras = cameras::cameras(&ways, &mut left_out);
-    let fields = fields::fields(&ways, candidates, &actions, &mut left_out);
+    for (way, of_way) in ways.iter().zip(&mut candidates) {
+        repeats::leave_out_commands(&way.name, of_way, &actions, &mut left_out);
+    }
+    let mut fields = fields::fields(&ways, candidates, &actions, &mut left_out);
+    repeats::set_torques_aside(&mut fields);
+    repeats::note_fingers(&mut fields);
     if !fields.iter().any(|field| field.action) {
         let problem = "the recordings have no commands in common: draft a task from recordings of one kind, and add the \
                        mapping of the other by hand";
         return Err(problem.to_owned());
     }
     let Pace { rate_hz, by_pictures, reason: rate } = pace(&ways, &cameras, &fields);
-    let of = |action: bool| fields.iter().filter(move |field| field.action == action).map(|field| field.spec.clone());
+    let taken = || fields.iter().filter(|field| !field.is_aside);
+    let of = |action: bool| taken().filter(move |field| field.action == action).map(|field| field.spec.clone());
     let mappings = ways.iter().enumerate().map(|(at, way)| Mapping {
         name: way.name.clone(),
         cameras: cameras.iter().filter_map(|camera| camera.sources.get(at).cloned()).collect(),
-        fields: fields.iter().filter_map(|field| field.sources.get(at).cloned()).collect(),
+        fields: taken().filter_map(|field| field.sources.get(at).cloned()).collect(),
         clock: if by_pictures {
             slowest(way, &cameras, at).map(|(topic, _)| topic.to_owned())
         } else {
@@ -103,7 +112,8 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
         tolerance: 0.25,
         mappings: mappings.collect(),
     };
-    let origin = ways.iter().map(|way| format!("{} recordings as `{}`", way.recordings, way.name));
+    let origin =
+        ways.iter().map(|way| format!("{} as `{}`", counted(way.recordings, "recording", "recordings"), way.name));
     let origin = origin.collect::<Vec<_>>().join(" and ");
     Ok(Draft { spec, origin, rate, cameras, fields, left_out })
 }
@@ -118,7 +128,7 @@ impl Draft {
             );
         }
         let sources = |action: bool| {
-            let fields = self.fields.iter().filter(move |field| field.action == action);
+            let fields = self.fields.iter().filter(move |field| field.action == action && !field.is_aside);
             fields.flat_map(|field| field.sources.iter().map(move |source| (field, source)))
         };
         for (field, source) in sources(false).filter(|(field, _)| field.open) {
@@ -201,7 +211,8 @@ fn pace(ways: &[Way], cameras: &[Camera], fields: &[Field]) -> Pace {
     Pace { rate_hz, by_pictures, reason }
 }
 
-fn rounded(rate: f64) -> f64 {
+/// A rate as a task has it: a whole number if it is near to one.
+pub(crate) fn rounded(rate: f64) -> f64 {
     let whole = rate.round();
     if whole >= 1.0 && (rate / whole - 1.0).abs() <= NEAR { whole } else { (rate * 100.0).round().max(1.0) / 100.0 }
 }

@@ -124,6 +124,11 @@ pub(super) fn command_word(name: &str) -> Command {
     lists.into_iter().find_map(|(list, found)| has(name, list).then_some(found)).unwrap_or(Command::No)
 }
 
+/// Whether a name is that of a goal, which can be a command or a part of the scene.
+pub(super) fn is_goal(name: &str) -> bool {
+    has(name, &["goal", "goals"])
+}
+
 /// Whether a topic is named like whole steps, which have commands and measurements in one message.
 pub(super) fn is_container(topic: &str) -> bool {
     has(topic, STEPS)

@@ -1,6 +1,6 @@
 //! The draft as a TOML file: the task with a comment for each guess.
 
-use std::fmt::{self, Display, Formatter};
+use std::fmt::{self, Display, Formatter, Write};
 
 use gleaner_recording::printable;
 use gleaner_recording::{CameraSource, CameraSpec, FieldSource, FieldSpec, Transform};
@@ -31,10 +31,15 @@ impl Display for Draft {
             for field in self.fields.iter().filter(|field| field.action == action) {
                 writeln!(out)?;
                 field.reasons.iter().try_for_each(|reason| comment(out, reason))?;
-                field_spec(out, if action { "action" } else { "proprioception" }, &field.spec)?;
+                let table = if action { "action" } else { "proprioception" };
+                if field.is_aside {
+                    commented(out, |text| field_spec(text, table, &field.spec))?;
+                } else {
+                    field_spec(out, table, &field.spec)?;
+                }
             }
         }
-        for mapping in &self.spec.mappings {
+        for (at, mapping) in self.spec.mappings.iter().enumerate() {
             writeln!(out, "\n# {}", "-".repeat(40))?;
             writeln!(out, "[[mappings]]\nname = {}", text(&mapping.name))?;
             if let Some(clock) = &mapping.clock {
@@ -43,6 +48,8 @@ impl Display for Draft {
             }
             mapping.cameras.iter().try_for_each(|source| camera_source(out, source))?;
             mapping.fields.iter().try_for_each(|source| field_source(out, source))?;
+            let mut aside = self.fields.iter().filter(|field| field.is_aside).filter_map(|field| field.sources.get(at));
+            aside.try_for_each(|source| commented(out, |text| field_source(text, source)))?;
         }
         if !self.left_out.is_empty() {
             writeln!(out)?;
@@ -70,6 +77,13 @@ fn comment(out: &mut Formatter<'_>, sentence: &str) -> fmt::Result {
     writeln!(out, "{line}")
 }
 
+/// Lines of the file as comments, without a space behind the `#`, which a reader deletes to use them.
+fn commented(out: &mut Formatter<'_>, lines: impl FnOnce(&mut String) -> fmt::Result) -> fmt::Result {
+    let mut text = String::new();
+    lines(&mut text)?;
+    text.lines().try_for_each(|line| if line.is_empty() { writeln!(out) } else { writeln!(out, "#{line}") })
+}
+
 fn text(value: &str) -> String {
     toml::Value::from(value).to_string()
 }
@@ -95,7 +109,7 @@ fn camera_spec(out: &mut Formatter<'_>, camera: &CameraSpec) -> fmt::Result {
     }
 }
 
-fn field_spec(out: &mut Formatter<'_>, table: &str, field: &FieldSpec) -> fmt::Result {
+fn field_spec(out: &mut impl Write, table: &str, field: &FieldSpec) -> fmt::Result {
     let FieldSpec { name, size, unit, minimum, maximum, binary } = field;
     writeln!(out, "[[{table}]]\nname = {}\nsize = {size}", text(name))?;
     if !unit.is_empty() {
@@ -118,7 +132,7 @@ fn camera_source(out: &mut Formatter<'_>, source: &CameraSource) -> fmt::Result 
     }
 }
 
-fn field_source(out: &mut Formatter<'_>, source: &FieldSource) -> fmt::Result {
+fn field_source(out: &mut impl Write, source: &FieldSource) -> fmt::Result {
     let FieldSource { field, topic, paths, names, transform } = source;
     writeln!(out, "\n[[mappings.fields]]\nfield = {}\ntopic = {}", text(field), text(topic))?;
     if let Some(Transform { parent, child, static_topic }) = transform {

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 
+use super::markdown::cell as escaped;
 use super::study::TableKind;
 use crate::quality::{Lead, mean};
 
@@ -52,6 +53,7 @@ pub(super) fn differences(
 pub(super) fn table(differences: &[AurocDifference]) -> Option<String> {
     let mut text = String::from("| | mean | 95 % interval | seeds |\n|---|---:|---|---:|\n");
     for AurocDifference { cell, less, mean, interval: (low, high), seeds } in differences {
+        let (cell, less) = (escaped(cell), escaped(less));
         // Writing to a String cannot fail.
         let _ = writeln!(text, "| {cell} − {less} | {mean:+.3} | {low:+.3} to {high:+.3} | {seeds} |");
     }

@@ -61,13 +61,13 @@ impl Course<'_> {
         }
         // Without workers no job starts.
         let flags: &[&str] = if self.only_report { &["--workers", "0"] } else { &[] };
-        let server = ServerProcess::start(binary, &data, &log, flags).await?;
+        let server = ServerProcess::start(binary, &data, &log, flags, RESUMES).await?;
         if !self.only_report {
             server.address().note(&note)?;
         }
         self.context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
         let url = server.url().to_owned();
-        server.during(async |client| self.on(&client, &url).await, RESUMES).await
+        server.during(async |client| self.on(&client, &url).await).await
     }
 
     /// On a running server at this address.

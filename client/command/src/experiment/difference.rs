@@ -7,6 +7,7 @@ use gleaner_core::statistics::difference_over_levels;
 
 use super::cell::CellSettings;
 use super::interval::student;
+use super::markdown::cell as escaped;
 use super::method::Method;
 use super::rate::{RESAMPLING_SEED, Rate};
 use super::report::{CellReport, Difference, SeedDifference};
@@ -88,8 +89,8 @@ pub(crate) fn table(differences: &[Difference]) -> Option<String> {
             pair.seeds.iter().map(|seed| format!("{}: {}", seed.seed, points(seed.difference))).collect();
         text.push_str(&format!(
             "| {} − {} | {} | {} | {} | {} |\n",
-            pair.cell,
-            pair.less,
+            escaped(&pair.cell),
+            escaped(&pair.less),
             points(pair.mean),
             interval(pair.interval),
             interval(pair.interval_of_levels),

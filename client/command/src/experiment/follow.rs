@@ -204,7 +204,7 @@ impl View {
             (left, ended) => Some(durations.seconds / f64::from(ended) * f64::from(left)),
         };
         let left = self.durations.values().map(of_kind).sum::<Option<f64>>().filter(|left| *left > 0.0);
-        left.map_or_else(String::new, |left| format!("· about {} left", words::duration(Duration::from_secs_f64(left))))
+        left.map_or_else(String::new, |left| format!("· {}", words::time_left(Duration::from_secs_f64(left))))
     }
 }
 
@@ -239,6 +239,7 @@ mod tests {
         assert_eq!(view(durations(20.0, 2, 1), durations(0.0, 0, 1)).time_left(), "");
         assert_eq!(view(durations(20.0, 2, 1), durations(60.0, 1, 2)).time_left(), "· about 2 min 10 s left");
         assert_eq!(view(durations(20.0, 2, 0), durations(60.0, 1, 0)).time_left(), "");
+        assert_eq!(view(durations(0.04, 2, 1), durations(60.0, 1, 0)).time_left(), "· almost done");
     }
 
     #[test]

@@ -14,8 +14,12 @@ use crate::words;
 /// The whole report. Plots are beside it, by the names that `plots` gives them.
 pub(crate) fn markdown(report: &Report) -> String {
     let mut text = format!(
-        "# {}: {}\n\nMade by `{}` on {} ({} cores).\n",
-        report.name, report.task, report.command, report.device, report.cores
+        "# {}: {}\n\nMade by `{}` on {} ({}).\n",
+        report.name,
+        report.task,
+        report.command,
+        report.device,
+        words::counted(report.cores, "core", "cores")
     );
     let Progress { cells, complete, failed, .. } = report.progress;
     if report.progress.unfinished() {
@@ -65,8 +69,8 @@ fn recorded(report: &Report, text: &mut String) {
     for row in &report.recorded {
         let share = words::percent(row.successes, row.episodes);
         // Of recordings made elsewhere, who made them is in the name of the cohort.
-        let agent = if row.agent.is_empty() { "-" } else { &row.agent };
-        line(text, format_args!("| {} | {agent} | {} | {} | {share} |", row.cohort, row.episodes, row.steps));
+        let agent = if row.agent.is_empty() { "-".to_owned() } else { cell(&row.agent) };
+        line(text, format_args!("| {} | {agent} | {} | {} | {share} |", cell(&row.cohort), row.episodes, row.steps));
     }
 }
 
@@ -85,17 +89,18 @@ fn section(report: &Report, number: usize, study: &StudyReport, text: &mut Strin
     let numbers: Vec<String> = episodes.iter().map(ToString::to_string).collect();
     let episodes = match numbers[..] {
         [] => "no policies are trained".to_owned(),
+        _ if episodes == [1] => "1 evaluation episode for each seed".to_owned(),
         _ => format!("{} evaluation episodes for each seed", numbers.join(" or ")),
     };
     line(
         text,
         format_args!(
-            "`{}`; seeds {}{of_all}; {episodes}; {} of machine time in {} stages (those shared with other studies count in \
-             each).\n",
+            "`{}`; {} {}{of_all}; {episodes}; {} of machine time in {} (those shared with other studies count in each).\n",
             report.command,
+            if seeds.len() == 1 { "seed" } else { "seeds" },
             seeds.join(", "),
             words::duration(Duration::from_secs_f64(study.machine_seconds.max(0.0))),
-            study.stages
+            words::counted(study.stages, "stage", "stages")
         ),
     );
     text.push_str(&tables::summary(report, study));
@@ -172,6 +177,11 @@ fn problems(report: &Report, text: &mut String) {
     }
 }
 
+/// A text within a cell of a table: neither a `|` ends the cell nor a line break the row.
+pub(super) fn cell(text: &str) -> String {
+    text.replace('|', "\\|").split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
 fn line(text: &mut String, line: impl std::fmt::Display) {
     // Writing into a String can't fail.
     let _ = writeln!(text, "{line}");
@@ -213,6 +223,17 @@ mod tests {
         let mut report = report();
         report.studies[0].cells[0].settings.episodes = 50;
         assert!(markdown(&report).contains("; seeds 0, 1; 10 or 50 evaluation episodes for each seed;"));
+        let study = &mut report.studies[0];
+        study.stages = 1;
+        for cell in &mut study.cells {
+            cell.settings.episodes = 1;
+            cell.seeds.truncate(1);
+        }
+        let text = markdown(&report);
+        assert!(
+            text.contains("; seed 0; 1 evaluation episode for each seed;") && text.contains(" in 1 stage ("),
+            "{text}"
+        );
         report.studies[0].cells.iter_mut().for_each(|cell| cell.settings.evaluate = false);
         assert!(markdown(&report).contains("; no policies are trained;"));
     }
@@ -235,6 +256,32 @@ mod tests {
         ] {
             assert!(head.lines().any(|shown| shown == line), "{line} in {head}");
         }
+    }
+
+    #[test]
+    fn a_label_with_a_bar_stays_in_its_cell_of_each_table() {
+        let mut report = report();
+        let study = &mut report.studies[0];
+        for (label, cell) in ["a|b", "c", "d | e\nf"].into_iter().zip(&mut study.cells) {
+            cell.label = label.into();
+            cell.pooled.auroc.iter_mut().for_each(|auroc| auroc.cohort = format!("x|{}", auroc.cohort));
+        }
+        for difference in &mut study.differences {
+            (difference.cell, difference.less) = ("d | e".into(), "a|b".into());
+        }
+        let (less, interval) = ("c".into(), (0.0, 1.0));
+        let of_auroc = super::auroc::AurocDifference { cell: "a|b".into(), less, mean: 0.5, interval, seeds: 1 };
+        study.auroc_differences = vec![of_auroc];
+        report.recorded[1].cohort = "free|ze".into();
+        let text = markdown(&report);
+        let bars = |line: &str| line.replace("\\|", "").matches('|').count();
+        let mut width = None;
+        for line in text.lines() {
+            let own = line.starts_with('|').then(|| bars(line));
+            assert!(own.is_none() || width.is_none() || own == width, "{line} in {text}");
+            width = own;
+        }
+        assert!(text.contains("| free\\|ze |") && text.contains("| d \\| e f | 1 | failed |"), "{text}");
     }
 
     #[test]

@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use super::file::{Experiment, Study};
 use super::scale::Sizes;
 use super::stage::{Graph, Work};
+use crate::words::counted;
 
 /// The settings of a job that its time and memory depend on most.
 const OF_JOBS: [&str; 4] = ["preset", "steps", "batch", "precision"];
@@ -20,11 +21,12 @@ pub(super) fn planned(experiment: &Experiment, graph: &Graph) -> String {
     let cells: usize = experiment.studies.iter().map(|study| study.cells.len()).sum();
     let stages: Vec<String> = counts(graph).iter().map(|(kind, count)| format!("{count} {kind}")).collect();
     format!(
-        "{}{}: {} studies, {cells} cells; {} stages: {}",
+        "{}{}: {}, {}; {}: {}",
         experiment.name,
         if experiment.sizes == Sizes::Scaled { " with --scale" } else { "" },
-        experiment.studies.len(),
-        graph.stages.len(),
+        counted(experiment.studies.len(), "study", "studies"),
+        counted(cells, "cell", "cells"),
+        counted(graph.stages.len(), "stage", "stages"),
         stages.join(", ")
     )
 }
@@ -176,14 +178,14 @@ mod tests {
     #[test]
     fn the_plan_has_the_sizes_that_would_run() {
         let (text, document) = shown(Sizes::Base);
-        let expected = "x: 1 studies, 2 cells; 8 stages: 1 snapshot, 1 pretrain, 1 score, 1 dataset, 2 train, \
+        let expected = "x: 1 study, 2 cells; 8 stages: 1 snapshot, 1 pretrain, 1 score, 1 dataset, 2 train, \
             2 evaluate\ndevice: cpu\nimage: 32\nexperts: all of 3\nseeds: 0\npretrain: tiny, 7 × 8, f32\n\
             train: 9 × 8, f32; tiny, 4 × 8, f32\nepisodes: 5";
         assert_eq!(text, expected);
         assert_eq!((&document["scaled"], &document["device"]), (&json!(false), &json!("cpu")));
 
         let (text, document) = shown(Sizes::Scaled);
-        let expected = "x with --scale: 1 studies, 2 cells; 15 stages: 1 snapshot, 2 pretrain, 2 score, 2 dataset, \
+        let expected = "x with --scale: 1 study, 2 cells; 15 stages: 1 snapshot, 2 pretrain, 2 score, 2 dataset, \
             4 train, 4 evaluate\ndevice: cuda\nimage: 64\nexperts: 20 of 60\nseeds: 0, 1\n\
             pretrain: base, 70 × 8, bf16\ntrain: 9 × 90, bf16; base, 4 × 90, bf16\nepisodes: 200";
         assert_eq!(text, expected);

@@ -57,8 +57,9 @@ pub(crate) fn draw(report: &Report, number: usize, study: &StudyReport) -> Resul
     {
         plots.push((name, main_plot(report, study)?));
     }
-    if let (Some(seed), Some(name)) = (histogram(study), names.next()) {
-        plots.push((name, spread(&seed.histogram, &seed.experts)?));
+    if let (Some((cell, seed)), Some(name)) = (histogram(study), names.next()) {
+        let of = format!("{}, seed {}", cell.label, seed.seed);
+        plots.push((name, spread(&of, &seed.histogram, &seed.experts)?));
     }
     Ok(plots)
 }
@@ -129,9 +130,10 @@ fn by_ratio(report: &Report, cells: &[&CellReport]) -> Vec<Line> {
     series
 }
 
-// Of the first cell and seed that has scores.
-fn histogram(study: &StudyReport) -> Option<&SeedReport> {
-    study.cells.iter().flat_map(|cell| &cell.seeds).find(|seed| !seed.histogram.is_empty())
+// The first cell and seed that has scores.
+fn histogram(study: &StudyReport) -> Option<(&CellReport, &SeedReport)> {
+    let mut seeds = study.cells.iter().flat_map(|cell| cell.seeds.iter().map(move |seed| (cell, seed)));
+    seeds.find(|(_, seed)| !seed.histogram.is_empty())
 }
 
 #[cfg(test)]
@@ -150,6 +152,7 @@ mod tests {
             assert_eq!(drawn, names(2, &study));
             assert_eq!(drawn, ["study_2.svg", "study_2_q.svg"]);
             assert!(plots.iter().all(|plot| plot.1.starts_with("<svg")));
+            assert!(plots[1].1.contains("\nSSDF, seed 0\n"), "the plot of q names its cell: {}", plots[1].1);
         }
     }
 

@@ -4,6 +4,7 @@ use gleaner_core::kinds::Family;
 use gleaner_sim::AgentSpec;
 use serde_json::Value;
 
+use super::markdown::cell as escaped;
 use super::report::{CellReport, PooledAuroc, Report, SeedReport, StudyReport};
 use super::study::TableKind;
 use crate::quality::{ALL, mean};
@@ -138,7 +139,7 @@ pub(crate) fn seeds(study: &StudyReport) -> String {
     );
     for cell in &study.cells {
         for seed in &cell.seeds {
-            text.push_str(&format!("| {} | {} | {} |\n", cell.label, seed.seed, measures(seed).join(" | ")));
+            text.push_str(&format!("| {} | {} | {} |\n", escaped(&cell.label), seed.seed, measures(seed).join(" | ")));
         }
     }
     text
@@ -181,10 +182,11 @@ pub(crate) fn behaviour(report: &Report, cell: &CellReport) -> Option<f64> {
     (episodes > 0).then_some(share)
 }
 
-fn transposed<N: std::fmt::Display>(labels: &[String], rows: &[(N, Vec<String>)]) -> String {
+fn transposed<N: AsRef<str>>(labels: &[String], rows: &[(N, Vec<String>)]) -> String {
+    let labels: Vec<String> = labels.iter().map(|label| escaped(label)).collect();
     let mut text = format!("| | {} |\n|---|{}\n", labels.join(" | "), "---:|".repeat(labels.len()));
     for (name, values) in rows {
-        text.push_str(&format!("| {name} | {} |\n", values.join(" | ")));
+        text.push_str(&format!("| {} | {} |\n", escaped(name.as_ref()), values.join(" | ")));
     }
     text
 }

@@ -41,6 +41,25 @@ fn incomplete_ids_are_found_with_their_kind() {
     assert_eq!(found("gleaner episodes --task latest"), []);
 }
 
+/// `latest` is searched in the task of the episode, so the episode is completed before it, or is full already.
+#[test]
+fn a_score_run_is_completed_after_the_episode_beside_it() {
+    let of = |line: &str| incomplete(&Cli::command().try_get_matches_from(line.split(' ')).unwrap());
+    for line in [
+        "gleaner scores latest a.mcap",
+        "gleaner open a.mcap --in rerun --scores latest",
+        "gleaner export --scores latest --episode a.mcap --out x",
+    ] {
+        let given = of(line).ids;
+        let order: Vec<Kind> = runs_last(&given).into_iter().map(|(_, given)| given.kind).collect();
+        assert_eq!(order, [Kind::Episode, Kind::Run], "{line}");
+        assert!(runs_last(&given).iter().all(|(place, one)| given[*place] == **one), "{line}");
+    }
+    let full = "ep_01ARZ3NDEKTSV4RRFFQ69G5FAV";
+    assert_eq!(of(&format!("gleaner scores latest {full}")).episode.as_deref(), Some(full));
+    assert_eq!(of("gleaner histogram latest").episode, None);
+}
+
 /// The words of a line with `FULL0`, `FULL1`, … for its ids.
 fn completed(line: &str) -> String {
     let words: Vec<OsString> = line.split(' ').map(OsString::from).collect();

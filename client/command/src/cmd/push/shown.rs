@@ -26,13 +26,14 @@ pub(super) fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
         words::rate(pushed.sent_bytes(), pushed.wall)
     )];
     if warnings > 0 {
-        lines.push(format!("{warnings} warnings; gleaner episode ID shows them"));
+        lines.push(format!("{}; gleaner episode ID shows them", words::counted(warnings, "warning", "warnings")));
     }
     let unknown = pushed.uploaded().filter(|uploaded| uploaded.episode.outcome() == Outcome::Unknown).count();
     if unknown > 0 {
         lines.push(format!(
-            "{unknown} episodes have an unknown outcome, and no pretraining uses them: `gleaner label --from labels.csv` \
-             labels stored episodes from a file (columns file, outcome)"
+            "{} an unknown outcome, which no pretraining uses: `gleaner label --from labels.csv` labels stored episodes from \
+             a file (columns file, outcome)",
+            words::counted(unknown, "episode has", "episodes have")
         ));
     }
     // A name or a reason with a line break must not look like a line of ours.
@@ -48,6 +49,19 @@ pub(super) fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
         lines.push(printable::field(&format!("skipped: {}: {reason}", path.display())).into_owned());
     }
     lines.join("\n")
+}
+
+/// A hint on cohorts, where several failures are new and none has one.
+pub(super) fn without_cohort(pushed: &Pushed) -> Option<String> {
+    let failed = || pushed.uploaded().filter(|uploaded| uploaded.episode.outcome() == Outcome::Failure);
+    let new = failed().filter(|uploaded| !uploaded.existed).count();
+    let any_named = failed().any(|uploaded| !uploaded.episode.cohort.is_empty());
+    (new > 1 && !any_named).then(|| {
+        format!(
+            "{new} failures have no cohort: name the kind of each in the column cohort of labels.csv (`gleaner label --from \
+             labels.csv`), and `gleaner histogram` shows each kind"
+        )
+    })
 }
 
 /// How many recordings were stored before, or are new, and in parentheses how many of them have each outcome.
@@ -121,9 +135,32 @@ mod tests {
         assert_eq!(
             summary(&pushed(), &[]),
             "1 recordings pushed (1 as success), 1 already stored (1 as unknown), 1 rejected; 3.0 MB in 0.5 s (6.0 MB/s)\n2 warnings; gleaner \
-             episode ID shows them\n1 episodes have an unknown outcome, and no pretraining uses them: `gleaner label --from \
+             episode ID shows them\n1 episode has an unknown outcome, which no pretraining uses: `gleaner label --from \
              labels.csv` labels stored episodes from a file (columns file, outcome)\nrejected: c.mcap: not an MCAP file"
         );
+    }
+
+    #[test]
+    fn several_new_failures_without_a_cohort_have_a_hint() {
+        let with = |outcomes: &[(Outcome, &str, bool)]| {
+            let mut pushed = pushed();
+            let one = pushed.results.swap_remove(0);
+            let Ok(one) = one.result else { panic!("it is stored") };
+            let of = |&(outcome, cohort, existed): &(Outcome, &str, bool)| {
+                let episode = Episode { outcome: outcome.into(), cohort: cohort.into(), ..one.episode.clone() };
+                PushResult { path: "a.mcap".into(), result: Ok(Uploaded { episode, report: None, existed }) }
+            };
+            pushed.results = outcomes.iter().map(of).collect();
+            without_cohort(&pushed)
+        };
+        let (failed, good) = ((Outcome::Failure, "", false), (Outcome::Success, "", false));
+        let hint = with(&[failed, good, failed]).unwrap();
+        assert!(hint.starts_with("2 failures have no cohort") && hint.contains("labels.csv"), "{hint}");
+        assert!(!hint.contains('\n'), "one line: {hint}");
+        for none in [&[failed, good][..], &[failed, failed, (Outcome::Failure, "dropped", false)], &[good, good]] {
+            assert_eq!(with(none), None);
+        }
+        assert_eq!(with(&[(Outcome::Failure, "", true), (Outcome::Failure, "", true)]), None, "stored before");
     }
 
     fn skipped() -> Vec<Skipped> {

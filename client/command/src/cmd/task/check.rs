@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use clap::Args;
 use gleaner_inspector::Assumed;
-use gleaner_recording::{Report, Severity, printable};
+use gleaner_recording::{FindingCode, Report, Severity, TaskSpec, printable};
 use serde_json::{Value, json};
 
-use super::read_spec;
+use super::{pace, read_spec};
 use crate::alike::Alike;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
@@ -58,14 +58,20 @@ impl CheckArgs {
                 }
             }
         }
-        context.output.result(|| Ok(document(&reports)), || shown(&spec.name, &reports))?;
+        context.output.result(|| Ok(document(&reports)), || shown(&spec, &reports))?;
         let refused = reports.iter().filter(|(_, report)| report.is_err()).count();
         if refused > 0 {
             return Err(Failure::message(format!("{refused} of {} recordings would be rejected", reports.len())));
         }
-        context.output.next(format_args!("gleaner task create {}", self.spec.display()));
+        let file = self.spec.display().to_string();
+        let correction = pace::next(&spec, &file, &accepted(&reports));
+        context.output.next(correction.unwrap_or_else(|| format!("gleaner task create {file}")));
         Ok(())
     }
+}
+
+fn accepted(reports: &[Inspected<Report>]) -> Vec<&Report> {
+    reports.iter().filter_map(|(_, report)| report.as_ref().ok()).collect()
 }
 
 fn document(reports: &[Inspected<Report>]) -> Value {
@@ -79,9 +85,9 @@ fn document(reports: &[Inspected<Report>]) -> Value {
     json!({ "recordings": rows.collect::<Vec<_>>() })
 }
 
-fn shown(task: &str, reports: &[Inspected<Report>]) -> String {
+fn shown(spec: &TaskSpec, reports: &[Inspected<Report>]) -> String {
     if reports.is_empty() {
-        return format!("task {}: the specification is valid", printable::field(task));
+        return format!("task {}: the specification is valid", printable::field(&spec.name));
     }
     let rows = reports.iter().map(|(path, report)| {
         let path = path.display().to_string();
@@ -115,13 +121,19 @@ fn shown(task: &str, reports: &[Inspected<Report>]) -> String {
         Left("RESULT"),
     ];
     let mut text = table(columns, rows);
+    let measured = pace::measured(&accepted(reports)).unwrap_or_default();
     let (mut warnings, mut refusals) = (Alike::default(), Alike::default());
     for (path, report) in reports {
         let path = path.display().to_string();
         match report {
             Ok(report) => {
                 for finding in report.findings.iter().filter(|finding| finding.severity == Severity::Warning) {
-                    warnings.add(&format!("{}: {}", finding.subject, finding.detail), &path);
+                    let text = if finding.code == FindingCode::OffRate {
+                        pace::corrections(spec, report, measured)
+                    } else {
+                        finding.detail.clone()
+                    };
+                    warnings.add(&format!("{}: {text}", finding.subject), &path);
                 }
             }
             Err(why) => refusals.add(why, &path),
@@ -140,6 +152,23 @@ fn shown(task: &str, reports: &[Inspected<Report>]) -> String {
 mod tests {
     use super::*;
 
+    fn spec() -> TaskSpec {
+        serde_json::from_value(json!({ "name": "t", "rate_hz": 20.0, "action": [] })).unwrap()
+    }
+
+    #[test]
+    fn recordings_off_the_rate_are_one_line_with_both_corrections() {
+        let off = |file: &str, rate_hz| {
+            let mut report = Report { mapping: "json".into(), steps: 12, rate_hz, ..Report::default() };
+            report.add(Severity::Warning, FindingCode::OffRate, "clock", None, "steps come every 71.4 ms".into());
+            (PathBuf::from(file), Ok(report))
+        };
+        let text = shown(&spec(), &[off("a.mcap", 14.4), off("b.mcap", 14.9), off("c.mcap", 15.2)]);
+        let last = text.lines().last().unwrap();
+        assert!(last.starts_with("warning: 3 recordings (a.mcap, b.mcap, c.mcap): clock: the steps of the clock come"));
+        assert!(last.contains("`rate_hz = 15.0`, or in the mapping `json` as `clock` a topic of 20 Hz"), "{last}");
+    }
+
     #[test]
     fn refusals_alike_are_one_line() {
         let accepted = Report { mapping: "json".into(), steps: 12, ..Report::default() };
@@ -148,9 +177,10 @@ mod tests {
             ("b.mcap".into(), Err("no topic /x".to_owned())),
             ("c.mcap".into(), Err("no topic /x".to_owned())),
         ];
-        let text = shown("t", &reports);
+        let spec = spec();
+        let text = shown(&spec, &reports);
         assert_eq!(text.lines().count(), 5, "{text}");
         assert!(text.ends_with("rejected: 2 recordings (b.mcap, c.mcap): no topic /x"), "{text}");
-        assert_eq!(shown("t", &[]), "task t: the specification is valid");
+        assert_eq!(shown(&spec, &[]), "task t: the specification is valid");
     }
 }

@@ -4,7 +4,9 @@ use super::*;
 
 /// The names of observations and actions in a draft of one topic with these fields, and its doubts.
 fn roles(name: &str, paths: &[&str]) -> (Vec<String>, Vec<String>, usize) {
-    let fields = paths.iter().map(|path| numbers(path, &[range(-1.0, 1.0), range(0.0, 5.0)])).collect();
+    // Each has values of its own, so that none is a copy of another.
+    let of = |(high, path): (u8, &&str)| numbers(path, &[range(-1.0, 1.0), range(0.0, 5.0 + f64::from(high))]);
+    let fields = (0..).zip(paths).map(of).collect();
     let survey = recording(vec![camera("/front", "json", (96, 96)), topic(name, "json", fields)]);
     let draft = draft([&survey], &known("t")).unwrap();
     let names = |fields: &[gleaner_recording::FieldSpec]| fields.iter().map(|field| field.name.clone()).collect();

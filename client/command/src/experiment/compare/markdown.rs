@@ -3,6 +3,7 @@
 use super::report::{Agreement, Auroc, Comparison, LengthCorrelation, ScorerReport};
 use super::summary::summary;
 use super::text::{LENGTH, at_equal_length, plain, table, value};
+use crate::words::counted;
 
 /// The whole text.
 pub(super) fn markdown(found: &Comparison) -> String {
@@ -25,29 +26,31 @@ pub(super) fn markdown(found: &Comparison) -> String {
 }
 
 fn head(found: &Comparison) -> String {
-    let segments = found.segments.map_or_else(String::new, |segments| format!(" with {segments} segments"));
+    let segments = found
+        .segments
+        .map_or_else(String::new, |segments| format!(" with {}", counted(segments, "segment", "segments")));
     let bins: Vec<String> = found
         .length_bins
         .iter()
         .map(|bin| {
             let steps = if bin.from == bin.to { bin.to.to_string() } else { format!("{}–{}", bin.from, bin.to) };
-            format!("{steps} ({} episodes)", bin.episodes)
+            format!("{steps} ({})", counted(bin.episodes, "episode", "episodes"))
         })
         .collect();
     let outcomes: Vec<String> =
         found.outcomes.iter().map(|(outcome, episodes)| format!("{episodes} {outcome}")).collect();
     let marks = match found.marked {
         0 => "No episode has a mark.".to_owned(),
-        marked => format!("{marked} imperfect episodes have a mark."),
+        marked => format!("{} a mark.", counted(marked, "imperfect episode has", "imperfect episodes have")),
     };
     format!(
-        "# Scorers of {}\n\nMade by `{}` on the snapshot {}: {} experts, {} imperfect episodes ({}){segments}. {marks} The \
+        "# Scorers of {}\n\nMade by `{}` on the snapshot {}: {}, {} ({}){segments}. {marks} The \
          best part is {} % of the segments. Equal length compares within these numbers of steps: {}.\n",
         found.task,
         found.command,
         found.snapshot,
-        found.experts,
-        found.imperfect,
+        counted(found.experts, "expert", "experts"),
+        counted(found.imperfect, "imperfect episode", "imperfect episodes"),
         outcomes.join(", "),
         (found.top_fraction * 1e4).round() / 1e2,
         bins.join(", ")

@@ -32,6 +32,7 @@ use super::submit::Submitter;
 use super::{follow, shell_word};
 use crate::context::Context;
 use crate::failure::{Failure, Result};
+use crate::words;
 use cells::Choice;
 use collect::{Collector, Found};
 use episodes::Episodes;
@@ -224,7 +225,8 @@ impl CompareArgs {
             return Ok(());
         }
         Err(Failure::message(format!(
-            "{problems} seeds of scorers are not complete, as listed under Problems; the same command retries them"
+            "{} incomplete, as listed under Problems; the same command retries",
+            words::counted(problems, "seed of a scorer is", "seeds of scorers are")
         )))
     }
 }

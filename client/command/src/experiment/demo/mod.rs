@@ -49,11 +49,12 @@ impl DemoArgs {
         fresh(&self.dir)?;
         let log = self.dir.join("server.log");
         // One for each policy.
-        let server = ServerProcess::start(&self.server_bin, &self.dir.join(DATA), &log, &["--workers", "2"]).await?;
+        let (data, workers) = (self.dir.join(DATA), ["--workers", "2"]);
+        let server = ServerProcess::start(&self.server_bin, &data, &log, &workers, "interrupted").await?;
         context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
         let recordings = self.dir.join(RECORDINGS);
         let work = async |client: Client| Run::new(context, &client, &plan).run(&recordings).await;
-        let found = server.during(work, "interrupted").await?;
+        let found = server.during(work).await?;
         write(&self.dir, &found)?;
         context.output.result(|| document(&found.report), || found.report.markdown())?;
         context.output.next(format_args!(
@@ -103,7 +104,7 @@ fn write(folder: &Path, found: &Found) -> Result<()> {
     for (name, text) in [
         ("report.md", found.report.markdown() + pictures),
         ("report.json", format!("{:#}\n", document(&found.report)?)),
-        ("histogram.svg", spread(&histogram(&found.episodes), &found.report.experts)?),
+        ("histogram.svg", spread("", &histogram(&found.episodes), &found.report.experts)?),
         ("curves.svg", figure::curves(&found.episodes)),
     ] {
         let path = folder.join(name);

@@ -6,6 +6,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::super::cell::CellSettings;
+use super::super::markdown::cell;
 use super::super::recordings::CohortCount;
 use crate::quality::{Selected, Separation};
 use gleaner_core::NormaliserKind;
@@ -75,7 +76,10 @@ impl Report {
     fn recorded_section(&self, text: &mut String) {
         heading(text, "Recorded in the simulator", "| agent | episodes | steps | succeeded |\n|---|---:|---:|---:|");
         for row in &self.recorded {
-            line(text, format_args!("| {} | {} | {} | {} |", row.cohort, row.episodes, row.steps, row.successes));
+            line(
+                text,
+                format_args!("| {} | {} | {} | {} |", cell(&row.cohort), row.episodes, row.steps, row.successes),
+            );
         }
     }
 
@@ -92,7 +96,10 @@ impl Report {
                 text,
                 format_args!(
                     "| {} | {} | {} | {} | {good} | {wrong} | {auroc} |",
-                    row.cohort, row.episodes, row.good_steps, row.wrong_steps
+                    cell(&row.cohort),
+                    row.episodes,
+                    row.good_steps,
+                    row.wrong_steps
                 ),
             );
         }
