@@ -28,7 +28,7 @@ pub use gleaner_core::Secret;
 pub use self::{
     access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
     blob_store::BlobStoreConfig,
-    children::{bucket_environment, cluster_environment, worker_environment},
+    children::{cluster_environment, worker_environment},
     connections::ConnectionsConfig,
     database::DatabaseConfig,
     engine::{EngineConfig, EngineKind},

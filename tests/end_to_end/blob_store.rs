@@ -1,5 +1,7 @@
 //! Blobs in a bucket: what a folder does, a bucket does, and a store that fails loses nothing that was acknowledged.
 
+mod workers;
+
 use std::fs;
 
 use gleaner_bucket::testing::TestStore;

@@ -1,8 +1,9 @@
-//! Files in a bucket of S3 or of a compatible server, for blocking callers: put, fetched with a check of their digest,
-//! listed, renamed and removed. The only crate that names `object_store`.
+//! Files in a bucket of S3 or of a compatible server, for blocking callers: put, fetched with a check of their digest, also
+//! at signed URLs, listed, renamed and removed. The only crate that names `object_store`.
 //!
 //! Must not depend on the data folder, on rows, or on what a file contains.
 
+mod by_url;
 mod config;
 mod fault;
 mod sign;
@@ -27,8 +28,11 @@ use object_store::{
     path::Path,
 };
 
-pub use self::config::BucketConfig;
 use self::wait::wait;
+pub use self::{
+    by_url::{Part, UrlReader},
+    config::BucketConfig,
+};
 
 /// The time to open a connection.
 const CONNECT: Duration = Duration::from_secs(5);

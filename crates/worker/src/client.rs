@@ -1,5 +1,7 @@
 //! The worker's calls to its server, each with the attempt's token.
 
+mod blobs;
+
 use std::{error::Error as _, net::SocketAddr, time::Duration};
 
 use futures::stream;
@@ -12,6 +14,7 @@ use tonic::{
     transport::{Certificate, Channel, ClientTlsConfig, Endpoint},
 };
 
+pub(crate) use self::blobs::BlobCalls;
 use crate::config::WorkerConfig;
 use gleaner_core::{
     error::{Error, Result},
@@ -58,7 +61,8 @@ impl Interceptor for Bearer {
     }
 }
 
-/// The client of one attempt of one job.
+/// The client of one attempt of one job; clones share its connection.
+#[derive(Clone)]
 pub(crate) struct Client(WorkerServiceClient<InterceptedService<Channel, Bearer>>);
 
 impl Client {

@@ -1,5 +1,6 @@
 //! The worker: a program that runs one job and ends. It is a client of the server that starts it, and reads and writes
-//! that server's data folder.
+//! that server's data folder. It has no credentials of a bucket: it reads objects at URLs that the server signs, and hands
+//! its blobs over to the server.
 //!
 //! The work itself runs on a thread of its own; the runtime only calls the server. A call that fails ends the process,
 //! and the server then starts another attempt. Must not depend on the database, on pages or on any other part of the
@@ -16,15 +17,18 @@ mod process;
 mod ranks;
 mod reporter;
 
+use std::sync::Arc;
+
 pub use self::config::WorkerConfig;
 use self::{
-    client::Client,
+    client::{BlobCalls, Client},
     failure::Failure,
     kinds::{Base, Work},
     ranks::Ranks,
 };
 use gleaner_core::error::{Error, Result};
 use gleaner_data_folder::{blobs::Blobs, file_limit};
+use tokio::runtime::Handle;
 use tokio_util::task::AbortOnDropHandle;
 
 /// Runs one job to its end.
@@ -48,9 +52,10 @@ async fn serve(config: WorkerConfig) -> Result<()> {
     if let Err(error) = file_limit::survive_limit() {
         tracing::warn!(%error, "a write beyond the file size limit would end the worker");
     }
-    let blobs = Blobs::open(&config.data_dir)?;
-    let blobs = blobs.sparing(config.min_free_bytes).limiting_caches(config.max_cache_bytes)?;
     let mut client = Client::new(&config)?;
+    let calls = BlobCalls::new(client.clone(), Handle::current());
+    let blobs = Blobs::open_by(&config.data_dir, Arc::new(calls))?;
+    let blobs = blobs.sparing(config.min_free_bytes).limiting_caches(config.max_cache_bytes)?;
     let (job_id, order, inputs) = client.assignment().await?;
     tracing::info!(job.id = %job_id, "working");
     let (monitor, events) = monitor::channel(blobs.clone());

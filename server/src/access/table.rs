@@ -150,6 +150,8 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::WorkerServiceGetMeeting
         | Rpc::WorkerServiceReportProgress
         | Rpc::WorkerServiceSaveCheckpoint
+        | Rpc::WorkerServiceLocateBlob
+        | Rpc::WorkerServiceStoreBlob
         | Rpc::WorkerServiceCompleteJob
         | Rpc::WorkerServiceFailJob => job,
     }

@@ -40,10 +40,10 @@ pub struct BlobStoreConfig {
     /// removed and fetched again on demand. A larger limit saves transfers and takes more of the disk (0: no limit).
     #[arg(long, env = "GLEANER_BLOB_CACHE_BYTES", default_value_t = 50 << 30, value_name = "BYTES")]
     pub blob_cache_bytes: u64,
-    /// Give clients that download a file a URL of the bucket that is valid for this many seconds, at most 604800, instead
-    /// of sending the bytes through the server. The URL grants access to the file without a token, also after the
-    /// caller's token is revoked; clients that cannot reach the bucket read through the server (0: always through the
-    /// server).
+    /// Give clients that download a file, and workers, a URL of the bucket that is valid for this many seconds, at most
+    /// 604800, instead of reading the file through the server. The URL grants access to the file without a token, also
+    /// after the caller's token is revoked; clients and workers that cannot reach the bucket read through the server (0:
+    /// always through the server).
     #[arg(long, env = "GLEANER_BLOB_STORE_URL_SECONDS", default_value_t = 300, value_name = "SECONDS")]
     pub blob_store_url_seconds: u64,
 }

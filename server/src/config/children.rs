@@ -1,7 +1,8 @@
 //! The environment of the processes that the server starts.
 
 /// What of this process's environment a worker gets: where programs and libraries are, which devices may be
-/// used, and what to log. Nothing else, so that no secret of the server's reaches it.
+/// used, and what to log. Nothing else, so that no secret of the server's reaches it; the credentials of a bucket neither,
+/// because workers read at signed URLs and store by the server.
 pub fn worker_environment() -> Vec<(&'static str, std::ffi::OsString)> {
     const PASSED: [&str; 11] = [
         "PATH",
@@ -32,25 +33,6 @@ pub fn cluster_environment() -> Vec<(&'static str, std::ffi::OsString)> {
         "GLEANER_LOG_JSON",
         "SLURM_CONF",
     ])
-}
-
-/// The credentials of a bucket, for the workers of a data folder that has one. Workers use the whole data folder, so they
-/// are trusted as the server is; inspections never get them.
-pub fn bucket_environment() -> Vec<(&'static str, std::ffi::OsString)> {
-    const PASSED: [&str; 11] = [
-        "AWS_ACCESS_KEY_ID",
-        "AWS_SECRET_ACCESS_KEY",
-        "AWS_SESSION_TOKEN",
-        "AWS_REGION",
-        "AWS_DEFAULT_REGION",
-        "AWS_ENDPOINT_URL",
-        "AWS_ROLE_ARN",
-        "AWS_ROLE_SESSION_NAME",
-        "AWS_WEB_IDENTITY_TOKEN_FILE",
-        "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
-        "AWS_CONTAINER_CREDENTIALS_FULL_URI",
-    ];
-    PASSED.iter().filter_map(|&name| std::env::var_os(name).map(|value| (name, value))).collect()
 }
 
 fn environment(passed: &[&'static str]) -> Vec<(&'static str, std::ffi::OsString)> {

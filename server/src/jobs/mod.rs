@@ -4,6 +4,7 @@
 
 mod assignment;
 mod attempt;
+mod blobs;
 mod chain;
 mod engine;
 mod image_weights;
@@ -31,7 +32,7 @@ use std::{net::SocketAddr, sync::Arc, time::Duration};
 use tokio::sync::{Notify, Semaphore, watch as state};
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
 
-pub(crate) use self::report::Caller;
+pub(crate) use self::{blobs::Located, report::Caller};
 use self::{
     engine::{Engine, Local, Slurm},
     lease::Leases,

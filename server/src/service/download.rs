@@ -7,10 +7,7 @@ use super::{
     Services,
     answer::{Responses, responses},
 };
-use crate::{
-    domain::{Secret, id::BlobId},
-    error::Result,
-};
+use crate::{domain::id::BlobId, error::Result};
 
 impl Services {
     /// The messages of a download: many with bytes and no URL, or a single one with a URL and no bytes.
@@ -23,21 +20,12 @@ impl Services {
         accept_url: bool,
         message: impl Fn(Bytes, String) -> T + Send + 'static,
     ) -> Result<Responses<T>> {
-        if let Some(url) = self.url(blob, accept_url).await {
+        let lifetime = self.config.blob_store.url_lifetime().filter(|_| accept_url);
+        if let Some(url) = self.blobs.signed_url(blob, lifetime).await {
             let only = message(Bytes::new(), url.reveal().to_owned());
             return Ok(stream::iter([Ok(only)]).boxed());
         }
         let bytes = self.blobs.stream(blob).await?;
         Ok(responses(bytes.map_ok(move |data| message(data, String::new()))))
-    }
-
-    /// The URL of a blob; `None` when the caller gets its bytes, also where there are no credentials to sign with.
-    async fn url(&self, blob: &BlobId, accept_url: bool) -> Option<Secret> {
-        let lifetime = self.config.blob_store.url_lifetime().filter(|_| accept_url)?;
-        let signed = self.blobs.signed_url(blob, lifetime).await;
-        signed
-            .inspect_err(|error| tracing::warn!(%error, "no URL was signed; the server sends the bytes"))
-            .ok()
-            .flatten()
     }
 }

@@ -13,7 +13,12 @@ use crate::{
     access::Worker,
     domain::job::JobSpec,
     error::Error,
-    wire::{self, status::from_peer, worker::Completion},
+    jobs::Located,
+    wire::{
+        self,
+        status::from_peer,
+        worker::{BlobQuery, Completion},
+    },
 };
 
 /// Episodes whose scores are read by one query: few, because an episode may be long and the worker may read slowly.
@@ -102,6 +107,27 @@ impl WorkerService for WorkerApi {
             let (step, blob) = wire::worker::checkpoint_request(request.into_inner())?;
             self.0.jobs.checkpoint(&attempt, step, &blob).await?;
             Ok(v1::SaveCheckpointResponse {})
+        })
+        .await
+    }
+
+    async fn locate_blob(&self, request: Request<v1::LocateBlobRequest>) -> Reply<v1::LocateBlobResponse> {
+        answer(async {
+            Worker::any_rank(&request)?;
+            let BlobQuery { blob, accept_url, fetch } = wire::worker::locate_request(request.into_inner())?;
+            let Located { size_bytes, url } = self.0.jobs.locate_blob(&blob, accept_url, fetch).await?;
+            let url = url.map(|url| url.reveal().to_owned()).unwrap_or_default();
+            Ok(v1::LocateBlobResponse { size_bytes, url })
+        })
+        .await
+    }
+
+    async fn store_blob(&self, request: Request<v1::StoreBlobRequest>) -> Reply<v1::StoreBlobResponse> {
+        answer(async {
+            let Worker { attempt, .. } = Worker::of(&request)?;
+            let blob = wire::worker::store_request(request.into_inner())?;
+            self.0.jobs.store_blob(&attempt, &blob).await?;
+            Ok(v1::StoreBlobResponse {})
         })
         .await
     }

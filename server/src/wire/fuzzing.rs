@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// How many kinds of messages [`message`] knows.
-pub const KINDS: u8 = 37;
+pub const KINDS: u8 = 40;
 
 /// Decodes `bytes` as a message of this kind and converts it. What is refused is refused as Invalid or Exhausted, and
 /// names a field and a fix.
@@ -60,6 +60,9 @@ pub fn message(kind: u8, bytes: &[u8]) {
         32 => convert(bytes, worker::episodes_from),
         33 => convert(bytes, worker::meeting_request),
         35 => convert(bytes, remote::register_request),
+        36 => convert(bytes, schedule::list_request),
+        37 => convert(bytes, worker::locate_request),
+        38 => convert(bytes, worker::store_request),
         _ => convert(bytes, infer),
     }
 }

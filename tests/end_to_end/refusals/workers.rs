@@ -24,6 +24,8 @@ async fn workers_without_a_token_are_rejected() {
         get_meeting(GetMeetingRequest {}) => Unauthenticated ["token"];
         report_progress(ReportProgressRequest::default()) => Unauthenticated ["token"];
         save_checkpoint(SaveCheckpointRequest::default()) => Unauthenticated ["token"];
+        locate_blob(LocateBlobRequest::default()) => Unauthenticated ["token"];
+        store_blob(StoreBlobRequest::default()) => Unauthenticated ["token"];
         complete_job(tokio_stream::iter([CompleteJobRequest::default()])) => Unauthenticated ["token"];
         fail_job(FailJobRequest::default()) => Unauthenticated ["token"];
     );

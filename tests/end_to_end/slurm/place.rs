@@ -48,12 +48,15 @@ async fn workers_on_a_cluster_call_by_tls_with_the_authority_of_the_server() {
     assert_eq!((ended.state(), ended.engine.as_str()), (JobState::Succeeded, "slurm"), "{}", ended.error);
 }
 
-/// The nodes have no recording and no encoder in the shared folder until their workers fetch them.
+/// The nodes have no recording and no encoder in the shared folder until their workers fetch them, without credentials.
 #[tokio::test]
 async fn jobs_on_nodes_read_and_write_a_bucket() {
     let Some(cluster) = Cluster::start(2).await else { return };
     let Some(store) = TestStore::start().unwrap() else { return };
-    let flags = cluster.flags();
+    let folder = tempfile::tempdir().unwrap();
+    let environment = folder.path().join("environment");
+    let setup = format!("env >> '{}'", environment.display());
+    let flags = [cluster.flags(), vec!["--slurm-setup".to_owned(), setup]].concat();
     let mut server = blob_store::start(&store, "one", &flags.iter().map(String::as_str).collect::<Vec<_>>()).await;
     let mut api = Api::connect(&server).await;
     let episodes = lab::set_up(&mut api).await;
@@ -63,6 +66,9 @@ async fn jobs_on_nodes_read_and_write_a_bucket() {
     let score = api.succeed(lab::TASK, lab::score(&pretrain.result_id)).await;
     assert_eq!((pretrain.engine.as_str(), score.engine.as_str()), ("slurm", "slurm"));
     assert!(server.stop().await);
+    let environment = std::fs::read_to_string(environment).unwrap();
+    assert!(environment.lines().any(|line| line.starts_with("GLEANER_JOB_TOKEN=")));
+    assert!(!environment.contains("AWS_"), "a node received credentials");
 
     // The encoder of a node is in the bucket: another server's own worker scores by it, with the same bytes.
     blob_store::forget_copies(server.data_dir());

@@ -206,6 +206,35 @@ pub fn checkpoint_request(request: v1::SaveCheckpointRequest) -> Result<(u64, Bl
     Ok((step, BlobId::parse("blob", &blob)?))
 }
 
+/// A blob to read, and how.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BlobQuery {
+    /// The blob.
+    pub blob: BlobId,
+    /// Whether a URL is returned if the server signs one.
+    pub accept_url: bool,
+    /// Whether a copy is fetched if no URL is returned.
+    pub fetch: bool,
+}
+
+/// Reads which blob is to be located.
+///
+/// # Errors
+/// Invalid when the blob is no digest.
+pub fn locate_request(request: v1::LocateBlobRequest) -> Result<BlobQuery> {
+    let v1::LocateBlobRequest { blob, accept_url, fetch } = request;
+    Ok(BlobQuery { blob: BlobId::parse("blob", &blob)?, accept_url, fetch })
+}
+
+/// Reads which blob is to be stored.
+///
+/// # Errors
+/// Invalid when the blob is no digest.
+pub fn store_request(request: v1::StoreBlobRequest) -> Result<BlobId> {
+    let v1::StoreBlobRequest { blob } = request;
+    BlobId::parse("blob", &blob)
+}
+
 /// The worker's error, shortened if it is long, and whether another attempt could help.
 pub fn fail_request(request: v1::FailJobRequest) -> (String, bool) {
     let v1::FailJobRequest { error, retry } = request;

@@ -13,12 +13,12 @@ use gleaner_core::{
     error::{Error, Result},
     id::BlobId,
 };
-use tempfile::TempPath;
+use tempfile::{NamedTempFile, TempPath};
 
 use super::{
     Blobs, across, digest, fault,
     hold::Naming,
-    remote::{self, Remote},
+    remote::{self, OwnBucket, Remote},
 };
 
 /// The time for which a listing of the copies is used. Other processes fetch copies too.
@@ -82,7 +82,8 @@ impl Blobs {
                 Err(error) => return Err(fault("linking", &path)(error)),
             }
         }
-        let found = "its copy was removed each time before it could be opened; raise --blob-cache-bytes";
+        let found = "its copy was removed each time before it could be opened; raise --blob-cache-bytes, and check that \
+                     --data-dir is the same folder on every node of a cluster";
         Err(Error::internal(format!("opening {}", path.display()), found))
     }
 
@@ -92,7 +93,11 @@ impl Blobs {
     /// # Errors
     /// Unavailable when the store fails; Internal when the file cannot be read.
     pub fn send(&self, id: &BlobId, from: &Path) -> Result<()> {
-        self.remote.as_ref().map_or(Ok(()), |remote| remote.bucket.put(&self.name(id), from))
+        match self.remote.as_deref() {
+            Some(Remote::Bucket(own)) => own.bucket.put(&self.name(id), from),
+            // The server stores it when it is placed.
+            Some(Remote::Server(_)) | None => Ok(()),
+        }
     }
 
     /// As [`Blobs::place`], of a file that [`Blobs::send`] has sent: it is not sent again unless its object was removed
@@ -101,26 +106,26 @@ impl Blobs {
     /// # Errors
     /// As for [`Blobs::place`].
     pub fn place_sent(&self, id: &BlobId, from: &Path, _naming: &Naming) -> Result<()> {
-        self.place_in(id, from, |remote, size| {
-            if remote.bucket.size(&self.name(id))? != Some(size) {
-                remote.bucket.put(&self.name(id), from)?;
+        self.place_in(id, from, |own, size| {
+            if own.bucket.size(&self.name(id))? != Some(size) {
+                own.bucket.put(&self.name(id), from)?;
             }
-            self.limit_copies(remote, size)
+            self.limit_copies(own, size)
         })
     }
 
     /// Sends the object of a blob again from its copy, whatever the bucket holds, and returns whether there was a sound copy;
-    /// never without a bucket.
+    /// never without a bucket of this process.
     ///
     /// # Errors
     /// Unavailable when the store fails.
     pub fn resend(&self, id: &BlobId) -> Result<bool> {
-        let (Some(remote), path) = (&self.remote, self.path(id)) else { return Ok(false) };
+        let (Some(Remote::Bucket(own)), path) = (self.remote.as_deref(), self.path(id)) else { return Ok(false) };
         if digest(&path).ok().as_ref() != Some(id) {
             return Ok(false);
         }
-        remote.bucket.put(&self.name(id), &path)?;
-        tracing::error!(blob.id = %id, store = remote.bucket.shown(), "the bucket had lost a blob, or a part of it: sent again");
+        own.bucket.put(&self.name(id), &path)?;
+        tracing::error!(blob.id = %id, store = own.bucket.shown(), "the bucket had lost a blob, or a part of it: sent again");
         Ok(true)
     }
 
@@ -132,7 +137,7 @@ impl Blobs {
     pub fn drop_damaged_copy(&self, id: &BlobId) -> Result<bool> {
         let (Some(remote), path) = (&self.remote, self.path(id)) else { return Ok(false) };
         // A part that the disk cannot read is damage too.
-        if digest(&path).ok().as_ref() == Some(id) || remote.bucket.size(&self.name(id))?.is_none() {
+        if digest(&path).ok().as_ref() == Some(id) || self.remote_size(remote, id)?.is_none() {
             return Ok(false);
         }
         match fs::remove_file(&path) {
@@ -145,33 +150,47 @@ impl Blobs {
 
     /// As [`Blobs::fetched`], from the bucket alone.
     pub(super) fn fetch(&self, remote: &Remote, id: &BlobId, path: &Path) -> Result<()> {
+        let own = match remote {
+            Remote::Bucket(own) => own,
+            Remote::Server(server) => return self.fetch_by(server, id, path),
+        };
         let name = self.name(id);
-        if let Some(size) = remote.bucket.size(&name)? {
-            self.limit_copies(remote, size)?;
+        if let Some(size) = own.bucket.size(&name)? {
+            self.limit_copies(own, size)?;
             self.make_room(size)?;
         }
+        let draft = self.draft_of(path)?;
+        own.bucket.fetch(&name, id, draft.as_file())?;
+        keep(draft, path)
+    }
+
+    /// A draft of a copy beside its path.
+    pub(super) fn draft_of(&self, path: &Path) -> Result<NamedTempFile> {
         let folder = path.parent().unwrap_or(&self.root);
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
-        let draft = across::draft(folder).map_err(fault("making a file in", folder))?;
-        remote.bucket.fetch(&name, id, draft.as_file())?;
-        // After a power cut a name must not lead to a part of the content.
-        draft.as_file().sync_all().map_err(fault("syncing", path))?;
-        draft.persist(path).map_err(|error| fault("renaming to", path)(error.error))?;
-        Ok(())
+        across::draft(folder).map_err(fault("making a file in", folder))
+    }
+
+    /// The size of a blob of a bucket; `None` when it is missing.
+    pub(super) fn remote_size(&self, remote: &Remote, id: &BlobId) -> Result<Option<u64>> {
+        match remote {
+            Remote::Bucket(own) => own.bucket.size(&self.name(id)),
+            Remote::Server(server) => server.size(id),
+        }
     }
 
     /// Removes the least recently used copies until `bytes` more fit below the limit. A copy whose object is missing or has
     /// another size stays, and its object is sent again.
-    pub(super) fn limit_copies(&self, remote: &Remote, bytes: u64) -> Result<()> {
-        if remote.most_bytes == 0 {
+    pub(super) fn limit_copies(&self, own: &OwnBucket, bytes: u64) -> Result<()> {
+        if own.most_bytes == 0 {
             return Ok(());
         }
-        let mut copies = remote.copies.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = copies
-            .filter(|(there, at)| at.elapsed() < LISTING_LASTS && there.saturating_add(bytes) <= remote.most_bytes);
+        let mut copies = own.copies.lock().unwrap_or_else(PoisonError::into_inner);
+        let known =
+            copies.filter(|(there, at)| at.elapsed() < LISTING_LASTS && there.saturating_add(bytes) <= own.most_bytes);
         let mut there = match known {
             Some((there, _)) => there,
-            None => self.evict(remote, bytes)?,
+            None => self.evict(own, bytes)?,
         };
         there = there.saturating_add(bytes);
         *copies = Some((there, known.map_or_else(Instant::now, |(_, at)| at)));
@@ -179,7 +198,7 @@ impl Blobs {
     }
 
     /// Removes copies until `bytes` more fit and a tenth of the limit is free, so that the next calls need no listing.
-    fn evict(&self, remote: &Remote, bytes: u64) -> Result<u64> {
+    fn evict(&self, own: &OwnBucket, bytes: u64) -> Result<u64> {
         let here = Self { remote: None, ..self.clone() };
         let mut files: Vec<_> = here
             .list()?
@@ -191,16 +210,16 @@ impl Blobs {
             .collect();
         files.sort();
         let mut there: u64 = files.iter().map(|(_, size, ..)| size).sum();
-        if there.saturating_add(bytes) <= remote.most_bytes {
+        if there.saturating_add(bytes) <= own.most_bytes {
             return Ok(there);
         }
-        let most = remote.most_bytes - remote.most_bytes / 10;
+        let most = own.most_bytes - own.most_bytes / 10;
         for (_, size, id, path) in files {
             if there.saturating_add(bytes) <= most {
                 break;
             }
-            let object = remote.bucket.size(&self.name(&id))?;
-            if object != Some(size) && path.exists() && self.must_stay(remote, &id, object) {
+            let object = own.bucket.size(&self.name(&id))?;
+            if object != Some(size) && path.exists() && self.must_stay(own, &id, object) {
                 continue;
             }
             match fs::remove_file(&path) {
@@ -215,8 +234,8 @@ impl Blobs {
 
     /// Sends an object that is missing or has another size (`object`) again from its copy, if that is sound. Returns whether
     /// the copy has to stay.
-    fn must_stay(&self, remote: &Remote, id: &BlobId, object: Option<u64>) -> bool {
-        let store = remote.bucket.shown();
+    fn must_stay(&self, own: &OwnBucket, id: &BlobId, object: Option<u64>) -> bool {
+        let store = own.bucket.shown();
         match self.resend(id) {
             Ok(true) => true,
             Ok(false) => {
@@ -234,4 +253,12 @@ impl Blobs {
     pub(super) fn name(&self, id: &BlobId) -> String {
         remote::name(&self.folder, &self.path(id))
     }
+}
+
+/// Gives a complete draft of a copy its name.
+pub(super) fn keep(draft: NamedTempFile, path: &Path) -> Result<()> {
+    // After a power cut a name must not lead to a part of the content.
+    draft.as_file().sync_all().map_err(fault("syncing", path))?;
+    draft.persist(path).map_err(|error| fault("renaming to", path)(error.error))?;
+    Ok(())
 }

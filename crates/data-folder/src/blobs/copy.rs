@@ -34,7 +34,7 @@ impl Blobs {
     pub fn copy_from(&self, source: &Self, id: &BlobId, verify: bool) -> Result<Copied> {
         let (from, to) = (source.path(id), self.path(id));
         if let Some(remote) = &source.remote {
-            return self.copy_object(&remote.bucket, &source.name(id), id, verify);
+            return self.copy_object(&remote.own()?.bucket, &source.name(id), id, verify);
         }
         let mut file = match File::open(&from) {
             Ok(file) => file,

@@ -37,7 +37,7 @@ impl Found {
     /// Internal when it cannot be read; Unavailable when the store fails.
     pub fn digest(&self) -> Result<BlobId> {
         match &self.object {
-            Some((remote, name)) => remote.bucket.digest(name),
+            Some((remote, name)) => remote.own()?.bucket.digest(name),
             None => super::digest(&self.path),
         }
     }
@@ -45,7 +45,7 @@ impl Found {
     /// Whether the file begins with these bytes; false when it cannot be read.
     pub fn begins_with(&self, bytes: &[u8]) -> bool {
         if let Some((remote, name)) = &self.object {
-            let read = remote.bucket.beginning(name, bytes.len() as u64);
+            let read = remote.own().and_then(|own| own.bucket.beginning(name, bytes.len() as u64));
             return read.is_ok_and(|found| found == bytes);
         }
         let mut found = vec![0; bytes.len()];
@@ -82,7 +82,7 @@ impl Blobs {
     /// When the folders cannot be read.
     pub fn is_empty(&self) -> Result<bool> {
         if let Some(remote) = &self.remote
-            && !remote.bucket.list(crate::BLOBS)?.is_empty()
+            && !remote.own()?.bucket.list(crate::BLOBS)?.is_empty()
         {
             return Ok(false);
         }
@@ -117,7 +117,7 @@ impl Blobs {
 
     /// The objects of the blobs; of a bucket, others are left alone.
     fn list_objects(&self, remote: &Arc<Remote>) -> Result<Vec<Found>> {
-        let listed = remote.bucket.list(&remote::name(&self.folder, &self.root))?;
+        let listed = remote.own()?.bucket.list(&remote::name(&self.folder, &self.root))?;
         let found = listed.into_iter().filter_map(|object| {
             let path = self.folder.join(&object.name);
             let id = Some(self.named(&path)?);

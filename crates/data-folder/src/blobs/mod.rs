@@ -4,12 +4,14 @@
 //! blob is complete or missing: it is written beside its final path, synced, renamed, and its folder synced.
 
 mod across;
+mod by_server;
 #[cfg(test)]
 mod conformance;
 mod copies;
 mod copy;
 mod hold;
 mod list;
+mod place;
 mod remote;
 mod sidecar;
 mod space;
@@ -19,15 +21,15 @@ mod tests;
 mod trash;
 
 use std::{
-    fs::{self, File, FileTimes},
-    io::{self, Write as _},
-    os::unix::fs::MetadataExt as _,
+    fs::{self, File},
+    io,
     path::{Path, PathBuf},
     sync::Arc,
     time::SystemTime,
 };
 
 pub use self::{
+    by_server::{BlobServer, Located, Want},
     copies::Fetched,
     copy::Copied,
     hold::{Copying, Naming, Removing},
@@ -50,7 +52,7 @@ pub struct Blobs {
     unfinished: PathBuf,
     naming: Arc<tokio::sync::RwLock<()>>,
     space: space::Space,
-    /// The bucket that holds the blobs. `None`: the folder does.
+    /// The way to the bucket that holds the blobs. `None`: the folder does.
     remote: Option<Arc<remote::Remote>>,
 }
 
@@ -61,13 +63,26 @@ impl Blobs {
     /// Internal when the folders cannot be created; Precondition when drafts are to be in a shared folder; as for
     /// [`Blobs::at`].
     pub fn open(data_dir: &Path) -> Result<Self> {
-        let blobs = Self::at(data_dir)?;
-        for folder in [&blobs.root, &blobs.unfinished] {
+        Self::at(data_dir)?.prepared()
+    }
+
+    /// As [`Blobs::open`], for a process without credentials of the bucket, whose `server` has them. Without a bucket, the
+    /// server is not called.
+    ///
+    /// # Errors
+    /// As for [`Blobs::open`].
+    pub fn open_by(data_dir: &Path, server: Arc<dyn BlobServer>) -> Result<Self> {
+        let remote = has_bucket(data_dir).then(|| Arc::new(remote::Remote::by(server)));
+        Self::of(data_dir, remote).prepared()
+    }
+
+    fn prepared(self) -> Result<Self> {
+        for folder in [&self.root, &self.unfinished] {
             fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         }
-        crate::access::expect_unshared(&blobs.unfinished)?;
-        sync_folder(data_dir)?;
-        Ok(blobs)
+        crate::access::expect_unshared(&self.unfinished)?;
+        sync_folder(&self.folder)?;
+        Ok(self)
     }
 
     /// The blobs of a data directory that is only read: no folder is created.
@@ -101,7 +116,7 @@ impl Blobs {
     /// Unavailable when the store fails; Internal when the disk fails.
     pub fn size(&self, id: &BlobId) -> Result<Option<u64>> {
         if let Some(remote) = &self.remote {
-            return remote.bucket.size(&self.name(id));
+            return self.remote_size(remote, id);
         }
         let path = self.path(id);
         match fs::metadata(&path) {
@@ -129,78 +144,9 @@ impl Blobs {
     /// Internal when it is missing or cannot be read; Unavailable when the store fails.
     pub fn digest(&self, id: &BlobId) -> Result<BlobId> {
         match &self.remote {
-            Some(remote) => remote.bucket.digest(&self.name(id)),
+            Some(remote) => remote.own()?.bucket.digest(&self.name(id)),
             None => digest(&self.path(id)),
         }
-    }
-
-    /// Stores these bytes durably.
-    ///
-    /// # Errors
-    /// Exhausted when too little of the disk would stay free; Internal when the disk fails.
-    pub fn put(&self, bytes: &[u8]) -> Result<BlobId> {
-        self.make_room(bytes.len() as u64)?;
-        let id = BlobId::from(blake3::hash(bytes));
-        let mut file = tempfile::Builder::new()
-            .prefix("blob-")
-            .tempfile_in(&self.unfinished)
-            .map_err(fault("making a file in", &self.unfinished))?;
-        file.write_all(bytes).map_err(fault("writing", file.path()))?;
-        crate::fail_point::pass("blob.written");
-        self.place(&id, file.path())?;
-        // The draft has moved: it needs no removal.
-        file.disable_cleanup(true);
-        Ok(id)
-    }
-
-    /// Moves a file of the same file system in; `path` no longer exists afterwards.
-    ///
-    /// # Errors
-    /// Internal when the file cannot be read or the disk fails; then `path` still exists.
-    pub fn put_file(&self, path: &Path) -> Result<BlobId> {
-        let id = digest(path)?;
-        self.place(&id, path)?;
-        Ok(id)
-    }
-
-    /// Renames a complete file with the digest `id` to its path, replacing a blob of that name, whose content is the
-    /// same.
-    ///
-    /// # Errors
-    /// Internal when the disk fails; then `from` still exists.
-    pub fn place(&self, id: &BlobId, from: &Path) -> Result<()> {
-        self.place_in(id, from, |remote, size| {
-            // A later failure leaves an object without a row, which the sweep removes.
-            remote.bucket.put(&self.name(id), from)?;
-            self.limit_copies(remote, size)
-        })
-    }
-
-    fn place_in(&self, id: &BlobId, from: &Path, send: impl FnOnce(&remote::Remote, u64) -> Result<()>) -> Result<()> {
-        let place = self.path(id);
-        let folder = place.parent().unwrap_or(&self.root);
-        let file = File::open(from).map_err(fault("opening", from))?;
-        // The sweep reads this time: a blob stored a moment ago may have no row yet.
-        file.set_times(FileTimes::new().set_modified(SystemTime::now())).map_err(fault("dating", from))?;
-        file.sync_all().map_err(fault("syncing", from))?;
-        crate::fail_point::pass("blob.synced");
-        if let Some(remote) = &self.remote {
-            send(remote, file.metadata().map_err(fault("reading", from))?.len())?;
-            // The limit of copies reads this time. Sending has set it, by a clock of the system that is behind the one by
-            // which copies are used.
-            file.set_times(FileTimes::new().set_accessed(SystemTime::now())).map_err(fault("dating", from))?;
-        }
-        crate::fail_point::pass("blob.in_bucket");
-        fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
-        across::rename(from, &place).map_err(fault("renaming to", &place))?;
-        // After a crash both may be names of one file; the rename then leaves `from`, which is never the last name.
-        if from != place && fs::metadata(from).is_ok_and(|left| left.nlink() > 1) {
-            fs::remove_file(from).map_err(fault("removing", from))?;
-        }
-        crate::fail_point::pass("blob.renamed");
-        sync_folder(folder)?;
-        crate::fail_point::pass("blob.folder_synced");
-        sync_folder(&self.root)
     }
 
     /// The bytes of a blob.
@@ -231,7 +177,7 @@ impl Blobs {
     /// Unavailable when the store fails.
     pub fn placed(&self, id: &BlobId) -> Result<Option<SystemTime>> {
         match &self.remote {
-            Some(remote) => Ok(remote.bucket.head(&self.name(id))?.map(|found| found.written)),
+            Some(remote) => Ok(remote.own()?.bucket.head(&self.name(id))?.map(|found| found.written)),
             None => Ok(fs::metadata(self.path(id)).and_then(|file| file.modified()).ok()),
         }
     }
@@ -249,7 +195,7 @@ impl Blobs {
             Ok(()) | Err(_) => {}
         }
         if let Some(remote) = &self.remote {
-            remote.bucket.remove(&self.name(id))?;
+            remote.own()?.bucket.remove(&self.name(id))?;
         }
         crate::fail_point::pass("blob.removed");
         Ok(size)

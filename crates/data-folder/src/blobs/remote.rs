@@ -3,7 +3,8 @@
 //! in the data folder alone.
 //!
 //! A file of the data folder names the bucket, so that every process that opens the folder finds it; credentials come
-//! from the environment. Without that file, the folder holds the blobs itself.
+//! from the environment, or the server that has them is called (`by_server`). Without that file, the folder holds the blobs
+//! itself.
 
 use std::{
     fs,
@@ -16,7 +17,7 @@ use std::{
 use gleaner_bucket::{Bucket, BucketConfig};
 use serde::{Deserialize, Serialize};
 
-use super::{Blobs, across, fault, sync_folder};
+use super::{BlobServer, Blobs, across, by_server::ByServer, fault, sync_folder};
 use gleaner_core::error::{Error, Result};
 
 /// Name of the file that names the bucket.
@@ -24,9 +25,18 @@ const FILE: &str = "blob-store.json";
 /// Name of the file with the owner's name: it exists before the bucket has it, so that an interrupted move can be repeated.
 const OWNER: &str = "blob-store-owner";
 
+/// The way of this process to the bucket of a data folder.
+#[derive(Debug)]
+pub(super) enum Remote {
+    /// With credentials: of the server and of the operator's commands.
+    Bucket(OwnBucket),
+    /// By the server, which has them: of workers.
+    Server(ByServer),
+}
+
 /// The bucket of a data folder, and the limit on the copies in the folder.
 #[derive(Debug)]
-pub(super) struct Remote {
+pub(super) struct OwnBucket {
     pub(super) bucket: Bucket,
     /// 0: no limit.
     pub(super) most_bytes: u64,
@@ -36,7 +46,24 @@ pub(super) struct Remote {
 
 impl Remote {
     pub(super) fn new(bucket: Bucket, most_bytes: u64) -> Self {
-        Self { bucket, most_bytes, copies: Mutex::default() }
+        Self::Bucket(OwnBucket { bucket, most_bytes, copies: Mutex::default() })
+    }
+
+    pub(super) fn by(server: Arc<dyn BlobServer>) -> Self {
+        Self::Server(ByServer::new(server))
+    }
+
+    /// The bucket itself.
+    ///
+    /// # Errors
+    /// Internal in a process without credentials.
+    pub(super) fn own(&self) -> Result<&OwnBucket> {
+        match self {
+            Self::Bucket(own) => Ok(own),
+            Self::Server(_) => {
+                Err(Error::internal("using the bucket", "this process has no credentials of it; the server has"))
+            }
+        }
     }
 }
 

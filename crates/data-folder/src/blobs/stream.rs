@@ -34,15 +34,13 @@ impl Blobs {
         Ok(checked(self.clone(), id.clone(), pieces).right_stream())
     }
 
-    /// A URL of a blob in the bucket, whether or not it exists, for `lifetime`; `None` when the folder holds the blobs.
-    ///
-    /// # Errors
-    /// Unavailable when there are no credentials.
-    pub async fn signed_url(&self, id: &BlobId, lifetime: Duration) -> Result<Option<Secret>> {
-        let Some(remote) = self.remote.clone() else { return Ok(None) };
-        let name = self.name(id);
-        let signing = tokio::task::spawn_blocking(move || remote.bucket.signed_url(&name, lifetime));
-        signing.await.map_err(|error| Error::internal("signing a URL", error))?.map(Some)
+    /// A URL of a blob in the bucket, whether or not it exists, for `lifetime`. `None` without a lifetime, where the folder
+    /// holds the blobs, and without credentials to sign with.
+    pub async fn signed_url(&self, id: &BlobId, lifetime: Option<Duration>) -> Option<Secret> {
+        let (remote, lifetime, name) = (self.remote.clone()?, lifetime?, self.name(id));
+        let signing = tokio::task::spawn_blocking(move || remote.own()?.bucket.signed_url(&name, lifetime));
+        let signed = signing.await.map_err(|error| Error::internal("signing a URL", error)).flatten();
+        signed.inspect_err(|error| tracing::warn!(%error, "no URL was signed; the server reads the blob")).ok()
     }
 }
 

@@ -47,7 +47,7 @@ impl Blobs {
         across::rename(&from, to).map_err(fault("renaming to", to))?;
         if let Some(remote) = &self.remote {
             to.parent().map_or(Ok(()), sync_folder)?;
-            remote.bucket.remove(&self.name(id))?;
+            remote.own()?.bucket.remove(&self.name(id))?;
         }
         sidecar::sidecars(&from)?.iter().try_for_each(|sidecar| remove(sidecar))
     }
@@ -74,7 +74,7 @@ impl Blobs {
                 continue;
             }
             if let (Some(remote), Some(id)) = (&self.remote, &found.id) {
-                remote.bucket.remove(&self.trash().name(id))?;
+                remote.own()?.bucket.remove(&self.trash().name(id))?;
             }
             remove(&found.path)?;
             for sidecar in sidecar::sidecars(&found.path)? {
@@ -103,7 +103,7 @@ impl Blobs {
         if let Some(remote) = &self.remote {
             // A copy in the trash would be of no use. Until the object is there, it may be the last one: if it is sent again
             // meanwhile, the sweep finds a blob without a row.
-            remote.bucket.rename(&self.name(id), &to.name(id))?;
+            remote.own()?.bucket.rename(&self.name(id), &to.name(id))?;
             remove(&from)?;
         } else {
             // The retention time in the trash starts now.

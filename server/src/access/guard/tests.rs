@@ -234,7 +234,7 @@ async fn every_rpc_is_permitted_as_its_row_states() {
         assert_eq!(fixture.code(false, path, None).await, Code::Ok, "{path}: no token is required");
     }
     assert!(walked > 250, "the walk found too little: {walked}");
-    assert_eq!(workers.len(), 9);
+    assert_eq!(workers.len(), 11);
     // Workers have a separate listener.
     let none = ["/gleaner.v1.TaskService/DropTables", "/x", "/gleaner.v1.TaskService/../ListTasks"];
     for path in workers.into_iter().chain(none) {

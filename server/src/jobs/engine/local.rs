@@ -12,8 +12,7 @@ use tokio::{
 
 use super::{End, Engine, Execution, Launch, Output, ranks::Ranks};
 use crate::{
-    blobs::has_bucket,
-    config::{Secret, ServeConfig, bucket_environment, worker_environment},
+    config::{Secret, ServeConfig, worker_environment},
     domain::{attempt::Attempt, placement::Placement},
     jobs::lease::Lease,
     program::Program,
@@ -143,7 +142,6 @@ fn command(config: &ServeConfig, server: SocketAddr, token: &Secret) -> std::io:
         .args(["--parent", &std::process::id().to_string()])
         .env_clear()
         .envs(worker_environment())
-        .envs(has_bucket(&config.data_dir).then(bucket_environment).into_iter().flatten())
         .env("GLEANER_JOB_TOKEN", token.reveal())
         .stdin(Stdio::null())
         .stdout(Stdio::null())

@@ -182,6 +182,14 @@ fn every_wrong_field_of_a_worker_is_named() {
         assert!(progress_sent.starts_with(field), "{field} expected in {progress_sent:?}");
     }
     assert!(checkpoint_request(v1::SaveCheckpointRequest { step: 1, blob: "x".into() }).is_err());
+    for wrong in ["", "x", "../../lock"] {
+        let located = locate_request(v1::LocateBlobRequest { blob: wrong.into(), ..Default::default() }).unwrap_err();
+        let stored = store_request(v1::StoreBlobRequest { blob: wrong.into() }).unwrap_err();
+        assert!(located.message().starts_with("blob: ") && stored.message().starts_with("blob: "), "{wrong}");
+    }
+    let request = v1::LocateBlobRequest { blob: digest(), accept_url: true, fetch: false };
+    let query = BlobQuery { blob: blob("x"), accept_url: true, fetch: false };
+    assert_eq!(locate_request(request).unwrap(), query);
     let metric = |name: &str| v1::Metric { step: 1, name: name.into(), value: 0.5 };
     let progress = |spoil: fn(&mut v1::ReportProgressRequest)| {
         let mut request = v1::ReportProgressRequest { metrics: vec![metric("loss")], ..Default::default() };

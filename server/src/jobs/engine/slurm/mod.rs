@@ -25,8 +25,7 @@ use self::{
 };
 use super::{End, Engine, Execution, Launch, Output};
 use crate::{
-    blobs::has_bucket,
-    config::{ServeConfig, bucket_environment, cluster_environment},
+    config::{ServeConfig, cluster_environment},
     domain::{attempt::Attempt, placement::Placement},
     error::{Error, Result},
     jobs::lease::Lease,
@@ -62,9 +61,7 @@ impl Slurm {
             Some(path) => path.clone(),
             None => Program::Worker.path()?,
         };
-        let mut environment = cluster_environment();
-        environment.extend(has_bucket(&data_dir).then(bucket_environment).into_iter().flatten());
-        let commands = Commands::new(engine.slurm.slurm_bin.clone(), environment);
+        let commands = Commands::new(engine.slurm.slurm_bin.clone(), cluster_environment());
         let poller = Poller::start(commands.clone(), Duration::from_secs(engine.slurm.slurm_poll_seconds));
         Ok(Self { commands, poller, template: Template { config, data_dir, worker, url, authority } })
     }
