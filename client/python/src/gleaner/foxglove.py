@@ -1,4 +1,4 @@
-"""A layout of Foxglove for exports: a panel for every camera, and a plot of q and w.
+"""A layout of Foxglove for exports: a panel for every camera, a plot of q and a plot of w.
 
 `python -m gleaner.foxglove FILE` writes it beside the file; in Foxglove import it in the menu of layouts.
 """
@@ -13,7 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from gleaner._command import ended
-from gleaner._topics import topics
+from gleaner._topics import Number, topics
+
+# The scale of 16-bit depth, in millimetres; other pictures have none. Foxglove's own ends at 10 m, where an arm and its
+# table are black.
+_DEPTH = {"minValue": 0, "maxValue": 2000}
 
 
 def layout(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -21,20 +25,20 @@ def layout(path: str | os.PathLike[str]) -> dict[str, Any]:
     found = topics(Path(path))
     panels: dict[str, dict[str, Any]] = {}
     for at, topic in enumerate(found.pictures):
-        panels[f"Image!camera{at}"] = {"imageMode": {"imageTopic": topic}, "foxglovePanelTitle": topic}
+        panels[f"Image!camera{at}"] = {"imageMode": {"imageTopic": topic, **_DEPTH}, "foxglovePanelTitle": topic}
     pictures = [*panels]
-    if found.scores:
-        line = {"enabled": True, "timestampMethod": "receiveTime"}
-        paths = [{**line, "value": f"{number.topic}.{number.path}", "label": number.name} for number in found.scores]
-        panels["Plot!scores"] = {"paths": paths, "showLegend": True, "isSynced": True, "xAxisVal": "timestamp"}
+    # Each number has a scale to itself: q is in [0, 1], and w may be far below 0.
+    plots = []
+    for number in found.scores:
+        plots.append(f"Plot!{number.name}")
+        panels[plots[-1]] = _plot(number)
     parts = [_split(pictures, "row")] if pictures else []
-    parts += ["Plot!scores"] if found.scores else []
     return {
         "configById": panels,
         "globalVariables": {},
         "userNodes": {},
         "playbackConfig": {"speed": 1.0},
-        "layout": _split(parts, "column"),
+        "layout": _split(parts + plots, "column"),
     }
 
 
@@ -44,6 +48,15 @@ def write_layout(path: str | os.PathLike[str], into: str | os.PathLike[str] | No
     saved = path.with_suffix(".layout.json") if into is None else Path(into)
     saved.write_text(json.dumps(layout(path), indent=2) + "\n")
     return saved
+
+
+def _plot(number: Number) -> dict[str, Any]:
+    """A plot of one number over the time of the recording; its title is the legend."""
+    line = {"value": f"{number.topic}.{number.path}", "label": number.name}
+    line |= {"enabled": True, "timestampMethod": "receiveTime"}
+    plot = {"paths": [line], "foxglovePanelTitle": number.name, "isSynced": True, "xAxisVal": "timestamp"}
+    plot |= {"showLegend": False, "legendDisplay": "none"}
+    return plot | ({"minYValue": 0, "maxYValue": 1} if number.name == "q" else {})
 
 
 def _split(parts: list[Any], direction: str) -> Any:

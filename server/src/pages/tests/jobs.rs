@@ -168,7 +168,7 @@ async fn an_episode_in_a_jobs_error_is_a_link_while_it_has_a_page() {
     expect(true).await;
     store.delete_episodes(std::slice::from_ref(&episode), true).await.unwrap();
     expect(true).await;
-    assert_eq!(store.sweep_trash(Millis(i64::MAX)).await.unwrap().purged, 1);
+    assert_eq!(store.sweep_trash(Millis(i64::MAX)).await.unwrap().removed, 1);
     expect(false).await;
 }
 
