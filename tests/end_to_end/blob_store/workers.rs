@@ -53,10 +53,9 @@ async fn workers_without_credentials_read_from_the_bucket_and_their_results_are_
         assert_eq!(before.len(), episodes.len());
         forget_copies(server.data_dir());
         let encoder = succeed_without_credentials(&server, &mut api, lab::pretrain(6)).await.result_id;
-        let results: Vec<String> = objects(&store).difference(&before).cloned().collect();
-        assert_eq!(results.len(), 1, "the encoder");
+        assert!(objects(&store).difference(&before).next().is_some(), "the encoder");
 
-        // The next worker has only the bucket.
+        // The next worker has the encoder from the bucket alone.
         forget_copies(server.data_dir());
         let run = succeed_without_credentials(&server, &mut api, lab::score(&encoder)).await.result_id;
         let request = CreateDatasetRequest { score_run_id: run, selection: Some(lab::above(0.5)) };

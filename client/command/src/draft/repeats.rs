@@ -15,7 +15,7 @@ const EQUAL: f64 = 1e-6;
 /// Bounds that different numbers often have in common: of commands and states that are normalised or have two values.
 const COMMON: [f64; 3] = [-1.0, 0.0, 1.0];
 
-/// Takes out of the candidates of a way what is no action and yet a command, or the copy of one.
+/// Takes out of the candidates of a way commands that are not among the actions, and copies of actions.
 pub(super) fn leave_out_commands(
     way: &str,
     candidates: &mut Vec<Candidate>,

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 
-use super::markdown::cell as escaped;
+use super::escape::cell as escaped;
 use super::study::TableKind;
 use crate::quality::{Lead, mean};
 

@@ -6,8 +6,8 @@
 use gleaner_core::statistics::difference_over_levels;
 
 use super::cell::CellSettings;
+use super::escape::cell as escaped;
 use super::interval::student;
-use super::markdown::cell as escaped;
 use super::method::Method;
 use super::rate::{RESAMPLING_SEED, Rate};
 use super::report::{CellReport, Difference, SeedDifference};

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::auroc;
 use super::difference;
+use super::escape::cell;
 use super::plots;
 use super::report::{Report, SeedReport, StudyReport};
 use super::standing::Progress;
@@ -175,11 +176,6 @@ fn problems(report: &Report, text: &mut String) {
     if !lines.is_empty() {
         line(text, format_args!("\n## Problems\n\n{}", lines.join("\n")));
     }
-}
-
-/// A text within a cell of a table: neither a `|` ends the cell nor a line break the row.
-pub(super) fn cell(text: &str) -> String {
-    text.replace('|', "\\|").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn line(text: &mut String, line: impl std::fmt::Display) {

@@ -16,6 +16,7 @@ pub(crate) mod compare;
 mod course;
 pub(crate) mod demo;
 mod difference;
+mod escape;
 mod existing;
 mod fetch;
 mod file;

@@ -4,7 +4,7 @@ use gleaner_core::kinds::Family;
 use gleaner_sim::AgentSpec;
 use serde_json::Value;
 
-use super::markdown::cell as escaped;
+use super::escape::cell as escaped;
 use super::report::{CellReport, PooledAuroc, Report, SeedReport, StudyReport};
 use super::study::TableKind;
 use crate::quality::{ALL, mean};

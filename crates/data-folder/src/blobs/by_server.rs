@@ -1,23 +1,26 @@
 //! Blobs of a process that has no credentials of their bucket, such as a worker. It reads objects at URLs that the server
 //! signs; where there are none, the server fetches the copy, and the server alone puts blobs into the bucket. Both ends are
-//! here; the calls between them are a trait, so that this crate names no protocol.
+//! here, and the calls between them in `calls`.
 
 use std::{
     fs, io,
     path::{Path, PathBuf},
-    sync::Arc,
     time::{Duration, Instant},
 };
 
-use gleaner_bucket::{Part, UrlReader};
+use gleaner_bucket::Part;
 use gleaner_core::{
-    Secret,
     error::{Error, Kind, Result},
     id::BlobId,
 };
 use tempfile::NamedTempFile;
 
-use super::{Blobs, copies, digest, fault, names, remote::Remote};
+use super::{
+    Blobs,
+    calls::{ByServer, Located, Want},
+    copies, digest, fault, names,
+    remote::Remote,
+};
 
 /// The URLs that are tried for one copy before the server fetches it.
 const URLS: usize = 2;
@@ -28,59 +31,6 @@ const ATTEMPTS: usize = 5;
 const VISIBLE_AFTER: Duration = Duration::from_secs(15);
 /// The interval between looks at such a folder.
 const LOOK: Duration = Duration::from_millis(100);
-
-/// The calls to the server of a data folder, which has the credentials of its bucket.
-pub trait BlobServer: std::fmt::Debug + Send + Sync {
-    /// The size of a blob and what `want` asks for; `None` when the blob is missing.
-    ///
-    /// # Errors
-    /// Unavailable while the server or the store fails; Internal when the object is damaged.
-    fn locate(&self, id: &BlobId, want: Want) -> Result<Option<Located>>;
-
-    /// Has the server store the file that was handed over, by [`Blobs::take`].
-    ///
-    /// # Errors
-    /// NotFound when there is neither a file nor the blob; Unavailable while the server or the store fails.
-    fn store(&self, id: &BlobId) -> Result<()>;
-}
-
-/// What a process without credentials wants of a blob.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Want {
-    /// Its size.
-    Size,
-    /// Its content: a URL if one is accepted and the server signs one, or else a copy in the data folder.
-    Content {
-        /// Whether a URL is accepted.
-        accept_url: bool,
-    },
-}
-
-/// Where a blob is.
-#[derive(Debug)]
-pub struct Located {
-    /// Its size in bytes.
-    pub size_bytes: u64,
-    /// A URL that returns its content for a short time. `None`: its copy is in the data folder, if the content was wanted.
-    pub url: Option<Secret>,
-}
-
-/// The way of this process to the bucket by the server.
-#[derive(Debug)]
-pub(super) struct ByServer {
-    calls: Arc<dyn BlobServer>,
-    urls: UrlReader,
-}
-
-impl ByServer {
-    pub(super) fn new(calls: Arc<dyn BlobServer>) -> Self {
-        Self { calls, urls: UrlReader::default() }
-    }
-
-    pub(super) fn size(&self, id: &BlobId) -> Result<Option<u64>> {
-        Ok(self.calls.locate(id, Want::Size)?.map(|found| found.size_bytes))
-    }
-}
 
 /// The process without credentials.
 impl Blobs {

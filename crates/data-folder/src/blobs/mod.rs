@@ -5,6 +5,7 @@
 
 mod across;
 mod by_server;
+mod calls;
 #[cfg(test)]
 mod conformance;
 mod copies;
@@ -29,7 +30,7 @@ use std::{
 };
 
 pub use self::{
-    by_server::{BlobServer, Located, Want},
+    calls::{BlobServer, Located, Want},
     copies::Fetched,
     copy::Copied,
     hold::{Copying, Naming, Removing},

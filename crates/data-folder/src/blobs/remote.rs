@@ -17,7 +17,11 @@ use std::{
 use gleaner_bucket::{Bucket, BucketConfig};
 use serde::{Deserialize, Serialize};
 
-use super::{BlobServer, Blobs, across, by_server::ByServer, fault, sync_folder};
+use super::{
+    Blobs, across,
+    calls::{BlobServer, ByServer},
+    fault, sync_folder,
+};
 use gleaner_core::error::{Error, Result};
 
 /// Name of the file that names the bucket.

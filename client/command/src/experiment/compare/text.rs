@@ -1,6 +1,6 @@
 //! Tables and values as text: Markdown whose columns are aligned, for terminals and files alike.
 
-use super::super::markdown::cell;
+use super::super::escape::cell;
 use super::super::report::PooledAuroc;
 use super::report::Auroc;
 

@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::super::cell::CellSettings;
-use super::super::markdown::cell;
+use super::super::escape::cell;
 use super::super::recordings::CohortCount;
 use crate::quality::{Selected, Separation};
 use gleaner_core::NormaliserKind;

@@ -2,14 +2,14 @@
 
 use std::{
     collections::VecDeque,
-    sync::{Mutex, PoisonError},
+    sync::{Arc, Mutex, PoisonError},
 };
 
 use gleaner_bucket::testing::TestStore;
 use tempfile::TempDir;
 
 use super::*;
-use crate::blobs::remote;
+use crate::blobs::{BlobServer, remote};
 
 /// The answer of a server to a call for content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
