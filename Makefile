@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker check-worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-lerobot-policy check-mlflow check-ros2 check-simulators lint-python check-lerobot check-robomimic exports differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker check-worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-foxglove check-lerobot-policy check-mlflow check-ros2 check-simulators lint-python check-lerobot check-robomimic exports differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -112,6 +112,17 @@ check-ros2: .libtorch $(ROS2_ENV)
 	$(ROS2_ENV)/bin/pip install -q --no-deps -r examples/ros2/requirements.txt
 	$(ROS2_ENV)/bin/pip install -q client/python gymnasium 'pytest>=8'
 	cd client/python && ../../$(ROS2_ENV)/bin/pytest tests/test_ros2_dds.py
+
+# Exports in the open-source Foxglove Studio 1.48, in Chromium. Needs npm, Chromium and its driver (Debian: npm, chromium,
+# chromium-driver). Installs the app (0.2 GB) each time. Pictures of what it shows are in target/tmp/foxglove.
+FOXGLOVE_APP = target/foxglove
+check-foxglove: .libtorch $(PYTHON_ENV)
+	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
+	mkdir -p $(FOXGLOVE_APP)
+	cp client/python/tests/foxglove/package*.json $(FOXGLOVE_APP)
+	cd $(FOXGLOVE_APP) && npm ci --ignore-scripts --no-audit --no-fund
+	$(PYTHON_ENV)/bin/pip install -q 'client/python[test]'
+	cd client/python && GLEANER_FOXGLOVE_APP=$(CURDIR)/$(FOXGLOVE_APP) ../../$(PYTHON_ENV)/bin/pytest tests/test_foxglove.py
 
 # A deployment evaluated in simulators of others by `python -m gleaner.simulators`. Installs robosuite and Meta-World
 # (1.5 GB) and LIBERO (2 GB), which needs an older robosuite, the first time. MUJOCO_GL= may be egl.

@@ -48,7 +48,7 @@ def panels_of(node: Any) -> list[str]:
     return [node] if isinstance(node, str) else panels_of(node["first"]) + panels_of(node["second"])
 
 
-def test_foxglove_layout_has_a_panel_for_each_camera_and_a_plot(exported: Path) -> None:
+def test_foxglove_layout_has_a_panel_for_each_camera_and_each_number(exported: Path) -> None:
     saved = foxglove.write_layout(exported)
     assert saved == exported.with_suffix(".layout.json")
     layout = json.loads(saved.read_text())
@@ -60,13 +60,30 @@ def test_foxglove_layout_has_a_panel_for_each_camera_and_a_plot(exported: Path) 
     topics = {channel.topic for channel in summary.channels.values()}
     pictures = [panel["imageMode"]["imageTopic"] for name, panel in panels.items() if name.startswith("Image!")]
     assert set(pictures) == {topic for topic in topics if topic.startswith("/camera/")}
-    assert [path["value"] for path in panels["Plot!scores"]["paths"]] == ["/gleaner/quality.q", "/gleaner/quality.w"]
+    plots = {name: panel["paths"] for name, panel in panels.items() if name.startswith("Plot!")}
+    values = {name: [path["value"] for path in paths] for name, paths in plots.items()}
+    # On one scale w, which may be far below 0, would make q a flat line.
+    assert values == {"Plot!q": ["/gleaner/quality.q"], "Plot!w": ["/gleaner/quality.w"]}
+    assert (panels["Plot!q"]["minYValue"], panels["Plot!q"]["maxYValue"]) == (0, 1)
+    assert "minYValue" not in panels["Plot!w"]
+    # A legend would cover the first steps of the curve; the title names it.
+    assert [panels[name]["legendDisplay"] for name in plots] == ["none", "none"]
+    assert [panels[name]["foxglovePanelTitle"] for name in plots] == ["q", "w"]
+
+
+def test_foxglove_layout_shows_depth_up_to_two_metres(exported: Path) -> None:
+    panels = foxglove.layout(exported)["configById"]
+    depth = [
+        panel["imageMode"] for panel in panels.values() if "/depth" in panel.get("imageMode", {}).get("imageTopic", "")
+    ]
+    assert depth
+    assert all((mode["minValue"], mode["maxValue"]) == (0, 2000) for mode in depth)
 
 
 def test_foxglove_layout_of_ros_scores_alone_is_one_plot(ros: Path) -> None:
     layout = foxglove.layout(ros)
-    assert layout["layout"] == "Plot!scores"
-    assert [path["value"] for path in layout["configById"]["Plot!scores"]["paths"]] == ["/gleaner/q.data"]
+    assert layout["layout"] == "Plot!q"
+    assert [path["value"] for path in layout["configById"]["Plot!q"]["paths"]] == ["/gleaner/q.data"]
 
 
 def test_files_without_anything_to_show_are_refused(tmp_path: Path) -> None:

@@ -52,11 +52,18 @@ def write_layout(path: str | os.PathLike[str], into: str | os.PathLike[str] | No
 
 def _plot(number: Number) -> dict[str, Any]:
     """A plot of one number over the time of the recording; its title is the legend."""
-    line = {"value": f"{number.topic}.{number.path}", "label": number.name}
-    line |= {"enabled": True, "timestampMethod": "receiveTime"}
-    plot = {"paths": [line], "foxglovePanelTitle": number.name, "isSynced": True, "xAxisVal": "timestamp"}
-    plot |= {"showLegend": False, "legendDisplay": "none"}
-    return plot | ({"minYValue": 0, "maxYValue": 1} if number.name == "q" else {})
+    value = f"{number.topic}.{number.path}"
+    plot: dict[str, Any] = {
+        "paths": [{"value": value, "label": number.name, "enabled": True, "timestampMethod": "receiveTime"}],
+        "foxglovePanelTitle": number.name,
+        "showLegend": False,
+        "legendDisplay": "none",
+        "isSynced": True,
+        "xAxisVal": "timestamp",
+    }
+    if number.name == "q":
+        plot |= {"minYValue": 0, "maxYValue": 1}
+    return plot
 
 
 def _split(parts: list[Any], direction: str) -> Any:
