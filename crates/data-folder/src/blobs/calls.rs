@@ -14,7 +14,7 @@ pub trait BlobServer: std::fmt::Debug + Send + Sync {
     /// Unavailable while the server or the store fails; Internal when the object is damaged.
     fn locate(&self, id: &BlobId, want: Want) -> Result<Option<Located>>;
 
-    /// Has the server store the file that was handed over, by [`Blobs::take`].
+    /// Has the server store the file that was handed over, by [`Blobs::take`](super::Blobs::take).
     ///
     /// # Errors
     /// NotFound when there is neither a file nor the blob; Unavailable while the server or the store fails.
