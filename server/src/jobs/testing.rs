@@ -9,16 +9,36 @@ use std::{
 
 use clap::Parser as _;
 use futures::TryStreamExt as _;
+use gleaner_core::PretrainSpec;
 use tempfile::TempDir;
 
 use super::{Jobs, engine::Engine};
 use crate::{
     blobs::Blobs,
     config::{Cli, Command, ServeConfig},
-    domain::{attempt::Attempt, episode::Outcome, job::Job, task::Task, work::Inputs},
+    domain::{
+        attempt::Attempt, episode::Outcome, job::Job, schedule::PipelineSpec, selection::SelectionShape,
+        snapshot::RoleRule, task::Task, work::Inputs,
+    },
     error::Result,
     store::{Store, testing},
 };
+
+/// A pipeline up to a finetuned policy.
+pub(super) fn pipeline() -> PipelineSpec {
+    PipelineSpec {
+        snapshot_id: None,
+        rule: RoleRule::default(),
+        pretrain: PretrainSpec::default(),
+        score: true,
+        scoring: None,
+        beta: Some(0.5),
+        top_fraction: None,
+        shape: SelectionShape::default(),
+        train: Some(testing::results::finetune()),
+        evaluate: None,
+    }
+}
 
 /// The address of a server, which no worker calls.
 const SERVER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 1);

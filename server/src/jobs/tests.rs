@@ -6,7 +6,7 @@ use gleaner_core::{PretrainSpec, ScoreSpec};
 use super::{
     Jobs,
     chain::chain,
-    testing::{self, Bench},
+    testing::{self, Bench, pipeline},
 };
 use crate::{
     domain::{
@@ -26,21 +26,6 @@ use crate::{
 
 fn pretrain() -> JobOrder {
     JobOrder::Pretrain { snapshot_id: None, rule: RoleRule::default(), spec: PretrainSpec::default() }
-}
-
-fn pipeline() -> PipelineSpec {
-    PipelineSpec {
-        snapshot_id: None,
-        rule: RoleRule::default(),
-        pretrain: PretrainSpec::default(),
-        score: true,
-        beta: Some(0.5),
-        top_fraction: None,
-        shape: crate::domain::selection::SelectionShape::default(),
-        train: Some(results::finetune()),
-        scoring: None,
-        evaluate: None,
-    }
 }
 
 fn score_with(encoder: EncoderId) -> JobOrder {

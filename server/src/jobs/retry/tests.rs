@@ -13,23 +13,12 @@ use crate::{
         snapshot::RoleRule,
     },
     error::Kind,
-    jobs::testing::Bench,
+    jobs::testing::{self, Bench},
     store::testing::results,
 };
 
 fn pipeline() -> PipelineSpec {
-    PipelineSpec {
-        snapshot_id: None,
-        rule: RoleRule::default(),
-        pretrain: PretrainSpec::default(),
-        score: true,
-        scoring: None,
-        beta: Some(0.75),
-        top_fraction: None,
-        shape: crate::domain::selection::SelectionShape::default(),
-        train: Some(results::finetune()),
-        evaluate: None,
-    }
+    PipelineSpec { beta: Some(0.75), ..testing::pipeline() }
 }
 
 fn pretrain(seed: u64) -> JobOrder {

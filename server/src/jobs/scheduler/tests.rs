@@ -1,11 +1,11 @@
 //! Schedules start when due, once, and store the reason when they cannot.
 
-use gleaner_core::{PretrainSpec, TrainSpec};
+use gleaner_core::TrainSpec;
 
 use super::*;
 use crate::{
-    domain::{episode::Outcome, id::ScheduleId, order::JobFilter, schedule::PipelineSpec, snapshot::RoleRule},
-    jobs::testing::Bench,
+    domain::{episode::Outcome, id::ScheduleId, order::JobFilter, schedule::PipelineSpec},
+    jobs::testing::{Bench, pipeline},
     store::testing,
 };
 
@@ -15,18 +15,7 @@ fn schedule(bench: &Bench, trigger: Trigger, next_run_at: Option<Millis>) -> Sch
         task_id: bench.task.id.clone(),
         name: format!("{trigger:?}"),
         trigger,
-        pipeline: Ok(PipelineSpec {
-            snapshot_id: None,
-            rule: RoleRule::default(),
-            pretrain: PretrainSpec::default(),
-            score: true,
-            scoring: None,
-            beta: Some(0.5),
-            top_fraction: None,
-            shape: crate::domain::selection::SelectionShape::default(),
-            train: Some(TrainSpec::default()),
-            evaluate: None,
-        }),
+        pipeline: Ok(PipelineSpec { train: Some(TrainSpec::default()), ..pipeline() }),
         engine_options: String::new(),
         paused: false,
         next_run_at,

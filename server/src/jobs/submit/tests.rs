@@ -5,24 +5,8 @@ use gleaner_core::PretrainSpec;
 use super::*;
 use crate::{
     domain::{order::JobFilter, snapshot::RoleRule},
-    jobs::testing::Bench,
-    store::testing::results,
+    jobs::testing::{Bench, pipeline},
 };
-
-fn pipeline() -> PipelineSpec {
-    PipelineSpec {
-        snapshot_id: None,
-        rule: RoleRule::default(),
-        pretrain: PretrainSpec::default(),
-        score: true,
-        scoring: None,
-        beta: Some(0.5),
-        top_fraction: None,
-        shape: crate::domain::selection::SelectionShape::default(),
-        train: Some(results::finetune()),
-        evaluate: None,
-    }
-}
 
 type Chain = (Vec<JobId>, Option<DatasetId>);
 
