@@ -12,7 +12,7 @@ impl Client {
     /// A snapshot without its episodes.
     ///
     /// # Errors
-    /// [`ClientError::Rejected`] when there is none, or the last error once retries are exhausted.
+    /// [`ClientError::Rejected`] for an id that the server does not have, or when it cannot be reached.
     pub async fn snapshot(&self, id: &str) -> Result<Snapshot> {
         let request = GetSnapshotRequest { snapshot_id: id.to_owned(), omit_episodes: true };
         let reply = self.snapshots().get_snapshot(request).await?.into_inner();

@@ -1,6 +1,6 @@
 //! Blobs of a process that has no credentials of their bucket, such as a worker. It reads objects at URLs that the server
-//! signs; where there are none, the server fetches the copy, and the server alone puts blobs into the bucket. Both ends are
-//! here, and the calls between them in `calls`.
+//! signs; if it signs no URL, it fetches the copy, and it alone puts blobs into the bucket. Both ends are here, and the
+//! calls between them in `calls`.
 
 use std::{
     fs, io,
