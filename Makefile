@@ -137,16 +137,13 @@ check-simulators: .libtorch $(SIMULATORS_ENV) $(LIBERO_ENV)
 	cd client/python && MUJOCO_GL=$(MUJOCO_GL) ../../$(LIBERO_ENV)/bin/pytest tests/test_simulators.py -k libero
 
 # LeRobot drives a deployment through the policy plug-in, with its own evaluation loop; its PyTorch also reads
-# `torch_dataset`. Needs Python 3.12 or newer (LEROBOT_PYTHON) and installs LeRobot the first time (about 6 GB).
-LEROBOT_PYTHON ?= $(PYTHON)
-LEROBOT_POLICY_ENV = target/lerobot-policy-python
-check-lerobot-policy: .libtorch
+# `torch_dataset`. Needs Python 3.12 or newer (PYTHON=python3.12); the environment is that of `make check-lerobot`.
+check-lerobot-policy: .libtorch target/lerobot-0.6
 	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
-	test -x $(LEROBOT_POLICY_ENV)/bin/pip || $(LEROBOT_PYTHON) -m venv $(LEROBOT_POLICY_ENV)
-	$(LEROBOT_POLICY_ENV)/bin/pip install -q 'lerobot[dataset,evaluation,pusht]==0.6.1' 'torch==2.11.0' 'pytest>=8'
-	$(LEROBOT_POLICY_ENV)/bin/pip install -q client/python client/lerobot
-	cd client/lerobot && HF_HUB_OFFLINE=1 ../../$(LEROBOT_POLICY_ENV)/bin/pytest
-	cd client/python && ../../$(LEROBOT_POLICY_ENV)/bin/pytest tests/test_torch.py
+	target/lerobot-0.6/bin/pip install -q -r crates/formats/checks/lerobot-0.6.txt 'pytest>=8'
+	target/lerobot-0.6/bin/pip install -q client/python client/lerobot
+	cd client/lerobot && HF_HUB_OFFLINE=1 ../../target/lerobot-0.6/bin/pytest
+	cd client/python && ../../target/lerobot-0.6/bin/pytest tests/test_torch.py
 
 # Scripts outside the package, by their paths from there.
 LONE_SCRIPTS = ../../scripts/at_a_glance.py ../../scripts/convert_resnet.py ../../crates/learn/src/model/image_encoder/resnet/reference.py
@@ -166,8 +163,8 @@ lint-python: $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/python scripts/at_a_glance.py --check
 
 # Exports of the end-to-end tests, opened by lerobot itself, which trains ACT on them for some steps. LEROBOT=0.4 needs
-# Python 3.11 and, for video, FFmpeg's libraries (Debian: ffmpeg); 0.6 needs Python 3.12 or newer (PYTHON=python3.12). Installs
-# PyTorch and lerobot (8 GB) the first time.
+# Python 3.11 and, for video, FFmpeg's libraries (Debian: ffmpeg); 0.6 needs Python 3.12 or newer
+# (PYTHON=python3.12). Installs PyTorch and lerobot (8 GB) the first time.
 LEROBOT ?= 0.6
 LEROBOT_ENV = target/lerobot-$(LEROBOT)
 EXPORTS = target/tmp/exports
@@ -218,7 +215,7 @@ metaworld maniskill: .libtorch
 	target/$(SIMULATOR)/bin/python client/python/examples/simulators.py $(STAGE) --simulator $(SIMULATOR) --task $(TASK) \
 		--server-bin target/debug/gleaner-server $(ARGS)
 
-$(PYTHON_ENV) $(DIFFERENTIAL_ENV) $(LEROBOT_ENV) $(ROBOMIMIC_ENV) $(MLFLOW_ENV) $(ROS2_ENV) $(SIMULATORS_ENV) $(LIBERO_ENV):
+$(PYTHON_ENV) $(DIFFERENTIAL_ENV) target/lerobot-0.4 target/lerobot-0.6 $(ROBOMIMIC_ENV) $(MLFLOW_ENV) $(ROS2_ENV) $(SIMULATORS_ENV) $(LIBERO_ENV):
 	$(PYTHON) -m venv $@ || { rm -rf $@; exit 1; }
 
 fmt:
