@@ -3,6 +3,7 @@
 //! The functions read tracks, steps and values, and change the report only.
 
 mod cameras;
+pub(crate) mod pace;
 mod video;
 
 use crate::plan::Steps;
@@ -82,12 +83,7 @@ pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
     }
     let interval = steps.clock.median_interval(&steps.ticks);
     if (interval as f64 / period as f64 - 1.0).abs() > RATE_SHARE {
-        let detail = format!(
-            "steps come every {:.1} ms, but the task's rate of {} Hz means {:.1} ms; correct rate_hz or record at that rate",
-            interval as f64 / 1e6,
-            spec.rate_hz,
-            period as f64 / 1e6
-        );
+        let detail = pace::rate_corrections(spec, report, 1e9 / interval.max(1) as f64);
         report.add(Severity::Warning, FindingCode::OffRate, "clock", None, detail);
     }
     late_start(steps, report);

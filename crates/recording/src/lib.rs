@@ -97,6 +97,7 @@ pub use estimate::{MAX_MESSAGES, decoded_pixels, estimate, summarize};
 pub use extract::{Kept, StepScore, WholeEpisode, extract};
 pub use frames::{Episode, FrameBytes, frame_bytes_per_step};
 pub use image::{PixelFormat, decode_color, decode_depth, encode_depth_png, encode_jpeg, encode_png};
+pub use inspect::pace::{rate_corrections, rounded_rate};
 pub use join::join;
 pub use jpegs::StepJpegs;
 pub use limits::{ImageThreads, Limits, MOST_JSON_DEPTH};

@@ -17,7 +17,7 @@ mod units;
 mod way;
 mod write;
 
-use gleaner_recording::{Mapping, Survey, TaskSpec};
+use gleaner_recording::{Mapping, Survey, TaskSpec, rounded_rate};
 
 use crate::words::counted;
 
@@ -31,8 +31,6 @@ use way::{Way, WayTopic};
 
 /// Commands faster than the slowest camera by more than this are sampled by its pictures.
 const FASTER: f64 = 1.2;
-/// A rate this near to a whole number is that number.
-const NEAR: f64 = 0.03;
 
 /// What the caller knows better than a guess.
 #[derive(Debug, Default)]
@@ -197,22 +195,16 @@ fn pace(ways: &[Way], cameras: &[Camera], fields: &[Field]) -> Pace {
     let by_pictures = matches!((commands, pictures), (Some(commands), Some(pictures)) if commands > pictures * FASTER);
     let (rate_hz, reason) = match (commands, pictures) {
         (Some(commands), Some(pictures)) if by_pictures => (
-            rounded(pictures),
+            rounded_rate(pictures),
             format!(
                 "Commands come at {commands:.1} Hz and the slowest camera at {pictures:.1} Hz: a step for each picture."
             ),
         ),
         (Some(commands), _) => {
-            (rounded(commands), format!("Commands come at {commands:.1} Hz (median of the intervals)."))
+            (rounded_rate(commands), format!("Commands come at {commands:.1} Hz (median of the intervals)."))
         }
-        (None, Some(pictures)) => (rounded(pictures), format!("The slowest camera has {pictures:.1} Hz.")),
+        (None, Some(pictures)) => (rounded_rate(pictures), format!("The slowest camera has {pictures:.1} Hz.")),
         (None, None) => (10.0, "No rate could be measured: correct it.".to_owned()),
     };
     Pace { rate_hz, by_pictures, reason }
-}
-
-/// A rate as a task has it: a whole number if it is near to one.
-pub(crate) fn rounded(rate: f64) -> f64 {
-    let whole = rate.round();
-    if whole >= 1.0 && (rate / whole - 1.0).abs() <= NEAR { whole } else { (rate * 100.0).round().max(1.0) / 100.0 }
 }

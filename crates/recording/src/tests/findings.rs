@@ -112,7 +112,12 @@ fn a_frozen_joint_is_one_finding_and_a_resting_arm_has_no_finding() {
 fn another_rate_too_few_steps_and_bad_messages_are_findings() {
     let mut slow = numbers_only();
     slow.rate_hz = 20.0;
-    check(&Scene::steps(12).report(&slow), Severity::Warning, FindingCode::OffRate, "clock");
+    let off = check(&Scene::steps(12).report(&slow), Severity::Warning, FindingCode::OffRate, "clock");
+    assert_eq!(
+        off.detail,
+        "the steps of /command come at 10.0 Hz and the task has 20 Hz: set `rate_hz = 10.0`, or in the mapping `json` as \
+         `clock` a topic of 20 Hz"
+    );
     check(&Scene::steps(1).report(&numbers_only()), Severity::Error, FindingCode::TooShort, "file");
     let scene = Scene::steps(5).change("/tool", |_, _, content| {
         *content = json!(null);

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use gleaner_inspector::Assumed;
-use gleaner_recording::{FindingCode, Report, Severity, TaskSpec, printable};
+use gleaner_recording::{FindingCode, Report, Severity, TaskSpec, printable, rate_corrections};
 use serde_json::{Value, json};
 
 use super::{pace, read_spec};
@@ -129,7 +129,7 @@ fn shown(spec: &TaskSpec, reports: &[Inspected<Report>]) -> String {
             Ok(report) => {
                 for finding in report.findings.iter().filter(|finding| finding.severity == Severity::Warning) {
                     let text = if finding.code == FindingCode::OffRate {
-                        pace::corrections(spec, report, measured)
+                        rate_corrections(spec, report, measured)
                     } else {
                         finding.detail.clone()
                     };
@@ -160,7 +160,7 @@ mod tests {
     fn recordings_off_the_rate_are_one_line_with_both_corrections() {
         let off = |file: &str, rate_hz| {
             let mut report = Report { mapping: "json".into(), steps: 12, rate_hz, ..Report::default() };
-            report.add(Severity::Warning, FindingCode::OffRate, "clock", None, "steps come every 71.4 ms".into());
+            report.add(Severity::Warning, FindingCode::OffRate, "clock", None, "the steps come at 14 Hz".into());
             (PathBuf::from(file), Ok(report))
         };
         let text = shown(&spec(), &[off("a.mcap", 14.4), off("b.mcap", 14.9), off("c.mcap", 15.2)]);
