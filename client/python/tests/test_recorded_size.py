@@ -46,6 +46,11 @@ DEPLOYMENT = "large_pictures@test"
 Seen = list[tuple[bytes, NDArray[np.float32]]]
 
 
+# The properties of the messages' JSON schemas.
+PICTURE = {"format": {"type": "string"}, "data": {"type": "string", "contentEncoding": "base64"}}
+NUMBERS = {"data": {"type": "array", "items": {"type": "number"}}}
+
+
 def jpeg(chance: np.random.Generator) -> bytes:
     """A picture with edges in it, whose every pixel depends on the quality of its decoding."""
     rough = chance.integers(0, 255, (12, 16, 3), np.uint8).repeat(8, 0).repeat(8, 1)
@@ -61,8 +66,14 @@ def record(path: Path, seed: int) -> Seen:
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        schema = writer.register_schema("data", "jsonschema", b'{"type": "object"}')
-        channels = {topic: writer.register_channel(topic, "json", schema) for topic in ("/eye", "/arm", "/move")}
+        picture_of, numbers_of = (
+            writer.register_schema(
+                name, "jsonschema", json.dumps({"type": "object", "properties": properties}).encode()
+            )
+            for name, properties in (("picture", PICTURE), ("numbers", NUMBERS))
+        )
+        schemas = {"/eye": picture_of, "/arm": numbers_of, "/move": numbers_of}
+        channels = {topic: writer.register_channel(topic, "json", schema) for topic, schema in schemas.items()}
         for step in range(STEPS):
             stamp = 10**18 + step * 100_000_000
             picture, arm = jpeg(chance), chance.uniform(-1, 1, 2).astype(np.float32)

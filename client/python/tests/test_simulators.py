@@ -46,18 +46,29 @@ def spec_of(name: str, camera: str, values: dict[str, int], action: int, *, dept
     )
 
 
+# The properties of the messages' JSON schemas.
+PICTURE = {"format": {"type": "string"}, "data": {"type": "string", "contentEncoding": "base64"}}
+NUMBERS = {"data": {"type": "array", "items": {"type": "number"}}}
+
+
 def record(path: Path, spec: gleaner.types.TaskSpec, seed: int) -> Path:
     """Noise as a recording of a task."""
     chance = np.random.default_rng(seed)
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        schema = writer.register_schema("lab", "jsonschema", b'{"type": "object"}')
+        picture_of, numbers_of = (
+            writer.register_schema(
+                name, "jsonschema", json.dumps({"type": "object", "properties": properties}).encode()
+            )
+            for name, properties in (("picture", PICTURE), ("numbers", NUMBERS))
+        )
         mapping = spec.mappings[0]
         topics = [source.topic for source in mapping.fields] + [mapping.cameras[0].color]
         topics += [mapping.cameras[0].depth] if mapping.cameras[0].depth else []
-        channels = {topic: writer.register_channel(topic, "json", schema) for topic in topics}
         sizes = {f"/{field.name}": field.size for field in (*spec.proprioception, *spec.action)}
+        schemas = {topic: numbers_of if topic in sizes else picture_of for topic in topics}
+        channels = {topic: writer.register_channel(topic, "json", schema) for topic, schema in schemas.items()}
         for step in range(STEPS):
             stamp = 10**18 + step * 50_000_000
             for topic, channel in channels.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -99,6 +100,17 @@ def test_files_without_anything_to_show_are_refused(tmp_path: Path) -> None:
         foxglove.layout(other)
 
 
+def curves(printed: str) -> list[list[str]]:
+    """The names of the curves of each view in a blueprint that Rerun has printed."""
+    views: dict[str, list[str]] = {}
+    for chunk in printed.split("\nChunk("):
+        view = re.search(r"entity_path: /view/([0-9a-f-]+)/ViewContents/overrides/", chunk)
+        name = re.search(r"┆ \[(\w+)\]", chunk)
+        if view and name and "SeriesLines:names" in chunk:
+            views.setdefault(view[1], []).append(name[1])
+    return [*views.values()]
+
+
 @pytest.mark.parametrize("kind", ["exported", "ros"])
 def test_rerun_blueprint_is_read_by_rerun_for_that_file(kind: str, request: pytest.FixtureRequest) -> None:
     path: Path = request.getfixturevalue(kind)
@@ -120,6 +132,9 @@ def test_rerun_blueprint_is_read_by_rerun_for_that_file(kind: str, request: pyte
     expected = {"exported": "gleaner.Quality:message", "ros": "std_msgs.msg.Float64:message"}[kind]
     assert expected in components
     assert expected in printed
+    # On one scale w, which may be far below 0, would make q a flat line.
+    assert sorted(curves(printed)) == {"exported": [["q"], ["w"]], "ros": [["q"]]}[kind]
+    assert printed.count("[[0.0, 1.0]]") == 1, "q has the scale of all its values"
 
 
 @pytest.mark.parametrize("module", ["foxglove", "rerun"])

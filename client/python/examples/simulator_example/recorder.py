@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -89,7 +90,7 @@ class Recorder:
 
     def _numbers(self, topic: str, stamp_ns: int, values: Numbers) -> None:
         if topic not in self._channels:
-            schema = self._mcap.register_schema(topic.strip("/"), "jsonschema", b'{"type": "object"}')
+            schema = self._mcap.register_schema(topic.strip("/"), "jsonschema", json.dumps(_schema(values)).encode())
             self._channels[topic] = self._mcap.register_channel(topic, "json", schema)
         sec, nsec = divmod(stamp_ns, 10**9)
         message = {"timestamp": {"sec": sec, "nsec": nsec}, **{name: row.tolist() for name, row in values.items()}}
@@ -104,3 +105,10 @@ class Recorder:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self._file.close()
         self._part.unlink(missing_ok=True)
+
+
+def _schema(values: Numbers) -> dict[str, Any]:
+    """The JSON schema of messages with these values. Foxglove lists a problem for an object without `properties`."""
+    stamp = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+    rows = {name: {"type": "array", "items": {"type": "number"}} for name in values}
+    return {"type": "object", "properties": {"timestamp": stamp, **rows}}

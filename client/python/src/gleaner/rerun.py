@@ -1,4 +1,4 @@
-"""Exports in Rerun: a view of every camera, and q and w drawn over time. Only this module needs rerun-sdk.
+"""Exports in Rerun: a view of every camera, one of q and one of w over time. Only this module needs rerun-sdk.
 
 `python -m gleaner.rerun FILE` opens the viewer. Rerun draws numbers of unknown messages only through a view of the
 blueprint, and applies a blueprint only to the file whose name it has.
@@ -37,12 +37,7 @@ def blueprint(path: str | os.PathLike[str], into: str | os.PathLike[str] | None 
     found = topics(path)
     views = [rrb.Spatial2DView(origin=topic, name=topic) for topic in found.pictures]
     parts: list[rrb.Grid | rrb.TimeSeriesView] = [rrb.Grid(*views)] if views else []
-    if found.scores:
-        by_topic: dict[str, list[Number]] = {}
-        for number in found.scores:
-            by_topic.setdefault(number.topic, []).append(number)
-        lines: Overrides = {topic: [_line(number) for number in numbers] for topic, numbers in by_topic.items()}
-        parts.append(rrb.TimeSeriesView(origin="/gleaner", name="scores", contents=[*lines], overrides=lines))
+    parts.extend(_curve(number) for number in found.scores)
     saved = path.with_suffix(".rbl") if into is None else Path(into)
     # The viewer applies a blueprint to the recording of this application, which is the file's name.
     rrb.Blueprint(rrb.Vertical(*parts)).save(path.stem, os.fspath(saved))
@@ -52,6 +47,15 @@ def blueprint(path: str | os.PathLike[str], into: str | os.PathLike[str] | None 
 def show(path: str | os.PathLike[str]) -> subprocess.Popen[bytes]:
     """Writes the blueprint of an exported MCAP file beside it and opens both in the viewer; returns its process."""
     return subprocess.Popen([sys.executable, "-m", "rerun", os.fspath(path), os.fspath(blueprint(path))])
+
+
+def _curve(number: Number) -> rrb.TimeSeriesView:
+    """A view of one number, on a scale to itself: q is in [0, 1], and w may be far below 0."""
+    lines: Overrides = {number.topic: [_line(number)]}
+    axis = rrb.ScalarAxis(range=(0.0, 1.0)) if number.name == "q" else None
+    return rrb.TimeSeriesView(
+        origin="/gleaner", name=number.name, contents=[number.topic], overrides=lines, axis_y=axis
+    )
 
 
 def _line(number: Number) -> rrb.Visualizer:
