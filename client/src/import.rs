@@ -11,7 +11,7 @@ use gleaner_proto::v1::{
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
-use crate::retry::Backoff;
+use crate::retry::patiently;
 use crate::score_table::ScoredEpisode;
 
 /// The most values in one message of several episodes: 1 MiB.
@@ -40,21 +40,13 @@ impl Client {
         };
         let batches = batches(episodes).into_iter().map(|episodes| Message::Batch(ImportedEpisodes { episodes }));
         let messages: Vec<Message> = [Message::Open(open)].into_iter().chain(batches).collect();
-        let mut backoff = Backoff::new();
-        loop {
+        // A repeated import returns the run of the first.
+        let reply = patiently(async || {
             let requests = messages.clone().into_iter().map(|message| ImportScoresRequest { message: Some(message) });
-            match self.scores().import_scores(stream::iter(requests)).await.map_err(ClientError::from) {
-                // A repeated import returns the run of the first.
-                Err(error) if error.is_transient() => match backoff.next_wait() {
-                    Some(wait) => tokio::time::sleep(wait).await,
-                    None => return Err(error),
-                },
-                Err(error) => return Err(error),
-                Ok(reply) => {
-                    return reply.into_inner().score_run.ok_or(ClientError::Contract { missing: "a score run" });
-                }
-            }
-        }
+            Ok(self.scores().import_scores(stream::iter(requests)).await?)
+        })
+        .await?;
+        reply.into_inner().score_run.ok_or(ClientError::Contract { missing: "a score run" })
     }
 
     /// The scores with the ids of their episodes.

@@ -6,7 +6,8 @@
 //! - [`Client::download_export`] writes the files of a dataset into a new folder, and [`Client::export_episode`] one whole
 //!   episode with its scores.
 //! - [`Client::snapshot_episodes`] lists the episodes of a snapshot of any size.
-//! - [`Client::submit_pipeline`] queues a chain of jobs; [`Client::watch`] and [`Client::wait`] follow a job.
+//! - [`Client::submit_job`] and [`Client::submit_pipeline`] queue a job and a chain of jobs, each once also over a broken
+//!   connection; [`Client::watch`] and [`Client::wait`] follow a job.
 //! - [`Client::every_schedule`] lists schedules, however many there are.
 //! - [`Client::score_recording`] and [`StepScorer`] score what is not stored; [`Client::import_scores`] stores scores made
 //!   elsewhere, which [`read_scores`] reads.
@@ -44,7 +45,6 @@ mod import;
 mod labels;
 mod lowest;
 mod parts;
-mod pipeline;
 mod push;
 mod ranges;
 mod reason;
@@ -57,6 +57,7 @@ mod scoring;
 mod session;
 mod snapshot;
 mod source;
+mod submit;
 mod token;
 mod upload;
 mod watch;

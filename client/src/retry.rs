@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use crate::error::Result;
+
 /// The remaining retries of calls that are safe to repeat.
 #[derive(Debug)]
 pub(crate) struct Backoff {
@@ -34,6 +36,23 @@ impl Backoff {
         let wait = Duration::from_millis(100 << self.failures.min(if self.endless { LONGEST } else { TRIES }));
         self.failures = self.failures.saturating_add(1);
         (self.endless || self.failures <= TRIES).then_some(wait)
+    }
+}
+
+/// Makes a call that is safe to repeat, and retries it while there is no connection.
+///
+/// # Errors
+/// Those of the call that no retry can help, or its last one once retries are exhausted.
+pub(crate) async fn patiently<T>(call: impl AsyncFn() -> Result<T>) -> Result<T> {
+    let mut backoff = Backoff::new();
+    loop {
+        match call().await {
+            Err(error) if error.is_transient() => match backoff.next_wait() {
+                Some(wait) => tokio::time::sleep(wait).await,
+                None => return Err(error),
+            },
+            ended => return ended,
+        }
     }
 }
 

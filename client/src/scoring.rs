@@ -18,7 +18,7 @@ use tonic::Streaming;
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
 use crate::file::name_to_send;
-use crate::retry::Backoff;
+use crate::retry::patiently;
 use crate::upload::Progress;
 use crate::upload::pieces::{Pieces, ReadFailure};
 
@@ -39,17 +39,8 @@ impl Client {
         let file_name = name_to_send(path);
         let open = ScoreRecordingOpen { score_run_id: run.to_owned(), file_name, size_bytes };
         let progress: Progress = Arc::new(progress);
-        let mut backoff = Backoff::new();
-        loop {
-            match self.send_recording(&open, path, &progress).await {
-                // The server keeps nothing of a failed attempt, so it may be repeated.
-                Err(error) if error.is_transient() => match backoff.next_wait() {
-                    Some(wait) => tokio::time::sleep(wait).await,
-                    None => return Err(error),
-                },
-                ended => return ended,
-            }
-        }
+        // The server keeps nothing of a failed attempt, so it may be repeated.
+        patiently(async || self.send_recording(&open, path, &progress).await).await
     }
 
     async fn send_recording(

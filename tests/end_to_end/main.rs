@@ -40,6 +40,7 @@ mod image_weights;
 mod importing;
 mod inference;
 mod load;
+mod lost_response;
 mod maintenance;
 mod method;
 mod modules;

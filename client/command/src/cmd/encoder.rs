@@ -8,6 +8,7 @@ use gleaner_core::{InitialWeights, Values, Words as _};
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{GetDatasetRequest, GetScoreRunRequest, JobSpec, PretrainSpec, SubmitJobRequest};
 
+use super::queueing::queued;
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
 use crate::ids;
@@ -21,14 +22,13 @@ pub(super) struct From<'a> {
     /// `None`: a new snapshot of the task.
     pub(super) snapshot: Option<&'a str>,
     pub(super) priority: i32,
-    /// The key of the score job; may be empty.
+    /// The key of the score job; empty with `--key ""`.
     pub(super) key: &'a str,
     pub(super) engine_options: &'a str,
 }
 
 impl From<'_> {
-    /// The job of an encoder of one step. It has a key of its own if the score job has one, so that the same command
-    /// returns both jobs.
+    /// The job of an encoder of one step. Its key follows from that of the score job, so that the same key returns both jobs.
     fn request(&self, task: &str) -> SubmitJobRequest {
         let spec = PretrainSpec {
             snapshot_id: self.snapshot.unwrap_or_default().to_owned(),
@@ -62,8 +62,7 @@ pub(super) async fn newest(
     if let Some(newest) = ids::newest_if_any(context, client, ids::Kind::Encoder, task).await? {
         return Ok(newest);
     }
-    let job = present(client.jobs().submit_job(from.request(task)).await?.into_inner().job, "a job")?;
-    let encoder = job.result_id;
+    let encoder = queued(context, from.key, client.submit_job(from.request(task)).await)?.result_id;
     context.output.note(format_args!("encoder {encoder} (of one step, because the scorer does not read it)"));
     Ok(encoder)
 }

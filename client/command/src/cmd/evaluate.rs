@@ -7,7 +7,8 @@ use gleaner_proto::v1::evaluate_spec::Subject;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{EvaluateSpec, ListDeploymentsRequest};
 
-use super::submit::{JobArgs, Submission, SubmitArgs};
+use super::queueing::{JobArgs, SubmitArgs};
+use super::submit::Submission;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 

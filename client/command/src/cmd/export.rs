@@ -12,8 +12,9 @@ use gleaner_proto::v1::{
 
 use super::follow;
 use super::newest_run::{self, Missing};
+use super::queueing::{JobArgs, queued};
 use super::selection::{beta_of, threshold};
-use super::submit::{EngineArgs, task_of_dataset};
+use super::submit::task_of_dataset;
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
 use crate::{json, words};
@@ -39,7 +40,7 @@ pub(crate) struct ExportArgs {
     #[arg(required_unless_present = "episode")]
     dataset: Option<String>,
     /// Id of an episode to write whole, with the scores of every step, as one MCAP file.
-    #[arg(long, value_name = "EPISODE", conflicts_with_all = ["dataset", "format", "depth", "options"])]
+    #[arg(long, value_name = "EPISODE", conflicts_with_all = ["dataset", "format", "depth", "options", "key"])]
     episode: Option<String>,
     /// Id of the score run of the episode. Default: the newest run of the episode's task that holds the episode.
     #[arg(long, value_name = "RUN", requires = "episode", conflicts_with = "dataset")]
@@ -65,7 +66,7 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
     #[command(flatten)]
-    engine: EngineArgs,
+    job: JobArgs,
 }
 
 impl ExportArgs {
@@ -111,10 +112,11 @@ impl ExportArgs {
         let request = SubmitJobRequest {
             task: task_of_dataset(&client, None, dataset).await?,
             spec: Some(JobSpec { spec: Some(Spec::Export(spec)) }),
-            engine_options: self.engine.options.clone(),
+            key: self.job.key.clone(),
+            engine_options: self.job.engine.options.clone(),
             ..SubmitJobRequest::default()
         };
-        let job = present(client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
+        let job = queued(context, &self.job.key, client.submit_job(request).await)?;
         let job = follow::to_success(context, &client, &job.id).await?;
 
         let files = client.export_files(&job.result_id).await?;
@@ -190,6 +192,7 @@ mod tests {
         let parsed = |line: &str| Cli::try_parse_from(line.split(' '));
         assert!(parsed("gleaner export --episode ep_1 --out a").is_ok());
         assert!(parsed("gleaner export --episode ep_1 --beta 0.5 --out a").is_ok());
+        assert!(parsed("gleaner export --episode ep_1 --key mine --out a").is_err(), "it submits no job");
         let mut command = Cli::command();
         let export = command.find_subcommand_mut("export").unwrap();
         assert!(export.render_usage().to_string().contains("--episode <EPISODE> [--scores <RUN>]"));

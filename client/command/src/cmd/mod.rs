@@ -24,6 +24,7 @@ pub(crate) mod pipeline;
 mod plan;
 pub(crate) mod policies;
 pub(crate) mod push;
+mod queueing;
 pub(crate) mod record;
 pub(crate) mod register_policy;
 pub(crate) mod schedule;

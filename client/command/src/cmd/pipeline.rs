@@ -10,8 +10,9 @@ use gleaner_proto::v1::{EvaluateSpec, Job, JobKind, PipelineSpec, ScoreSpec, Sub
 use prost_types::Struct;
 
 use super::plan::SnapshotArgs;
+use super::queueing::{EngineArgs, SubmitArgs, own_key, queued};
 use super::selection::SelectionArgs;
-use super::submit::{EngineArgs, SubmitArgs, after, outcome};
+use super::submit::{after, outcome};
 use super::{follow, histogram, jobs};
 use crate::context::Context;
 use crate::failure::Result;
@@ -147,7 +148,7 @@ pub(crate) struct PipelineCommand {
     submit: SubmitArgs,
     /// Key that prevents duplicate chains, chosen by the caller. A chain with the same key none of whose jobs failed or was
     /// cancelled is returned instead of a new one. Default: a key of this call, for its retries over a broken connection.
-    #[arg(long, default_value = "", hide_default_value = true)]
+    #[arg(long, default_value_t = own_key(), hide_default_value = true)]
     key: String,
     #[command(flatten)]
     engine: EngineArgs,
@@ -161,9 +162,9 @@ impl PipelineCommand {
             pipeline: Some(self.pipeline.spec()),
             priority: self.submit.priority,
             engine_options: self.engine.options,
-            key: self.key,
+            key: self.key.clone(),
         };
-        let mut reply = client.submit_pipeline(request).await?;
+        let mut reply = queued(context, &self.key, client.submit_pipeline(request).await)?;
         if self.submit.wait {
             for job in &mut reply.jobs {
                 *job = follow::to_success(context, &client, &job.id).await?;

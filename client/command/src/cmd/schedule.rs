@@ -7,7 +7,7 @@ use gleaner_proto::v1::{CreateScheduleRequest, DeleteScheduleRequest, PauseSched
 use serde_json::json;
 
 use super::pipeline::PipelineArgs;
-use super::submit::EngineArgs;
+use super::queueing::EngineArgs;
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::table::Column::Left;

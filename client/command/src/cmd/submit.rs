@@ -9,48 +9,12 @@ use gleaner_proto::v1::train_spec::Data;
 use gleaner_proto::v1::{GetDatasetRequest, Job, JobKind, JobSpec, ScoreSpec, SubmitJobRequest, TrainSpec};
 
 use super::plan::SnapshotArgs;
+use super::queueing::{JobArgs, SubmitArgs, queued};
 use super::{encoder, follow, histogram};
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::ids::{self, Kind};
 use crate::{json, words};
-
-/// Options of every submission.
-#[derive(Args, Debug)]
-pub(crate) struct SubmitArgs {
-    /// Wait for the end of the job and show its progress.
-    #[arg(long)]
-    pub(crate) wait: bool,
-    /// Priority in the queue; jobs of higher priority run first.
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
-    pub(crate) priority: i32,
-}
-
-/// Options of a submission of one job.
-#[derive(Args, Debug)]
-pub(crate) struct JobArgs {
-    /// Key that prevents duplicate jobs, chosen by the caller. An unfailed job with the same key is returned instead of
-    /// a new one.
-    #[arg(long, default_value = "", hide_default_value = true)]
-    pub(crate) key: String,
-    #[command(flatten)]
-    pub(crate) engine: EngineArgs,
-}
-
-/// Options of the engine that runs the submitted jobs.
-#[derive(Args, Debug)]
-pub(crate) struct EngineArgs {
-    /// Options of sbatch for what is submitted here, which win over the server's:
-    /// `--engine-options="--partition=gpu --gres=gpu:1"`. Needs the role admin and a server with `--engine slurm`.
-    #[arg(
-        long = "engine-options",
-        default_value = "",
-        hide_default_value = true,
-        value_name = "OPTIONS",
-        allow_hyphen_values = true
-    )]
-    pub(crate) options: String,
-}
 
 #[derive(Args, Debug)]
 pub(crate) struct PretrainCommand {
@@ -212,11 +176,11 @@ impl Submission {
             task: self.task,
             spec: Some(JobSpec { spec: Some(self.spec) }),
             priority: args.priority,
-            key: self.job.key,
+            key: self.job.key.clone(),
             engine_options: self.job.engine.options,
             ..SubmitJobRequest::default()
         };
-        let mut job = present(client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
+        let mut job = queued(context, &self.job.key, client.submit_job(request).await)?;
         if args.wait {
             job = follow::to_success(context, client, &job.id).await?;
         }

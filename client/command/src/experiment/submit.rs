@@ -195,7 +195,7 @@ impl<'a> Submitter<'a> {
             key,
             ..SubmitJobRequest::default()
         };
-        let job = present(self.client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
+        let job = self.client.submit_job(request).await?;
         Ok(StageResult { id: job.result_id.clone(), job: Some(job) })
     }
 }
