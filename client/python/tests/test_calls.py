@@ -31,7 +31,7 @@ def served() -> Iterator[Callable[[dict[str, Call]], gleaner.Client]]:
         kinds = {"WriteUpload": grpc.stream_unary_rpc_method_handler, "WatchJob": grpc.unary_stream_rpc_method_handler}
         for path, call in calls.items():
             service, method = path.split("/")
-            handler = kinds[method](call, response_serializer=bytes)
+            handler = kinds.get(method, grpc.unary_unary_rpc_method_handler)(call, response_serializer=bytes)
             generic = grpc.method_handlers_generic_handler(f"gleaner.v1.{service}", {method: handler})
             server.add_generic_rpc_handlers((generic,))
         port = server.add_insecure_port("127.0.0.1:0")
@@ -73,6 +73,33 @@ def test_a_time_limit_that_is_not_of_the_caller_is_raised(
     client = served({"JobService/WatchJob": watch})
     with pytest.raises(gleaner.DeadlineExceeded, match="a proxy ends calls after an hour"):
         client.jobs.wait("job_1")
+
+
+@pytest.mark.parametrize("method", ["SubmitJob", "SubmitPipeline"])
+def test_a_submission_whose_response_is_lost_is_repeated_under_its_key(
+    served: Callable[[dict[str, Call]], gleaner.Client], method: str
+) -> None:
+    keys: list[str] = []
+
+    def submit(request: bytes, context: grpc.ServicerContext) -> bytes:
+        kind: Any = getattr(job_pb2, f"{method}Request")
+        keys.append(kind.FromString(request).key)
+        if len(keys) == 1:
+            context.abort(grpc.StatusCode.UNAVAILABLE, "going down")
+        return b""
+
+    jobs = served({f"JobService/{method}": submit}).jobs
+
+    def call(**order: Any) -> object:
+        return jobs.pretrain("lift", **order) if method == "SubmitJob" else jobs.pipeline("lift", **order)
+
+    call()
+    call()
+    call(key="mine")
+    first, repeated, second, given = keys
+    assert first == repeated != ""
+    assert second not in ("", first), "another call is another job"
+    assert given == "mine"
 
 
 def test_each_attempt_to_score_a_recording_sends_the_whole_file(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import gleaner
-from conftest import IMAGE
+from conftest import IMAGE, TASK, Lab
 from gleaner.observation import size
 from test_policy import Reach, ReachAdapter
 
@@ -96,3 +96,16 @@ def test_adapter_of_a_simulator_takes_twenty_lines(
         ("success", "mysim", 4),
         ("failure", "mysim", 6),
     ]
+
+
+def test_pipeline_of_the_readme_runs_and_is_scheduled(
+    client: gleaner.Client, lab: Lab, server: str, deployment: str
+) -> None:
+    code = block("stages =", server, deployment).replace("pick_cube", TASK).replace("2000", "2")
+    found: dict[str, Any] = {"client": client}
+    exec(code.replace('"evaluate": {}', '"evaluate": {"simulation": "pick_cube", "episodes": 1}'), found)
+    assert [gleaner.word(client.jobs.get(job), "state") for job in found["chain"].jobs] == ["succeeded"] * 4
+    made = [one for one in client.schedules.list(TASK) if one.name in ("nightly", "often")]
+    assert [(one.cron, one.labelled_episodes) for one in made] == [("0 2 * * *", 0), ("", 20)]
+    for one in made:
+        client.schedules.delete(one)

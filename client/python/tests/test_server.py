@@ -257,7 +257,9 @@ def test_a_dataset_streams_weighted_segments(client: gleaner.Client, lab: Lab) -
         assert image.any()
 
 
-def test_a_snapshot_freezes_roles(client: gleaner.Client, lab: Lab) -> None:
+def test_a_snapshot_freezes_roles(client: gleaner.Client, lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Smaller pages than there are episodes.
+    monkeypatch.setattr("gleaner.snapshots._PAGE", 2)
     # By cohort: other tests record rollouts of the same task.
     cohorts = {"expert_cohorts": ["expert"], "imperfect_cohorts": ["wrong_goal"]}
     made = client.snapshots.create(TASK, {**cohorts, "max_experts": 2, "seed": 5})

@@ -21,7 +21,7 @@ from gleaner.errors import (
     Unavailable,
 )
 from gleaner.evaluation import Adapter, Trial, Trials, evaluate
-from gleaner.jobs import Curve, JobEvent
+from gleaner.jobs import Curve, JobEvent, Pipeline
 from gleaner.observation import Observation
 from gleaner.policy import Chunk, Policy
 from gleaner.scores import EpisodeScores, Histogram
@@ -52,6 +52,7 @@ __all__ = [
     "Missed",
     "NotFound",
     "Observation",
+    "Pipeline",
     "Policy",
     "Rejected",
     "ResourceExhausted",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import uuid
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 
 from gleaner import settings
 from gleaner._messages import build, number
+from gleaner._pipeline import pipeline_spec
 from gleaner._proto.v1 import job_pb2 as pb
 from gleaner._retry import Patience
 from gleaner._rpc import Rpc
-from gleaner.errors import DeadlineExceeded, JobFailed, Unavailable, invalid
+from gleaner.errors import DeadlineExceeded, JobFailed, Unavailable
 from gleaner.types import Job, JobSpec, Metric
 
 if TYPE_CHECKING:
@@ -38,6 +40,13 @@ class Curve(NamedTuple):
     values: NDArray[np.float64]
 
 
+class Pipeline(NamedTuple):
+    """The jobs of a pipeline in their order, and the dataset that it makes."""
+
+    jobs: list[Job]
+    dataset_id: str  # empty if the pipeline ends before it
+
+
 class Jobs:
     """`client.jobs`. A job is named by its id or by the `Job` itself.
 
@@ -50,13 +59,14 @@ class Jobs:
     def submit(self, task: str, spec: JobSpec | Mapping[str, Any], **order: Unpack[settings.Order]) -> Job:
         """Queues a job from its whole spec, for example `{"export": {"dataset_id": …, "format": "mcap"}}`.
 
-        With a `key` the call is retried over a broken connection, because the same key never queues twice.
+        The same `key` never queues twice: without one the call has a key of its own, with which it is retried over a
+        broken connection.
         """
         if not isinstance(spec, JobSpec):
             spec = build(JobSpec, spec)
         request = pb.SubmitJobRequest(task=task, spec=spec, **order)
-        call = self._rpc.safe if request.key else self._rpc.unary
-        return call("JobService/SubmitJob", request, pb.SubmitJobResponse).job
+        request.key = request.key or _own_key()
+        return self._rpc.safe("JobService/SubmitJob", request, pb.SubmitJobResponse).job
 
     def pretrain(self, task: str, **given: Unpack[settings.PretrainSettings]) -> Job:
         """Queues the pretraining of an encoder over experts and imperfect episodes."""
@@ -74,9 +84,41 @@ class Jobs:
         """Queues closed-loop trials of a policy in the server's own simulator."""
         return self._submit("evaluate", task, dict(given), settings.EvaluateSettings)
 
+    def pipeline(
+        self,
+        task: str,
+        *,
+        key: str = "",
+        priority: int = 0,
+        engine_options: str = "",
+        **stages: Unpack[settings.PipelineStages],
+    ) -> Pipeline:
+        """Queues a chain of jobs up to the last stage that is given: pretrain, score, a dataset, train, evaluate.
+
+        For example `pipeline(task, pretrain={"steps": 1}, top_fraction=0.1, train={"steps": 2000}, evaluate={})`. Each
+        stage has its own settings; the pipeline sets what it works on. A chain with the same `key` none of whose jobs
+        failed or was cancelled is returned instead of a new one: without a key the call has one of its own, with which
+        it is retried over a broken connection.
+
+        Raises `InvalidArgument` naming the field, such as a stage whose earlier stage is missing.
+        """
+        request = pb.SubmitPipelineRequest(
+            task=task,
+            pipeline=pipeline_spec(stages),
+            priority=priority,
+            engine_options=engine_options,
+            key=key or _own_key(),
+        )
+        reply = self._rpc.safe("JobService/SubmitPipeline", request, pb.SubmitPipelineResponse)
+        return Pipeline([*reply.jobs], reply.dataset_id)
+
     def get(self, job: str | Job) -> Job:
         """Returns a job. Raises `NotFound`."""
-        return self._rpc.safe("JobService/GetJob", pb.GetJobRequest(job_id=_id(job)), pb.GetJobResponse).job
+        return self._get(job).job
+
+    def log(self, job: str | Job) -> str:
+        """The end of the output of a job's workers, about 16 KiB at most. Raises `NotFound`."""
+        return self._get(job).log
 
     def watch(self, job: str | Job, timeout: float | None = None) -> Iterator[JobEvent]:
         """The current job, then each change and new metric, until the job ends.
@@ -105,11 +147,17 @@ class Jobs:
                 raise DeadlineExceeded(f"job {_id(job)} has not ended after {timeout:g} s; it continues") from None
             patience.wait(error)
 
-    def wait(self, job: str | Job, timeout: float | None = None) -> Job:
-        """Waits until a job has ended and returns it.
+    def wait(self, job: str | Job | Pipeline, timeout: float | None = None) -> Job:
+        """Waits until a job, or each of a pipeline, has ended, and returns it, or the last.
 
-        Raises `JobFailed` unless it succeeded, `DeadlineExceeded` as `watch` does.
+        Raises `JobFailed` unless it succeeded, for a pipeline with the first job that did not; `DeadlineExceeded` as
+        `watch` does.
         """
+        if isinstance(job, Pipeline):
+            end = None if timeout is None else time.monotonic() + timeout
+            for one in job.jobs:
+                last = self.wait(one, None if end is None else max(0.0, end - time.monotonic()))
+            return last
         for event in self.watch(job, timeout):
             ended = event.job
         if ended.state != pb.JOB_STATE_SUCCEEDED:
@@ -146,18 +194,20 @@ class Jobs:
                 return
             request.page_token = reply.next_page_token
 
+    def _get(self, job: str | Job) -> pb.GetJobResponse:
+        return self._rpc.safe("JobService/GetJob", pb.GetJobRequest(job_id=_id(job)), pb.GetJobResponse)
+
     def _submit(self, kind: str, task: str, given: dict[str, Any], known: type) -> Job:
-        unknown = given.keys() - {"encoder_id"} - known.__annotations__.keys()
-        if unknown:
-            raise invalid(
-                f"{kind}.{min(unknown)}", f"is unknown; supported: {', '.join(sorted(known.__annotations__))}"
-            )
+        settings.expect_known(kind, given.keys() - {"encoder_id"}, known)
         order = {name: given.pop(name) for name in settings.Order.__annotations__ if name in given}
         inputs: Any = JobSpec.DESCRIPTOR.fields_by_name[kind].message_type
         spec = {name: given.pop(name) for name in [*given] if name in inputs.fields_by_name}
-        # A word of Python's own cannot be a keyword.
-        values = {name.removesuffix("_"): value for name, value in given.items() if value is not None}
-        return self.submit(task, {kind: {**spec, "settings": values}}, **order)
+        return self.submit(task, {kind: {**spec, "settings": settings.values(given)}}, **order)
+
+
+def _own_key() -> str:
+    """The key of a call that names none."""
+    return f"python/{uuid.uuid4()}"
 
 
 def _id(job: str | Job) -> str:

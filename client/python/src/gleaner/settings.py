@@ -5,10 +5,11 @@ The settings themselves are generated from the server's schema (`gleaner._proto.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypedDict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypedDict
 
 from gleaner._proto.kinds import EvaluateValues, PretrainValues, ScoreValues, TrainValues
+from gleaner.errors import invalid
 
 
 class Order(TypedDict, total=False):
@@ -58,3 +59,29 @@ class EvaluateSettings(Order, EvaluateValues, total=False):
 
     policy_id: str
     deployment: str
+
+
+class PipelineStages(TypedDict, total=False):
+    """The stages of a pipeline. A stage without settings of its own is given as `{}`."""
+
+    snapshot_id: str  # what to pretrain on; without it a new snapshot under the rule
+    rule: RoleRule
+    pretrain: PretrainValues  # always a stage
+    score: ScoreValues  # also a stage if a later one is given
+    beta: float  # the dataset: segments with q > β
+    top_fraction: float  # or the best part of them
+    shape: Mapping[str, Any]  # of the dataset, such as {"min_run": 5}
+    train: TrainValues  # needs beta or top_fraction
+    evaluate: EvaluateValues  # needs train
+
+
+def expect_known(place: str, given: Iterable[str], known: type) -> None:
+    """Raises `InvalidArgument` for a name that a typed dictionary lacks."""
+    unknown = {*given} - known.__annotations__.keys()
+    if unknown:
+        raise invalid(f"{place}.{min(unknown)}", f"is unknown; supported: {', '.join(sorted(known.__annotations__))}")
+
+
+def values(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings by the names that the server has: a word of Python's own cannot be a keyword."""
+    return {name.removesuffix("_"): value for name, value in given.items() if value is not None}

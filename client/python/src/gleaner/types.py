@@ -6,6 +6,7 @@ from gleaner._proto.v1.episode_pb2 import Episode, Finding, InspectionEstimate, 
 from gleaner._proto.v1.job_pb2 import Job, JobSpec, Metric, PipelineSpec
 from gleaner._proto.v1.policy_pb2 import Deployment, Evaluation, SeedResult, Timings
 from gleaner._proto.v1.policy_pb2 import Policy as PolicyRecord
+from gleaner._proto.v1.schedule_pb2 import Schedule
 from gleaner._proto.v1.score_pb2 import KeptBySelection, ScoreRun
 from gleaner._proto.v1.snapshot_pb2 import Snapshot, SnapshotEpisode
 from gleaner._proto.v1.task_pb2 import CameraSpec, FieldSpec, Task, TaskSpec
@@ -28,6 +29,7 @@ __all__ = [
     "PipelineSpec",
     "PolicyRecord",
     "Report",
+    "Schedule",
     "ScoreRun",
     "SeedResult",
     "Snapshot",
