@@ -218,15 +218,19 @@ async fn recordings_made_elsewhere_are_scored_and_a_command_evaluates() {
     }
     assert!(report["studies"][1]["cells"][0]["seeds"][0]["separation"][0]["auroc"].is_number());
     let mut api = Api::connect(&server).await;
-    let deployments = api.policies.list_deployments(ListDeploymentsRequest::default()).await.unwrap().into_inner();
     let log = std::fs::read_to_string(out.join("attempts.log")).unwrap();
-    for deployment in &deployments.deployments {
-        let request = ListEvaluationsRequest { policy_id: deployment.policy_id.clone() };
+    let request = ListPoliciesRequest { task: made[0].task_id.clone() };
+    let policies = api.policies.list_policies(request).await.unwrap().into_inner().policies;
+    for policy in &policies {
+        let request = ListEvaluationsRequest { policy_id: policy.id.clone() };
         let evaluations = api.policies.list_evaluations(request).await.unwrap().into_inner().evaluations;
         assert_eq!(evaluations[0].simulation, "shell/nothing");
-        assert!(log.contains(&format!("{} {} 0\n", server.url(), deployment.name)), "{log}");
+        let attempt = log.lines().find(|line| line.ends_with(&format!("@{} 0", policy.id)));
+        assert!(attempt.is_some_and(|line| line.starts_with(&format!("{} experiment-", server.url()))), "{log}");
     }
-    assert_eq!((cells.len(), deployments.deployments.len(), log.lines().count()), (2, 2, 2));
+    assert_eq!((cells.len(), policies.len(), log.lines().count()), (2, 2, 2));
+    let left = api.policies.list_deployments(ListDeploymentsRequest::default()).await.unwrap().into_inner().deployments;
+    assert!(left.is_empty(), "a name serves nobody after its attempts: {left:?}");
 
     // A second run finds every evaluation; a report needs no run.
     run(&server, &file, &out).await;

@@ -32,7 +32,7 @@ const GROUPS: [(&str, &[&str]); 8] = [
             "open",
         ],
     ),
-    ("Policies", &["policies", "register-policy", "deploy", "rollback", "deployments"]),
+    ("Policies", &["policies", "register-policy", "deploy", "rollback", "undeploy", "deployments"]),
     ("Evaluation", &["evaluate", "evaluations", "evaluation", "report-evaluation", "drive"]),
     ("Simulator", &["record", "demo", "experiment"]),
 ];

@@ -147,6 +147,11 @@ def test_a_deployment_is_rolled_back(client: gleaner.Client, lab: Lab) -> None:
     with pytest.raises(gleaner.FailedPrecondition, match="rolled"):
         client.rollback("rolled")
 
+    client.undeploy("rolled")
+    assert "rolled" not in [deployment.name for deployment in client.deployments(TASK)]
+    with pytest.raises(gleaner.NotFound, match="rolled"):
+        client.undeploy("rolled")
+
 
 def test_late_actions_are_missed(client: gleaner.Client, deployment: str) -> None:
     with gleaner.Policy(client, deployment, deadline=1e-6) as policy:

@@ -138,6 +138,7 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::DatasetServiceCreateDataset
         | Rpc::PolicyServiceDeploy
         | Rpc::PolicyServiceRollBack
+        | Rpc::PolicyServiceDeleteDeployment
         | Rpc::PolicyServiceReportEvaluation => changes(Role::Trainer),
 
         // The server connects to the address that the caller names.

@@ -51,7 +51,18 @@ impl<M: Model> LoadedPolicies<M> {
     pub(super) fn point(&mut self, name: &str, engine: &Arc<Engine<M>>) {
         let id = engine.identity().key();
         self.engines.pin(&id, engine);
-        if let Some(before) = self.names.insert(name.to_owned(), id)
+        let before = self.names.insert(name.to_owned(), id);
+        self.unpin(before);
+    }
+
+    /// Removes a name. Its policy is unpinned unless another name points at it.
+    pub(super) fn forget(&mut self, name: &str) {
+        let before = self.names.remove(name);
+        self.unpin(before);
+    }
+
+    fn unpin(&mut self, before: Option<Key>) {
+        if let Some(before) = before
             && !self.names.values().any(|named| *named == before)
         {
             self.engines.unpin(&before);

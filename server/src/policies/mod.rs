@@ -5,6 +5,7 @@
 
 mod act;
 mod batch;
+mod deploying;
 mod engine;
 mod inference_step;
 mod live;
@@ -33,9 +34,8 @@ use std::{
     time::Duration,
 };
 
-use gleaner_learn::{LiveScorer, Policy as Model};
+use gleaner_learn::Policy as Model;
 use gleaner_remote::Outgoing;
-use tracing::Instrument as _;
 
 use self::{
     engine::{Engine, Identity},
@@ -48,14 +48,14 @@ use crate::{
     blobs::Blobs,
     config::ServeConfig,
     domain::{
-        id::{ScoreRunId, SessionId},
+        id::SessionId,
         live::{LiveSession, SessionState},
         observation::{Acted, Observation},
-        policy::{Assignment, Deployment, Policy, PolicyOrigin, Training},
+        policy::{Deployment, Policy, PolicyOrigin, Training},
     },
     error::{Error, Result},
     rollouts::Rollouts,
-    scorers::{Held, Scorers},
+    scorers::Scorers,
     store::Store,
 };
 
@@ -105,56 +105,6 @@ impl Policies {
         }
     }
 
-    /// Points a name at a policy and, if one is named, at the score run for its live scores, once both are loaded and
-    /// the policy has answered a blank observation. Running sessions keep their policy.
-    ///
-    /// # Errors
-    /// NotFound; Invalid when the run belongs to another task, or the history is to be hidden from a policy that has none or
-    /// always saw it in training; Precondition when the policy or the run is not finished or cannot be used by this version,
-    /// the run cannot score live, or the name belongs to another task.
-    pub(crate) async fn deploy(&self, name: &str, assignment: Assignment) -> Result<Deployment> {
-        let policy = self.0.store.policy(&assignment.policy_id).await?;
-        // Before the lock: the scorer and the policy's own server take long.
-        let scorer = self.scorer(&policy, assignment.score_run_id.as_ref()).await?;
-        self.check(&policy, assignment.hide_history).await?;
-        let (policies, name) = (self.clone(), name.to_owned());
-        move_to_end(async move {
-            let _scorer = scorer;
-            let _moving = policies.0.moving.lock().await;
-            let engine = policies.load(&policy, assignment.hide_history).await?;
-            engine.expect_history()?;
-            let deployment = policies.0.store.deploy(&name, &policy.task_id, &assignment).await?;
-            lock(&policies.0.loaded).point(&name, &engine);
-            tracing::info!(deployment.name = name, policy.id = %policy.id, "policy deployed");
-            Ok(deployment)
-        })
-        .await
-    }
-
-    /// Points a name back at its previous policy and score run, once both are loaded.
-    ///
-    /// # Errors
-    /// NotFound; Precondition when there is no previous policy, or its checkpoint cannot be read by this version.
-    pub(crate) async fn roll_back(&self, name: &str) -> Result<Deployment> {
-        // Before the lock: the scorer and the policy's own server take long.
-        let before = self.0.store.before(name).await?;
-        let policy = self.0.store.policy(&before.policy_id).await?;
-        let scorer = self.scorer(&policy, before.score_run_id.as_ref()).await?;
-        self.check(&policy, before.hide_history).await?;
-        let (policies, name) = (self.clone(), name.to_owned());
-        move_to_end(async move {
-            let (_scorer, store) = (scorer, &policies.0.store);
-            let _moving = policies.0.moving.lock().await;
-            let before = store.before(&name).await?;
-            let engine = policies.load(&store.policy(&before.policy_id).await?, before.hide_history).await?;
-            let deployment = store.roll_back(&name).await?;
-            lock(&policies.0.loaded).point(&name, &engine);
-            tracing::info!(deployment.name = name, policy.id = %before.policy_id, "deployment rolled back");
-            Ok(deployment)
-        })
-        .await
-    }
-
     /// One action from a window of observations that the client keeps, oldest first.
     ///
     /// # Errors
@@ -175,37 +125,6 @@ impl Policies {
     /// NotFound when no such session is running.
     pub(crate) fn live_session(&self, id: &SessionId) -> Result<(LiveSession, SessionState)> {
         self.0.live.one(id).ok_or_else(|| Error::not_found("running session", id))
-    }
-
-    /// The score run for live scores, loaded. Once it is dropped, idle runs above the budget are unloaded.
-    async fn scorer(&self, policy: &Policy, score_run: Option<&ScoreRunId>) -> Result<Option<Held<LiveScorer>>> {
-        let Some(run) = score_run else { return Ok(None) };
-        let task = self.0.store.score_run(run).await?.task_id;
-        if task != policy.task_id {
-            let of = &policy.task_id;
-            return Err(Error::invalid("score_run_id", format!("{run} belongs to {task}, the policy to {of}")));
-        }
-        Ok(Some(self.0.scorers.load(run).await?.held()))
-    }
-
-    /// Points each loaded name at the policy that the database has for it: another server may have moved it. Running
-    /// sessions keep their policy.
-    pub(crate) async fn follow_deployments(&self) {
-        let names = lock(&self.0.loaded).names();
-        for (name, key) in names {
-            let Ok(stored) = self.0.store.deployment(&name).await else { continue };
-            let now = stored.assignment().map(|now| (now.policy_id.clone(), now.hide_history));
-            if now.as_ref() == Some(&key) {
-                continue;
-            }
-            let _moving = self.0.moving.lock().await;
-            match self.as_stored(&name).await {
-                Ok((engine, _)) => {
-                    tracing::info!(deployment.name = name, policy.id = %engine.identity().policy_id, "deployment moved by another server");
-                }
-                Err(error) => tracing::warn!(%error, deployment.name = name, "a moved deployment cannot be loaded"),
-            }
-        }
     }
 
     /// The policy that a name points at; loads it if needed.
@@ -272,10 +191,4 @@ impl Policies {
         };
         Ok((Engine::start(identity, load).await?, bytes))
     }
-}
-
-/// Moves a deployment to the end even if the caller is gone: the stored policy and the served one must be the same.
-async fn move_to_end(moving: impl Future<Output = Result<Deployment>> + Send + 'static) -> Result<Deployment> {
-    let moved = tokio::spawn(moving.in_current_span()).await;
-    moved.map_err(|error| Error::internal("moving a deployment", error))?
 }

@@ -12,13 +12,14 @@ use gleaner_learn::{CameraShape, Pretrained, Silent, TaskShape, Trajectory, pret
 use tempfile::TempDir;
 use tokio_util::sync::CancellationToken;
 
-use super::{reply_sender::Answers, *};
+use super::{deploying::move_to_end, reply_sender::Answers, *};
 use crate::{
     config::{Cli, Command},
     domain::{
         episode::Outcome,
-        id::PolicyId,
+        id::{PolicyId, ScoreRunId},
         observation::{CameraFrame, Image, ImageFormat, SessionInput, SessionOutput, SessionSettings},
+        policy::Assignment,
         score::Encoder,
         task::Task,
     },

@@ -58,6 +58,17 @@ impl PolicyService for PolicyApi {
         .await
     }
 
+    async fn delete_deployment(
+        &self,
+        request: Request<v1::DeleteDeploymentRequest>,
+    ) -> Reply<v1::DeleteDeploymentResponse> {
+        change(request, async |request| {
+            self.0.policies.delete(&wire::policy::delete_request(request)?).await?;
+            Ok(v1::DeleteDeploymentResponse {})
+        })
+        .await
+    }
+
     async fn report_evaluation(
         &self,
         request: Request<v1::ReportEvaluationRequest>,

@@ -101,6 +101,8 @@ messages! {
     DeployResponse { deployment }
     RollBackRequest { name }
     RollBackResponse { deployment }
+    DeleteDeploymentRequest { name }
+    DeleteDeploymentResponse {}
     Deployment { name, task_id, policy_id, score_run_id }
     ReportEvaluationRequest { policy_id }
     ReportEvaluationResponse { evaluation }

@@ -247,6 +247,7 @@ async fn every_rpc_that_changes_something_is_in_the_audit_log_with_its_subjects(
         PolicyServiceDeploy(v1::DeployRequest { name: "arm".into(), policy_id: format!("pol_{ID}"), score_run_id: String::new(), ..Default::default() })
             -> DeployResponse, "NotFound", ["name=arm".to_owned(), format!("policy_id=pol_{ID}")];
         PolicyServiceRollBack(v1::RollBackRequest { name: "arm".into() }) -> RollBackResponse, "NotFound", ["name=arm"];
+        PolicyServiceDeleteDeployment(v1::DeleteDeploymentRequest { name: "arm".into() }) -> DeleteDeploymentResponse, "NotFound", ["name=arm"];
         PolicyServiceReportEvaluation(v1::ReportEvaluationRequest { policy_id: format!("pol_{ID}"), ..Default::default() })
             -> ReportEvaluationResponse, "InvalidArgument", [format!("policy_id=pol_{ID}")];
         PolicyServiceSession(v1::SessionRequest { message: Some(session) }) -> SessionResponse,

@@ -114,6 +114,26 @@ impl Store {
         Ok(deployment)
     }
 
+    /// Deletes a name with its history; the policies stay.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn delete_deployment(&self, name: &str) -> Result<()> {
+        let mut tx = self.write().await?;
+        sql::query("delete from deployment_changes where name = $1")
+            .bind(name)
+            .execute(&mut tx)
+            .await
+            .map_err(fault("deleting the history of a deployment"))?;
+        let deleted = sql::query("delete from deployments where name = $1")
+            .bind(name)
+            .execute(&mut tx)
+            .await
+            .map_err(fault("deleting a deployment"))?;
+        self.commit(tx).await?;
+        if deleted == 0 { Err(Error::not_found("deployment", name)) } else { Ok(()) }
+    }
+
     /// A deployment with its history.
     ///
     /// # Errors

@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// How many kinds of messages [`message`] knows.
-pub const KINDS: u8 = 40;
+pub const KINDS: u8 = 41;
 
 /// Decodes `bytes` as a message of this kind and converts it. What is refused is refused as Invalid or Exhausted, and
 /// names a field and a fix.
@@ -63,6 +63,7 @@ pub fn message(kind: u8, bytes: &[u8]) {
         36 => convert(bytes, schedule::list_request),
         37 => convert(bytes, worker::locate_request),
         38 => convert(bytes, worker::store_request),
+        39 => convert(bytes, policy::delete_request),
         _ => convert(bytes, infer),
     }
 }

@@ -28,6 +28,7 @@ async fn invalid_policy_requests_are_rejected() {
     };
     let (policy, unknown) = (shared.policy.as_str(), absent_id("pol"));
     let roll_back = |name: &str| RollBackRequest { name: name.to_owned() };
+    let delete = |name: &str| DeleteDeploymentRequest { name: name.to_owned() };
     let act = |deployment: &str| ActRequest { deployment: deployment.to_owned(), observations: vec![] };
     expect_errors!(api.policies:
         list_policies(ListPoliciesRequest { task: "absent".into() }) => NotFound ["absent"];
@@ -41,6 +42,8 @@ async fn invalid_policy_requests_are_rejected() {
         roll_back(roll_back("a b")) => InvalidArgument ["name: "];
         roll_back(roll_back("absent@prod")) => NotFound ["absent@prod"];
         roll_back(roll_back(NAME)) => FailedPrecondition [NAME];
+        delete_deployment(delete("a b")) => InvalidArgument ["name: "];
+        delete_deployment(delete("absent@prod")) => NotFound ["absent@prod"];
         list_deployments(ListDeploymentsRequest { task: "absent".into() }) => NotFound ["absent"];
         act(act("../x")) => InvalidArgument ["deployment: "];
         act(act("absent@prod")) => NotFound ["absent@prod"];

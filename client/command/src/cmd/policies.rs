@@ -1,12 +1,15 @@
-//! `policies`, `deploy`, `rollback`, `deployments`.
+//! `policies`, `deploy`, `rollback`, `undeploy`, `deployments`.
 
 use clap::Args;
 use gleaner_client::Client;
 use gleaner_core::TaskSpec;
 use gleaner_core::proto::task::spec_from_proto;
 use gleaner_proto::v1::{
-    DeployRequest, Deployment, GetTaskRequest, ListDeploymentsRequest, ListPoliciesRequest, Policy, RollBackRequest,
+    DeleteDeploymentRequest, DeployRequest, Deployment, GetTaskRequest, ListDeploymentsRequest, ListPoliciesRequest,
+    Policy, RollBackRequest,
 };
+
+use serde_json::json;
 
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
@@ -158,6 +161,25 @@ impl RollbackArgs {
         let reply = context.client().await?.policies().roll_back(request).await?.into_inner();
         let deployment = present(reply.deployment.as_ref(), "a deployment")?;
         context.output.result(|| json::value(&reply), || pointed(deployment))?;
+        context.output.next("gleaner deployments");
+        Ok(())
+    }
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct UndeployArgs {
+    /// Names of deployments. Running sessions keep their policy until they end; the policies stay.
+    #[arg(required = true, value_name = "NAME")]
+    names: Vec<String>,
+}
+
+impl UndeployArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        for name in self.names {
+            client.policies().delete_deployment(DeleteDeploymentRequest { name: name.clone() }).await?;
+            context.output.result(|| Ok(json!({ "deleted": name })), || format!("{name} deleted"))?;
+        }
         context.output.next("gleaner deployments");
         Ok(())
     }

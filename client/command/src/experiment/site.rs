@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use gleaner_client::Client;
-use gleaner_proto::v1::{DeployRequest, ReportEvaluationRequest};
+use gleaner_proto::v1::{DeleteDeploymentRequest, DeployRequest, ReportEvaluationRequest};
 use tonic::Code;
 
 use super::attempts::{self, Trial};
@@ -53,8 +53,8 @@ impl Site {
         if !std::mem::take(&mut self.is_open) {
             return Ok(Err(Gap::NotYet));
         }
-        // Its own name, so that no other experiment replaces the policy under it.
-        let (policy_id, name) = (trial.policy_id.to_owned(), format!("experiment@{}", trial.policy_id));
+        // Its own name, so that no other experiment replaces or deletes the policy under it.
+        let (policy_id, name) = (trial.policy_id.to_owned(), format!("experiment-{key}@{}", trial.policy_id));
         let request = DeployRequest {
             name: name.clone(),
             policy_id: policy_id.clone(),
@@ -69,7 +69,12 @@ impl Site {
             }
             Err(status) => return Err(status.into()),
         }
-        let result = match attempts::run(&self.server, &name, &self.log, trial).await {
+        let attempted = attempts::run(&self.server, &name, &self.log, trial).await;
+        // An interrupted run leaves the name to the one that resumes it.
+        if let Err(status) = client.policies().delete_deployment(DeleteDeploymentRequest { name: name.clone() }).await {
+            self.output.note(format_args!("the deployment {name} remains: {}", status.message()));
+        }
+        let result = match attempted {
             Ok(result) => result,
             Err(failure) => return Ok(Err(self.failure(key, failure.to_string()))),
         };

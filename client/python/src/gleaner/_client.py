@@ -13,6 +13,7 @@ from gleaner.datasets import Datasets
 from gleaner.episodes import Episodes
 from gleaner.jobs import Jobs
 from gleaner.policies import Policies
+from gleaner.schedules import Schedules
 from gleaner.scores import Scores
 from gleaner.scoring import LiveScore, ScoredRecording, Scoring, Step, StepScores
 from gleaner.snapshots import Snapshots
@@ -29,6 +30,7 @@ class Client:
         self.episodes = Episodes(self._rpc)
         self.snapshots = Snapshots(self._rpc)
         self.jobs = Jobs(self._rpc)
+        self.schedules = Schedules(self._rpc)
         self.scores = Scores(self._rpc)
         self.datasets = Datasets(self._rpc)
         self.policies = Policies(self._rpc)
@@ -64,6 +66,10 @@ class Client:
     def rollback(self, name: str) -> Deployment:
         """Points a deployment's name back at its previous policy."""
         return self.policies.rollback(name)
+
+    def undeploy(self, name: str) -> None:
+        """Deletes a deployment with its history; running sessions keep their policy until they end."""
+        self.policies.undeploy(name)
 
     def deployments(self, task: str = "") -> list[Deployment]:
         """Deployments with their history, of one task or of all."""

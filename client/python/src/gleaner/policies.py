@@ -78,6 +78,12 @@ class Policies:
         request = pb.RollBackRequest(name=name)
         return self._rpc.unary("PolicyService/RollBack", request, pb.RollBackResponse).deployment
 
+    def undeploy(self, name: str) -> None:
+        """Deletes a deployment with its history. Running sessions keep their policy until they end; the policies stay."""
+        self._rpc.unary(
+            "PolicyService/DeleteDeployment", pb.DeleteDeploymentRequest(name=name), pb.DeleteDeploymentResponse
+        )
+
     def deployments(self, task: str = "") -> list[Deployment]:
         """Deployments with their history, of one task or of all."""
         request = pb.ListDeploymentsRequest(task=task)

@@ -46,6 +46,14 @@ pub fn roll_back_request(request: v1::RollBackRequest) -> Result<String> {
     deployment_name("name", request.name)
 }
 
+/// Reads the name of the deployment to delete.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn delete_request(request: v1::DeleteDeploymentRequest) -> Result<String> {
+    deployment_name("name", request.name)
+}
+
 /// Reads the deployment and the observations to act on.
 ///
 /// # Errors

@@ -158,7 +158,7 @@ const CONTRIBUTOR: [&str; 15] = [
     "DeleteEpisodes",
     "UndeleteEpisodes",
 ];
-const TRAINER: [&str; 12] = [
+const TRAINER: [&str; 13] = [
     "CreateSnapshot",
     "ImportScores",
     "SubmitJob",
@@ -170,6 +170,7 @@ const TRAINER: [&str; 12] = [
     "CreateDataset",
     "Deploy",
     "RollBack",
+    "DeleteDeployment",
     "ReportEvaluation",
 ];
 const ADMIN: [&str; 1] = ["RegisterPolicy"];

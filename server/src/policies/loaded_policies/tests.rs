@@ -57,6 +57,21 @@ async fn a_policy_without_a_name_is_unloaded_with_its_last_session() {
 }
 
 #[tokio::test]
+async fn a_policy_whose_names_are_forgotten_is_unloaded_with_its_last_session() {
+    let mut loaded = two_policies();
+    let held = load(&mut loaded, "a").await;
+    loaded.point("other", &held);
+    let key = held.identity().key();
+    loaded.forget("a");
+    assert!(loaded.named("a").is_none() && loaded.named("other").is_some());
+    loaded.forget("other");
+    assert!(loaded.loaded(&key).unwrap().is_some(), "a session holds it");
+    drop(held);
+    assert!(loaded.loaded(&key).unwrap().is_none());
+    loaded.forget("other");
+}
+
+#[tokio::test]
 async fn stop_removes_every_policy_and_refuses_later_requests() {
     let mut loaded = two_policies();
     let engine = load(&mut loaded, "a").await;

@@ -23,10 +23,52 @@ async fn a_move_completes_even_if_its_caller_disconnects() {
     let mut moving = Box::pin(move_to_end(async move {
         go_on_here.notified().await;
         done_here.notify_one();
-        Err(Error::not_found("deployment", "arm"))
+        Err::<Deployment, _>(Error::not_found("deployment", "arm"))
     }));
     assert!(futures::poll!(&mut moving).is_pending());
     drop(moving);
     go_on.notify_one();
     assert!(tokio::time::timeout(Duration::from_secs(60), done.notified()).await.is_ok());
+}
+
+#[tokio::test]
+async fn a_deleted_deployment_keeps_its_running_sessions_only() {
+    let lab = Lab::new().await;
+    let policy = lab.policy(&trained(1)).await;
+    let policies = lab.policies();
+    policies.deploy("arm", Assignment::of(&policy)).await.unwrap();
+    let mut robot = Robot::new(&policies);
+    robot.opens("arm");
+    robot.receives().await.unwrap();
+
+    policies.delete("arm").await.unwrap();
+    assert_eq!(robot.acts(observation(1, &[])).await.policy_id, policy, "a running session keeps its policy");
+    assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::NotFound);
+    let mut later = Robot::new(&policies);
+    later.opens("arm");
+    assert_eq!(later.receives().await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(policies.delete("arm").await.unwrap_err().kind(), Kind::NotFound);
+    drop(robot);
+    policies.deploy("arm", Assignment::of(&policy)).await.unwrap();
+    assert_eq!(
+        policies.act("arm", vec![observation(1, &[])]).await.unwrap().policy_id,
+        policy,
+        "the name is free again"
+    );
+    assert_eq!(policies.roll_back("arm").await.unwrap_err().kind(), Kind::Precondition, "without its former history");
+}
+
+/// As when two servers share a database.
+#[tokio::test]
+async fn a_deployment_that_another_server_deleted_is_forgotten() {
+    let lab = Lab::new().await;
+    let policy = lab.policy(&trained(1)).await;
+    let policies = lab.policies();
+    for name in ["arm", "leg"] {
+        policies.deploy(name, Assignment::of(&policy)).await.unwrap();
+    }
+    lab.store.delete_deployment("arm").await.unwrap();
+    policies.follow_deployments().await;
+    assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(policies.act("leg", vec![observation(1, &[])]).await.unwrap().policy_id, policy);
 }

@@ -131,3 +131,28 @@ async fn hiding_the_history_is_a_change_and_is_rolled_back() {
     assert_eq!(store.deploy("arm", &task.id, &hiding).await.unwrap().history.len(), 2);
     assert!(!hidden(store.roll_back("arm").await.unwrap()));
 }
+
+#[tokio::test]
+async fn a_deleted_deployment_leaves_the_others_and_the_policies() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let first = results::policy(&store, &task, &encoder, blake3::hash(b"first").into()).await.id;
+    let second = results::policy(&store, &task, &encoder, blake3::hash(b"second").into()).await.id;
+    for name in ["arm@prod", "arm@test"] {
+        for policy in [&first, &second] {
+            store.deploy(name, &task.id, &Assignment::of(policy)).await.unwrap();
+        }
+    }
+    store.roll_back("arm@prod").await.unwrap();
+
+    store.delete_deployment("arm@prod").await.unwrap();
+    assert_eq!(store.deployment("arm@prod").await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(store.delete_deployment("arm@prod").await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(store.deployment("arm@test").await.unwrap().history.len(), 2);
+    assert_eq!(store.policies(&task.id).await.unwrap().len(), 2);
+    let again = store.deploy("arm@prod", &task.id, &Assignment::of(&second)).await.unwrap();
+    assert_eq!((again.policy_id(), again.history.len()), (Some(&second), 1));
+}
