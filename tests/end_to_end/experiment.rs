@@ -230,7 +230,7 @@ async fn recordings_made_elsewhere_are_scored_and_a_command_evaluates() {
     }
     assert_eq!((cells.len(), policies.len(), log.lines().count()), (2, 2, 2));
     let left = api.policies.list_deployments(ListDeploymentsRequest::default()).await.unwrap().into_inner().deployments;
-    assert!(left.is_empty(), "a name serves nobody after its attempts: {left:?}");
+    assert!(left.is_empty(), "deployments remain after their attempts: {left:?}");
 
     // A second run finds every evaluation; a report needs no run.
     run(&server, &file, &out).await;
