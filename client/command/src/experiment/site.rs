@@ -54,7 +54,7 @@ impl Site {
             return Ok(Err(Gap::NotYet));
         }
         // Its own name, so that no other experiment replaces or deletes the policy under it.
-        let (policy_id, name) = (trial.policy_id.to_owned(), format!("experiment-{key}@{}", trial.policy_id));
+        let (policy_id, name) = (trial.policy_id.to_owned(), format!("experiment-{}@{}", own(key), trial.policy_id));
         let request = DeployRequest {
             name: name.clone(),
             policy_id: policy_id.clone(),
@@ -93,4 +93,9 @@ impl Site {
         self.failed.insert(key.to_owned(), problem.clone());
         Gap::Failed(problem)
     }
+}
+
+/// A short word of a key, as a name of a deployment may have.
+fn own(key: &str) -> String {
+    blake3::hash(key.as_bytes()).to_hex()[..12].to_owned()
 }
