@@ -2,9 +2,11 @@
 
 use super::*;
 
-/// With a deadline that the model misses, and within which it begins on a busy machine too.
+/// A deadline that a held model misses, and within which it begins on a busy machine too.
+const HURRIED: Duration = Duration::from_secs(1);
+
 fn hurried() -> Terms {
-    let settings = SessionSettings { deadline: Some(Duration::from_secs(1)), ..SessionSettings::default() };
+    let settings = SessionSettings { deadline: Some(HURRIED), ..SessionSettings::default() };
     Terms { settings, ..terms() }
 }
 
@@ -80,7 +82,7 @@ async fn an_unsent_action_is_not_taken_as_executed() {
     assert_eq!(robot.acts().await.0, 1);
     assert_eq!(control.begun.recv().await, Some(1));
     let mut late = observation(5, &[]);
-    late.deadline = Some(SOON);
+    late.deadline = Some(HURRIED);
     robot.inputs.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
     assert_eq!(robot.misses().await, (5, 0));
     drop(control.gate);
