@@ -26,6 +26,7 @@ pub(super) struct Found {
     pub(super) segments: Option<usize>,
     pub(super) scorers: Vec<ScorerReport>,
     pub(super) length_alone: Option<Separated>,
+    pub(super) step_alone: Option<Separated>,
     pub(super) agreement: Vec<Agreement>,
 }
 
@@ -61,6 +62,7 @@ impl Collector<'_> {
             segments: runs.first().map(|run| run.imperfect.iter().map(|episode| episode.scores.q.len()).sum()),
             scorers: reports.collect(),
             length_alone: runs.first().map(|run| measure::separated(self.episodes, &[&measure::by_length(run)])),
+            step_alone: runs.first().map(|run| measure::separated(self.episodes, &[&measure::by_step(run)])),
             agreement: self.agreement(&scorers, &rankings),
         })
     }

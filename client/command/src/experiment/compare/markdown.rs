@@ -2,7 +2,7 @@
 
 use super::report::{Agreement, Auroc, Comparison, LengthCorrelation, ScorerReport};
 use super::summary::summary;
-use super::text::{LENGTH, at_equal_length, plain, table, value};
+use super::text::{at_equal_length, at_equal_step, plain, table, value};
 use crate::words::counted;
 
 /// The whole text.
@@ -57,11 +57,11 @@ fn head(found: &Comparison) -> String {
     )
 }
 
-/// AUROC of marked segments by group: a column for each scorer, plain and at equal length.
+/// AUROC of marked segments by group: a column for each scorer, plain, at equal length and at equal step.
 fn marked(found: &Comparison) -> String {
     let mut columns: Vec<(&str, &[Auroc])> =
         found.scorers.iter().map(|scorer| (scorer.label.as_str(), &scorer.separated.marked[..])).collect();
-    columns.extend(found.length_alone.as_ref().map(|length| (LENGTH, &length.marked[..])));
+    columns.extend(found.alone().map(|(label, alone)| (label, &alone.marked[..])));
     let mut groups: Vec<&str> = Vec::new();
     for auroc in columns.iter().flat_map(|column| column.1) {
         if !groups.contains(&auroc.pooled.cohort.as_str()) {
@@ -81,16 +81,21 @@ fn marked(found: &Comparison) -> String {
     };
     let header: Vec<String> =
         std::iter::once("segments").chain(columns.iter().map(|column| column.0)).map(str::to_owned).collect();
-    let mut equal = rows(&at_equal_length);
-    for (row, group) in equal.iter_mut().zip(&groups) {
-        let of_group = columns.iter().flat_map(|column| column.1).filter(|auroc| auroc.pooled.cohort == *group);
-        row.push(of_group.map(|auroc| auroc.pairs).max().unwrap_or(0).to_string());
-    }
     let equal_header = [&header[..], &["pairs".to_owned()]].concat();
-    format!(
-        "## AUROC of marked segments\n\nSegments from the mark of an episode on are bad.\n\n{}\nAt equal length:\n\n{}",
-        table(&header, &rows(&|auroc| plain(&auroc.pooled))),
+    let equal = |shown: &dyn Fn(&Auroc) -> String, pairs: &dyn Fn(&Auroc) -> u64| {
+        let mut equal = rows(shown);
+        for (row, group) in equal.iter_mut().zip(&groups) {
+            let of_group = columns.iter().flat_map(|column| column.1).filter(|auroc| auroc.pooled.cohort == *group);
+            row.push(of_group.map(pairs).max().unwrap_or(0).to_string());
+        }
         table(&equal_header, &equal)
+    };
+    format!(
+        "## AUROC of marked segments\n\nSegments from the mark of an episode on are bad.\n\n{}\nAt equal length:\n\n{}\n\
+         At equal step:\n\n{}",
+        table(&header, &rows(&|auroc| plain(&auroc.pooled))),
+        equal(&at_equal_length, &|auroc| auroc.pairs),
+        equal(&at_equal_step, &|auroc| auroc.step_pairs)
     )
 }
 

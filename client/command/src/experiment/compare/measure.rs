@@ -57,12 +57,23 @@ fn mean_q(episode: &MarkedEpisode) -> Option<f64> {
 /// The length of an episode as the score of each of its segments: shorter is better.
 #[expect(clippy::cast_precision_loss, reason = "an episode's steps are far below 2^23")]
 pub(super) fn by_length(run: &Run) -> Run {
-    let shorter = |episode: &MarkedEpisode| {
+    blind(run, |steps| vec![-(steps as f32); steps])
+}
+
+/// The number of the step at which a segment ends as its score: earlier is better.
+#[expect(clippy::cast_precision_loss, reason = "an episode's steps are far below 2^23")]
+pub(super) fn by_step(run: &Run) -> Run {
+    blind(run, |steps| (0..steps).map(|step| -(step as f32)).collect())
+}
+
+/// The same episodes with the scores that `q` gives for their number of steps.
+fn blind(run: &Run, q: impl Fn(usize) -> Vec<f32>) -> Run {
+    let scored = |episode: &MarkedEpisode| {
         let steps = episode.scores.q.len();
-        let scores = Candidate { q: vec![-(steps as f32); steps], w: vec![0.0; steps], ..episode.scores.clone() };
+        let scores = Candidate { q: q(steps), w: vec![0.0; steps], ..episode.scores.clone() };
         MarkedEpisode { scores, ..episode.clone() }
     };
-    Run { id: String::new(), imperfect: run.imperfect.iter().map(shorter).collect(), experts: Vec::new() }
+    Run { id: String::new(), imperfect: run.imperfect.iter().map(scored).collect(), experts: Vec::new() }
 }
 
 /// How well runs separate, by marks and by outcomes.
@@ -72,7 +83,8 @@ pub(super) fn separated(episodes: &Episodes, runs: &[&Run]) -> Separated {
         runs.iter().map(|run| by_outcome(episodes, run)).collect();
     let rows = pool_auroc(marked.iter().map(Vec::as_slice)).into_iter().map(|pooled| {
         let within = runs.iter().filter_map(|run| auroc_within(&strata(episodes, run, &pooled.cohort)));
-        with_strata(pooled.clone(), within)
+        let at_step = runs.iter().filter_map(|run| auroc_within(&steps(episodes, run, &pooled.cohort)));
+        with_strata(pooled.clone(), within, at_step)
     });
     Separated { marked: rows.collect(), outcome: outcome(outcomes.into_iter().flatten().collect()) }
 }
@@ -81,22 +93,48 @@ fn marked(episodes: &Episodes, run: &Run) -> Vec<Separation> {
     if episodes.marked == 0 { Vec::new() } else { separations(&run.imperfect[..episodes.marked]) }
 }
 
-fn with_strata(pooled: PooledAuroc, within: impl Iterator<Item = Stratified>) -> Auroc {
-    let found: Vec<Stratified> = within.collect();
-    let equal_length = mean(&found.iter().map(|stratified| stratified.auroc).collect::<Vec<_>>());
-    Auroc { pooled, equal_length, pairs: found.first().map_or(0, |stratified| stratified.pairs) }
+fn with_strata(
+    pooled: PooledAuroc,
+    within: impl Iterator<Item = Stratified>,
+    at_step: impl Iterator<Item = Stratified>,
+) -> Auroc {
+    let ((equal_length, pairs), (equal_step, step_pairs)) = (over_runs(within), over_runs(at_step));
+    Auroc { pooled, equal_length, pairs, equal_step, step_pairs }
 }
 
-/// The marked segments of a group of [`separations`] in the strata of equal length.
-fn strata(episodes: &Episodes, run: &Run, group: &str) -> Vec<Vec<(f64, bool)>> {
-    let of_group = |episode: &MarkedEpisode| match group {
+/// The mean over runs, and the number of pairs, which is that of each.
+fn over_runs(within: impl Iterator<Item = Stratified>) -> (Option<f64>, u64) {
+    let found: Vec<Stratified> = within.collect();
+    let centre = mean(&found.iter().map(|stratified| stratified.auroc).collect::<Vec<_>>());
+    (centre, found.first().map_or(0, |stratified| stratified.pairs))
+}
+
+/// The marked episodes of a group of [`separations`], with their places.
+fn of_group<'a>(episodes: &Episodes, run: &'a Run, group: &str) -> impl Iterator<Item = (usize, &'a MarkedEpisode)> {
+    let belongs = move |episode: &MarkedEpisode| match group {
         ALL => true,
         FAILURES => !episode.success,
         cohort => episode.scores.cohort == cohort,
     };
-    let marked = run.imperfect[..episodes.marked].iter().enumerate();
-    let steps = marked.filter(|(_, episode)| of_group(episode));
+    run.imperfect[..episodes.marked].iter().enumerate().filter(move |(_, episode)| belongs(episode))
+}
+
+/// The marked segments of a group in the strata of equal length.
+fn strata(episodes: &Episodes, run: &Run, group: &str) -> Vec<Vec<(f64, bool)>> {
+    let steps = of_group(episodes, run, group);
     episodes.in_strata(steps.flat_map(|(place, episode)| episode.steps().map(move |step| (place, step))))
+}
+
+/// The marked segments of a group by the step at which they end.
+fn steps(episodes: &Episodes, run: &Run, group: &str) -> Vec<Vec<(f64, bool)>> {
+    let mut strata = Vec::new();
+    for (at, step) in of_group(episodes, run, group).flat_map(|(_, episode)| episode.steps().enumerate()) {
+        if strata.len() <= at {
+            strata.resize_with(at + 1, Vec::new);
+        }
+        strata[at].push(step);
+    }
+    strata
 }
 
 /// Mean q of episodes that succeeded against those that failed.
@@ -118,7 +156,7 @@ fn outcome(found: Vec<(PooledAuroc, Option<Stratified>)>) -> Option<Auroc> {
     let bounds = found.iter().filter_map(|(pooled, _)| pooled.interval);
     let interval = bounds.reduce(|(low, high), (lower, higher)| (low.min(lower), high.max(higher)));
     let pooled = PooledAuroc { cohort: OUTCOME.to_owned(), mean: centre, interval };
-    Some(with_strata(pooled, found.into_iter().filter_map(|(_, within)| within)))
+    Some(with_strata(pooled, found.into_iter().filter_map(|(_, within)| within), std::iter::empty()))
 }
 
 /// The correlation of mean q with length, over the imperfect episodes, over those of each outcome if there are several,

@@ -183,6 +183,7 @@ impl CompareArgs {
             simulation,
             scorers: found.scorers,
             length_alone: found.length_alone,
+            step_alone: found.step_alone,
             agreement: found.agreement,
         }
     }

@@ -38,6 +38,8 @@ pub(super) struct Comparison {
     pub(super) scorers: Vec<ScorerReport>,
     /// The length of an episode as if it were a score, where shorter is better.
     pub(super) length_alone: Option<Separated>,
+    /// The number of a step as if it were a score, where earlier is better.
+    pub(super) step_alone: Option<Separated>,
     /// Of each pair of scorers.
     pub(super) agreement: Vec<Agreement>,
 }
@@ -99,6 +101,10 @@ pub(super) struct Auroc {
     pub(super) equal_length: Option<f64>,
     /// The number of those pairs.
     pub(super) pairs: u64,
+    /// Over pairs of segments that end at the same step alone. Episodes have none.
+    pub(super) equal_step: Option<f64>,
+    /// The number of those pairs.
+    pub(super) step_pairs: u64,
 }
 
 /// Spearman's correlation of mean q and length over a group of episodes, the mean over a scorer's runs.
@@ -133,7 +139,17 @@ pub(super) struct Success {
     pub(super) recall: Option<f64>,
 }
 
+/// The columns of what separates without looking at a segment.
+pub(super) const LENGTH: &str = "length alone";
+pub(super) const STEP: &str = "step alone";
+
 impl Comparison {
+    /// What separates without looking at a segment, with its column.
+    pub(super) fn alone(&self) -> impl Iterator<Item = (&'static str, &Separated)> {
+        let columns = [(LENGTH, &self.length_alone), (STEP, &self.step_alone)];
+        columns.into_iter().filter_map(|(label, separated)| Some((label, separated.as_ref()?)))
+    }
+
     /// The seeds that are not complete, with their scorers.
     pub(super) fn problems(&self) -> Vec<(&str, &ScorerSeed)> {
         let seeds =

@@ -3,7 +3,6 @@
 
 use super::super::rate::Rate;
 use super::report::{Auroc, Comparison, ScorerReport, Separated, Success};
-use super::text::LENGTH;
 use crate::failure::{Failure, Result};
 
 /// The columns: of which scorer (or pair), which measure, over which group, and its value.
@@ -29,8 +28,8 @@ fn values(found: &Comparison) -> Vec<Row> {
         separated(&scorer.label, &scorer.separated, &mut rows);
         own(scorer, &mut rows);
     }
-    if let Some(length) = &found.length_alone {
-        separated(LENGTH, length, &mut rows);
+    for (label, alone) in found.alone() {
+        separated(label, alone, &mut rows);
     }
     for pair in &found.agreement {
         let both = format!("{} / {}", pair.one, pair.other);
@@ -46,7 +45,7 @@ fn values(found: &Comparison) -> Vec<Row> {
 fn separated(label: &str, separated: &Separated, rows: &mut Vec<Row>) {
     let groups =
         separated.marked.iter().map(|auroc| (auroc, "marked")).chain(separated.outcome.iter().map(|auroc| (auroc, "")));
-    for (Auroc { pooled, equal_length, pairs }, kind) in groups {
+    for (Auroc { pooled, equal_length, pairs, equal_step, step_pairs }, kind) in groups {
         let group = format!("{kind} {}", pooled.cohort).trim_start().to_owned();
         let mut add = |measure, value: Option<f64>| {
             rows.extend(value.map(|value| (label.to_owned(), measure, group.clone(), value)))
@@ -56,6 +55,8 @@ fn separated(label: &str, separated: &Separated, rows: &mut Vec<Row>) {
         add("auroc_high", pooled.interval.map(|interval| interval.1));
         add("auroc_equal_length", *equal_length);
         add("pairs_equal_length", equal_length.map(|_| *pairs as f64));
+        add("auroc_equal_step", *equal_step);
+        add("pairs_equal_step", equal_step.map(|_| *step_pairs as f64));
     }
 }
 
@@ -94,6 +95,9 @@ mod tests {
         for row in [
             "ssdf,auroc,marked all,0.9",
             "ssdf,pairs_equal_length,marked all,12",
+            "ssdf,auroc_equal_step,marked all,0.7",
+            "ssdf,pairs_equal_step,marked all,6",
+            "step alone,auroc,marked all,0.95",
             "length alone,auroc,marked all,0.75",
             "ssdf / raw local_scale=false,agreement,,0.5",
             "ssdf,success,seed 0,0.5",

@@ -1,26 +1,26 @@
 //! The summary of a comparison: a column for each scorer, a row for each measure. A cell without a value has the reason.
 
-use super::report::{Auroc, Comparison, ScorerReport, Separated};
-use super::text::{LENGTH, at_equal_length, percent, percents, plain, table, value};
+use super::report::{Auroc, Comparison, LENGTH, STEP, ScorerReport, Separated};
+use super::text::{at_equal_length, at_equal_step, percent, percents, plain, table, value};
 
-/// Rows of the table: a measure with a cell for each scorer, and one for the length alone.
+/// Rows of the table: a measure with a cell for each scorer, and one for each of what separates without looking at a segment.
 struct Rows<'a> {
     found: &'a Comparison,
     rows: Vec<Vec<String>>,
 }
 
 impl Rows<'_> {
-    /// A measure that the length alone lacks.
+    /// A measure of scorers alone.
     fn add(&mut self, measure: &str, of: impl Fn(&ScorerReport) -> String) {
-        let cells = self.found.scorers.iter().map(of).chain(self.found.length_alone.iter().map(|_| String::new()));
+        let cells = self.found.scorers.iter().map(of).chain(self.found.alone().map(|_| String::new()));
         self.rows.push(std::iter::once(measure.to_owned()).chain(cells).collect());
     }
 
-    /// An area, plain and at equal length; `none` is the reason why it is missing.
+    /// An area, plain, at equal length and, of segments, at equal step; `none` is the reason why it is missing.
     fn separated(&mut self, name: &str, of: impl Fn(&Separated) -> Option<&Auroc>, none: &str) {
         let scorers = self.found.scorers.iter().map(|scorer| (&scorer.separated, scorer.runs));
         let all: Vec<(&Separated, usize)> =
-            scorers.chain(self.found.length_alone.iter().map(|separated| (separated, 1))).collect();
+            scorers.chain(self.found.alone().map(|(_, separated)| (separated, 1))).collect();
         let pairs = all.iter().filter_map(|(separated, _)| of(separated)).map(|auroc| auroc.pairs).max().unwrap_or(0);
         let row = |measure: String, shown: &dyn Fn(&Auroc) -> String| -> Vec<String> {
             let cell = |(separated, runs): &(&Separated, usize)| match of(separated) {
@@ -32,7 +32,11 @@ impl Rows<'_> {
         };
         let plain = row(format!("AUROC of {name}"), &|auroc| plain(&auroc.pooled));
         let equal = row(format!("{name} at equal length ({pairs} pairs)"), &at_equal_length);
-        self.rows.extend([plain, equal]);
+        let step_pairs = all.iter().filter_map(|(separated, _)| of(separated)).map(|auroc| auroc.step_pairs).max();
+        let at_step = step_pairs
+            .filter(|pairs| *pairs > 0)
+            .map(|pairs| row(format!("{name} at equal step ({pairs} pairs)"), &at_equal_step));
+        self.rows.extend([plain, equal].into_iter().chain(at_step));
     }
 }
 
@@ -62,8 +66,7 @@ pub(super) fn summary(found: &Comparison) -> String {
         });
     }
     success(found, &mut rows);
-    let labels =
-        found.scorers.iter().map(|scorer| scorer.label.as_str()).chain(found.length_alone.iter().map(|_| LENGTH));
+    let labels = found.scorers.iter().map(|scorer| scorer.label.as_str()).chain(found.alone().map(|(label, _)| label));
     let header: Vec<String> = std::iter::once("").chain(labels).map(str::to_owned).collect();
     let policy = found.policy.as_ref().map_or_else(String::new, |policy| {
         let simulated = found.simulation.as_ref().map_or_else(String::new, |task| format!(" and evaluated in {task}"));
@@ -72,7 +75,7 @@ pub(super) fn summary(found: &Comparison) -> String {
     format!(
         "Means over runs, with the widest bounds of their 95 % intervals (episodes resampled). Correlations are \
          Spearman's: of an episode's mean q with its length, and for stability of q between two runs. The column \
-         \"{LENGTH}\" ranks short episodes first.{policy}\n\n{}",
+         \"{LENGTH}\" ranks short episodes first, \"{STEP}\" early steps.{policy}\n\n{}",
         table(&header, &rows.rows)
     )
 }

@@ -4,9 +4,6 @@ use super::super::escape::cell;
 use super::super::report::PooledAuroc;
 use super::report::Auroc;
 
-/// The column of the length of an episode as if it were a score.
-pub(super) const LENGTH: &str = "length alone";
-
 /// A Markdown table whose columns have the width of their widest cell.
 pub(super) fn table(header: &[String], rows: &[Vec<String>]) -> String {
     let escaped = |cells: &[String]| -> Vec<String> { cells.iter().map(|text| cell(text)).collect() };
@@ -49,6 +46,11 @@ pub(super) fn plain(auroc: &PooledAuroc) -> String {
 /// An AUROC at equal length.
 pub(super) fn at_equal_length(auroc: &Auroc) -> String {
     value(auroc.equal_length, "no pairs")
+}
+
+/// An AUROC at equal step.
+pub(super) fn at_equal_step(auroc: &Auroc) -> String {
+    value(auroc.equal_step, "no pairs")
 }
 
 #[cfg(test)]

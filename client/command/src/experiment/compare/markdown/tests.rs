@@ -7,7 +7,7 @@ use super::*;
 
 fn auroc(group: &str, mean: f64, equal_length: Option<f64>, pairs: u64) -> Auroc {
     let pooled = PooledAuroc { cohort: group.into(), mean, interval: Some((mean - 0.05, mean + 0.05)) };
-    Auroc { pooled, equal_length, pairs }
+    Auroc { pooled, equal_length, pairs, equal_step: equal_length.map(|_| 0.7), step_pairs: pairs / 2 }
 }
 
 fn seed(seed: u64, run: Option<&str>, success: Option<u32>, problem: Option<&str>) -> ScorerSeed {
@@ -81,6 +81,7 @@ pub(in super::super) fn comparison() -> Comparison {
             scorer("raw local_scale=false", vec![seed(0, Some("run_3"), None, Some("train failed: no memory"))], 1),
             scorer("deminf", vec![seed(0, None, None, Some(failed))], 0),
         ],
+        step_alone: Some(Separated { marked: vec![auroc("all", 0.95, Some(0.6), 12)], outcome: None }),
         length_alone: Some(Separated { marked: vec![auroc("all", 0.75, Some(0.5), 12)], outcome: None }),
         agreement: vec![
             pair("ssdf", "raw local_scale=false", Some(0.5)),
@@ -102,20 +103,26 @@ fn a_missing_value_is_replaced_by_its_reason() {
     let text = markdown(&comparison());
     let summary = |measure: &str| row(&text, "# Scorers", measure)[1..].to_vec();
     let none = "no run";
-    assert_eq!(row(&text, "# Scorers", " "), ["", "ssdf", "raw local_scale=false", "deminf", "length alone"]);
-    assert_eq!(summary("runs"), ["2", "1", "0", ""]);
+    assert_eq!(
+        row(&text, "# Scorers", " "),
+        ["", "ssdf", "raw local_scale=false", "deminf", "length alone", "step alone"]
+    );
+    assert_eq!(summary("runs"), ["2", "1", "0", "", ""]);
     let auroc = "0.900 (0.850–0.950)";
-    assert_eq!(summary("AUROC of marks"), [auroc, auroc, none, "0.750 (0.700–0.800)"]);
-    assert_eq!(summary("marks at equal length (12 pairs)"), ["0.800", "0.800", none, "0.500"]);
-    assert_eq!(summary("AUROC of outcomes"), ["one outcome", "one outcome", none, "one outcome"]);
-    assert_eq!(summary("correlation with length"), ["-0.500", "-0.500", none, ""]);
-    assert_eq!(summary("stability"), ["0.750", "one run", none, ""]);
-    assert_eq!(summary("best part that is good (precision), %"), ["50.0", "50.0", none, ""]);
-    assert_eq!(summary("success, %"), ["50.0", "failed", "failed", ""]);
-    assert_eq!(summary("95 % Wilson interval over attempts"), ["23.7–76.3", "failed", "failed", ""]);
-    assert_eq!(summary("95 % t-interval over seeds"), ["one rate", "failed", "failed", ""]);
-    assert_eq!(summary("successes"), ["5 of 10", "failed", "failed", ""]);
-    assert_eq!(row(&text, "At equal length:\n", "noise"), ["noise", "no pairs", "no pairs", none, none, "0"]);
+    assert_eq!(summary("AUROC of marks"), [auroc, auroc, none, "0.750 (0.700–0.800)", "0.950 (0.900–1.000)"]);
+    assert_eq!(summary("marks at equal length (12 pairs)"), ["0.800", "0.800", none, "0.500", "0.600"]);
+    assert_eq!(summary("marks at equal step (6 pairs)"), ["0.700", "0.700", none, "0.700", "0.700"]);
+    assert!(!text.contains("outcomes at equal step"), "episodes have no step: {text}");
+    assert_eq!(summary("AUROC of outcomes"), ["one outcome", "one outcome", none, "one outcome", "one outcome"]);
+    assert_eq!(summary("correlation with length"), ["-0.500", "-0.500", none, "", ""]);
+    assert_eq!(summary("stability"), ["0.750", "one run", none, "", ""]);
+    assert_eq!(summary("best part that is good (precision), %"), ["50.0", "50.0", none, "", ""]);
+    assert_eq!(summary("success, %"), ["50.0", "failed", "failed", "", ""]);
+    assert_eq!(summary("95 % Wilson interval over attempts"), ["23.7–76.3", "failed", "failed", "", ""]);
+    assert_eq!(summary("95 % t-interval over seeds"), ["one rate", "failed", "failed", "", ""]);
+    assert_eq!(summary("successes"), ["5 of 10", "failed", "failed", "", ""]);
+    assert_eq!(row(&text, "At equal length:\n", "noise"), ["noise", "no pairs", "no pairs", none, none, none, "0"]);
+    assert_eq!(row(&text, "At equal step:\n", "all"), ["all", "0.700", "0.700", none, "0.700", "0.700", "6"]);
     assert_eq!(row(&text, "## Correlation with length", "experts"), ["experts", "2", "constant", "constant", none]);
     assert!(text.contains("- deminf, seed 0: score failed: job job_1 failed: no memory\n"), "{text}");
     assert!(text.contains("12–20 (2 episodes), 30 (2 episodes)"), "{text}");

@@ -63,6 +63,22 @@ fn auroc_at_equal_length_counts_pairs_of_equal_length_only() {
 }
 
 #[test]
+fn auroc_at_equal_step_counts_pairs_of_the_same_step_only() {
+    let (episodes, run) = (episodes(true), run("a", |q| q));
+    let all = |run: &Run| separated(&episodes, &[run]).marked[0].clone();
+    // Step 0: good .9 .7 .5 against bad .3; step 1: good .8 .6 against bad .4 .65; later steps are all bad.
+    let by_q = all(&run);
+    assert_eq!(by_q.step_pairs, 3 + 4);
+    near(by_q.equal_step, (3.0 + 3.0) / 7.0);
+    let by_step = all(&by_step(&run));
+    // The first steps win against every later bad one, and half against the one beside them: 3 · 6.5 of 35, and 2 · 5.
+    near(Some(by_step.pooled.mean), (3.0 * 6.5 + 2.0 * 5.0) / 35.0);
+    assert_eq!((by_step.equal_step, by_step.step_pairs), (Some(0.5), 7), "the step separates no segments of one step");
+    let outcome = separated(&episodes, &[&run]).outcome.unwrap();
+    assert_eq!((outcome.equal_step, outcome.step_pairs), (None, 0), "episodes have no step");
+}
+
+#[test]
 fn outcomes_separate_episodes_by_their_mean() {
     let found = separated(&episodes(false), &[&run("a", |q| q)]);
     assert!(found.marked.is_empty(), "no episode is marked");
