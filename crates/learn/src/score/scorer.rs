@@ -1,6 +1,7 @@
 //! The scorers: one file each, and the list of them.
 
 mod classifier;
+mod clock;
 mod deminf;
 mod kind;
 mod list;

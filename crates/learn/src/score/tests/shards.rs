@@ -147,7 +147,7 @@ fn a_rank_that_is_asked_to_stop_takes_all_along_and_a_lost_one_is_an_error() {
 fn a_scorer_that_needs_all_episodes_is_for_one_process() {
     let (experts, imperfect, encoder) = (toy::experts(3, 8), failures(3), encoder());
     let inputs = || ScoreInputs { encoder: &encoder, experts: &experts, imperfect: &imperfect, kept: &Forgetful };
-    for scorer in ["vote", "progress", "deminf", "classifier", "random"] {
+    for scorer in ["vote", "progress", "deminf", "classifier", "random", "clock"] {
         let spec = spec_of(scorer, &[]);
         let done = ranks(&[None; 2], |peers, monitor| score_with(inputs(), None, &spec, (peers, monitor)));
         for (scores, _) in done {
