@@ -7,8 +7,7 @@ use std::path::Path;
 use futures::StreamExt as _;
 use gleaner_core::proto::task::spec_from_proto;
 use gleaner_proto::v1::{
-    DownloadExportFileRequest, Episode, EpisodeScores, ExportFile, GetEpisodeScoresRequest, GetTaskRequest,
-    ListExportFilesRequest, Outcome,
+    DownloadExportFileRequest, Episode, EpisodeScores, ExportFile, GetEpisodeScoresRequest, GetTaskRequest, Outcome,
 };
 use gleaner_recording::{Kept, RecordingError, WholeEpisode};
 
@@ -22,8 +21,7 @@ impl Client {
     /// # Errors
     /// The codes of `ListExportFiles`.
     pub async fn export_files(&self, export_id: &str) -> Result<Vec<ExportFile>> {
-        let request = ListExportFilesRequest { export_id: export_id.to_owned() };
-        Ok(self.datasets().list_export_files(request).await?.into_inner().files)
+        Ok(self.every_export_file(export_id).await?.files)
     }
 
     /// Downloads every file of an export into a new folder, checks their digests, and calls `progress` with the bytes so

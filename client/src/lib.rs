@@ -8,7 +8,7 @@
 //! - [`Client::snapshot_episodes`] lists the episodes of a snapshot of any size.
 //! - [`Client::submit_job`] and [`Client::submit_pipeline`] queue a job and a chain of jobs, each once also over a broken
 //!   connection; [`Client::watch`] and [`Client::wait`] follow a job.
-//! - [`Client::every_schedule`] lists schedules, however many there are.
+//! - [`Client::every_task`], [`Client::every_policy`] and the like list every row, page by page.
 //! - [`Client::score_recording`] and [`StepScorer`] score what is not stored; [`Client::import_scores`] stores scores made
 //!   elsewhere, which [`read_scores`] reads.
 //! - [`Session`] acts in lock step, for simulators; [`Client::control`] runs a robot ([`robot`]) at a fixed rate;
@@ -18,11 +18,10 @@
 //!
 //! ```no_run
 //! use gleaner_client::Client;
-//! use gleaner_proto::v1::ListTasksRequest;
 //!
 //! # async fn list() -> gleaner_client::Result<()> {
 //! let client = Client::connect("http://127.0.0.1:7400", None).await?;
-//! for task in client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks {
+//! for task in client.every_task().await?.tasks {
 //!     println!("{}", task.id);
 //! }
 //! # Ok(())
@@ -43,6 +42,7 @@ mod find;
 mod foreign;
 mod import;
 mod labels;
+mod lists;
 mod lowest;
 mod parts;
 mod push;
@@ -51,7 +51,6 @@ mod reason;
 mod retry;
 pub mod robot;
 mod rows;
-mod schedules;
 mod score_table;
 mod scoring;
 mod session;

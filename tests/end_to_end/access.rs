@@ -23,14 +23,14 @@ use crate::support::{
 
 /// Lists the tasks; returns the code of the status.
 async fn list(client: &Client) -> Code {
-    client.tasks().list_tasks(ListTasksRequest {}).await.map_or_else(|status| status.code(), |_| Code::Ok)
+    client.tasks().list_tasks(ListTasksRequest::default()).await.map_or_else(|status| status.code(), |_| Code::Ok)
 }
 
 #[tokio::test]
 async fn token_is_valid_until_it_is_revoked() {
     let server = SecureServer::start(&["--workers", "0"], &[]).await;
     let anonymous = server.client(None).await;
-    let status = anonymous.tasks().list_tasks(ListTasksRequest {}).await.unwrap_err();
+    let status = anonymous.tasks().list_tasks(ListTasksRequest::default()).await.unwrap_err();
     expect_error(&status, Code::Unauthenticated, &["--token", "GLEANER_TOKEN", "token create"]);
     assert_eq!(list(&server.client(Some("gleaner_0000")).await).await, Code::Unauthenticated);
 

@@ -46,7 +46,7 @@ async fn evaluation_is_repeatable_and_has_an_interval() {
     assert_eq!((first.low, first.high), gleaner_core::statistics::wilson(first.successes, first.episodes));
     assert!(first.low <= first.success_rate && first.success_rate <= first.high);
 
-    let request = ListEvaluationsRequest { policy_id: shared.policy.clone() };
+    let request = ListEvaluationsRequest { policy_id: shared.policy.clone(), ..Default::default() };
     let listed = api.policies.list_evaluations(request).await.unwrap().into_inner().evaluations;
     let places: Vec<_> = made.iter().map(|one| listed.iter().position(|other| other == one).unwrap()).collect();
     assert!(places[1] < places[0], "newest first");

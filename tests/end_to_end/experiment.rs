@@ -219,10 +219,10 @@ async fn recordings_made_elsewhere_are_scored_and_a_command_evaluates() {
     assert!(report["studies"][1]["cells"][0]["seeds"][0]["separation"][0]["auroc"].is_number());
     let mut api = Api::connect(&server).await;
     let log = std::fs::read_to_string(out.join("attempts.log")).unwrap();
-    let request = ListPoliciesRequest { task: made[0].task_id.clone() };
+    let request = ListPoliciesRequest { task: made[0].task_id.clone(), ..Default::default() };
     let policies = api.policies.list_policies(request).await.unwrap().into_inner().policies;
     for policy in &policies {
-        let request = ListEvaluationsRequest { policy_id: policy.id.clone() };
+        let request = ListEvaluationsRequest { policy_id: policy.id.clone(), ..Default::default() };
         let evaluations = api.policies.list_evaluations(request).await.unwrap().into_inner().evaluations;
         assert_eq!(evaluations[0].simulation, "shell/nothing");
         let attempt = log.lines().find(|line| line.ends_with(&format!("@{} 0", policy.id)));

@@ -81,7 +81,11 @@ async fn an_imported_run_is_used_like_any_other() {
     assert_eq!(run["settings"], json!({ "scorer": "imported", "source": "an oracle" }));
     let run = run["id"].as_str().unwrap();
     assert_eq!(command::json(shared.server.url(), &line).await["id"], run, "the same scores are the same run");
-    let listed = api.scores.list_score_runs(ListScoreRunsRequest { task: lab::TASK.into() }).await.unwrap();
+    let listed = api
+        .scores
+        .list_score_runs(ListScoreRunsRequest { task: lab::TASK.into(), ..Default::default() })
+        .await
+        .unwrap();
     assert!(listed.into_inner().score_runs.iter().any(|one| one.id == run));
 
     let one = imperfect(&shared).next().unwrap();
@@ -134,7 +138,7 @@ async fn a_policy_starts_from_the_encoder_of_an_import() {
     assert_eq!(run.encoder_id, shared.encoder);
     let dataset = dataset(&mut api, &run.id, lab::top(0.2)).await;
     let job = api.succeed(lab::TASK, policy(&dataset.id, "finetune")).await;
-    let request = ListPoliciesRequest { task: lab::TASK.into() };
+    let request = ListPoliciesRequest { task: lab::TASK.into(), ..Default::default() };
     let policies = api.policies.list_policies(request).await.unwrap().into_inner().policies;
     assert_eq!(policies.iter().find(|policy| policy.id == job.result_id).unwrap().encoder_id, shared.encoder);
 }
@@ -184,7 +188,11 @@ async fn faulty_imports_are_rejected_and_store_nothing() {
     for (messages, code, words) in cases {
         expect_error(&import(&mut api, messages).await.unwrap_err(), code, words);
     }
-    let listed = api.scores.list_score_runs(ListScoreRunsRequest { task: lab::TASK.into() }).await.unwrap();
+    let listed = api
+        .scores
+        .list_score_runs(ListScoreRunsRequest { task: lab::TASK.into(), ..Default::default() })
+        .await
+        .unwrap();
     let from = |run: &ScoreRun| lab::given(&run.settings)["source"].clone();
     assert!(listed.into_inner().score_runs.iter().all(|run| from(run) != "faulty"));
 }

@@ -39,6 +39,7 @@ mod hostile_text;
 mod image_weights;
 mod importing;
 mod inference;
+mod lists;
 mod load;
 mod lost_response;
 mod maintenance;

@@ -32,7 +32,7 @@ async fn import_scores(api: &mut Api) {
 }
 
 async fn score_runs(api: &mut Api) -> Vec<ScoreRun> {
-    let request = ListScoreRunsRequest { task: lab::TASK.into() };
+    let request = ListScoreRunsRequest { task: lab::TASK.into(), ..Default::default() };
     api.scores.list_score_runs(request).await.unwrap().into_inner().score_runs
 }
 

@@ -54,7 +54,13 @@ async fn ten_episodes_are_labelled_by_keyboard_and_the_last_is_undone() {
     assert_eq!(count(Outcome::Unknown), 5, "the page shows the stored labels");
     let id = browser.run("return document.querySelector('#episodes tbody tr').dataset.id").await;
     let id = id.as_str().unwrap().to_owned();
-    let labels = api.episodes.list_labels(ListLabelsRequest { episode_id: id }).await.unwrap().into_inner().labels;
+    let labels = api
+        .episodes
+        .list_labels(ListLabelsRequest { episode_id: id, ..Default::default() })
+        .await
+        .unwrap()
+        .into_inner()
+        .labels;
     assert_eq!(labels.last().map(|label| label.author.as_str()), Some("anyone"));
     browser.close().await;
 }
@@ -82,7 +88,7 @@ async fn conflicting_label_is_shown_before_it_is_overwritten() {
     assert!(text.contains("ada") && text.contains("success") && text.contains("No label was changed"), "{text}");
     browser.keep("conflict").await;
     let newest = async |api: &mut Api| {
-        let request = ListLabelsRequest { episode_id: id.clone() };
+        let request = ListLabelsRequest { episode_id: id.clone(), ..Default::default() };
         let labels = api.episodes.list_labels(request).await.unwrap().into_inner().labels;
         labels.last().map(|label| (label.author.clone(), label.outcome())).unwrap()
     };

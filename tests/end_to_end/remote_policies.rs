@@ -106,7 +106,7 @@ async fn sessions_of_a_remote_policy_are_scored_recorded_and_evaluated() {
     let words = ["drive", "loop@test", "--episodes", "2", "--image", "16", "--report"];
     let driven = command::gleaner(shared.server.url(), &words).await;
     assert!(driven.success, "{}", driven.text());
-    let request = ListEvaluationsRequest { policy_id: policy.id.clone() };
+    let request = ListEvaluationsRequest { policy_id: policy.id.clone(), ..Default::default() };
     let evaluations = api.policies.list_evaluations(request).await.unwrap().into_inner().evaluations;
     assert_eq!((evaluations.len(), evaluations[0].episodes, evaluations[0].simulation.as_str()), (1, 2, "pick_cube"));
 

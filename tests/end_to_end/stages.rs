@@ -23,8 +23,13 @@ async fn recordings_become_scores_datasets_and_a_policy() {
 
     let policy = api.succeed(lab::TASK, lab::train(train_spec::Data::DatasetId(dataset.id.clone()), 6)).await.result_id;
     let base = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder.result_id), 6)).await.result_id;
-    let policies =
-        api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap().into_inner().policies;
+    let policies = api
+        .policies
+        .list_policies(ListPoliciesRequest { task: lab::TASK.into(), ..Default::default() })
+        .await
+        .unwrap()
+        .into_inner()
+        .policies;
     let ids: Vec<&str> = policies.iter().map(|policy| policy.id.as_str()).collect();
     assert_eq!(ids, [base.as_str(), policy.as_str()], "newest first");
     assert_eq!((policies[0].dataset_id.as_str(), policies[1].dataset_id.as_str()), ("", dataset.id.as_str()));
@@ -109,7 +114,7 @@ async fn expect_export(api: &mut Api, dataset: &Dataset) {
         ..ExportSpec::default()
     });
     let export = api.succeed(lab::TASK, spec).await.result_id;
-    let request = ListExportFilesRequest { export_id: export.clone() };
+    let request = ListExportFilesRequest { export_id: export.clone(), ..Default::default() };
     let files = api.datasets.list_export_files(request).await.unwrap().into_inner().files;
     assert!(files.iter().any(|file| file.name == "manifest.jsonl"), "{files:?}");
     let mut recordings = 0;
@@ -183,7 +188,7 @@ async fn labels_keep_their_history_and_change_the_next_snapshot() {
         reason: "the cube slipped".into(),
     };
     api.episodes.label_episodes(relabel).await.unwrap();
-    let request = ListLabelsRequest { episode_id: episodes[0].id.clone() };
+    let request = ListLabelsRequest { episode_id: episodes[0].id.clone(), ..Default::default() };
     let labels = api.episodes.list_labels(request).await.unwrap().into_inner().labels;
     let history: Vec<(Outcome, &str)> = labels.iter().map(|label| (label.outcome(), label.author.as_str())).collect();
     assert_eq!(history, [(Outcome::Success, "tests"), (Outcome::Failure, "ada")]);

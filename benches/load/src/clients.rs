@@ -113,7 +113,7 @@ impl Querier {
                 drop(self.client.episodes().list_episodes(request).await?);
             }
             2 => {
-                let request = ListPoliciesRequest { task: self.task.clone() };
+                let request = ListPoliciesRequest { task: self.task.clone(), ..Default::default() };
                 drop(self.client.policies().list_policies(request).await?);
             }
             _ => {

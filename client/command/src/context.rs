@@ -3,7 +3,7 @@
 //! Must not depend on the commands.
 
 use gleaner_client::Client;
-use gleaner_proto::v1::{Job, ListJobsRequest, ListPoliciesRequest, ListTasksRequest};
+use gleaner_proto::v1::{Job, ListJobsRequest};
 
 use crate::connection::ConnectionArgs;
 use crate::failure::{Failure, Result};
@@ -31,7 +31,7 @@ impl Context {
         if let Some(task) = named {
             return Ok(task.to_owned());
         }
-        let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+        let tasks = client.every_task().await?.tasks;
         let mut names: Vec<String> = tasks.into_iter().filter_map(|task| Some(task.spec?.name)).collect();
         match names.len() {
             0 => Err(Failure::message("no tasks yet; create one with `gleaner task create SPEC.toml`")),
@@ -77,9 +77,8 @@ async fn remote_policy_task(client: &Client, result: &str) -> Result<Option<Stri
     if !result.starts_with("pol_") {
         return Ok(None);
     }
-    for task in client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks {
-        let request = ListPoliciesRequest { task: task.id.clone() };
-        let policies = client.policies().list_policies(request).await?.into_inner().policies;
+    for task in client.every_task().await?.tasks {
+        let policies = client.every_policy(&task.id).await?.policies;
         if policies.iter().any(|policy| policy.id == result && policy.remote.is_some()) {
             return Ok(Some(task.id));
         }

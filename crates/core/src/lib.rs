@@ -51,6 +51,7 @@ pub mod looks;
 pub mod observation;
 pub mod openpi;
 pub mod order;
+pub mod page;
 mod picture_sizes;
 pub mod placement;
 pub mod policy;

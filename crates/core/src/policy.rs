@@ -1,6 +1,7 @@
 //! Policies and the names they are deployed under.
 
 use super::{
+    error::Error,
     id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, TaskId},
     remote::RemotePolicy,
     time::Millis,
@@ -69,6 +70,14 @@ impl Policy {
     pub fn job_id(&self) -> Option<&JobId> {
         self.training().map(|training| &training.job_id)
     }
+}
+
+/// The refusal to hide the history of a policy that has none.
+pub fn no_history(field: &str, policy: &impl std::fmt::Display) -> Error {
+    Error::invalid(
+        field,
+        format!("needs a policy with a history: {policy} acts on the newest step alone; leave it out"),
+    )
 }
 
 /// What a deployment's name points at.

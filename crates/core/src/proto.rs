@@ -11,6 +11,7 @@ pub mod field;
 pub mod job;
 pub mod kinds;
 pub mod order;
+pub mod page;
 pub mod policy;
 pub mod recording;
 pub mod remote;
@@ -23,3 +24,6 @@ pub mod task;
 pub mod worker;
 
 pub use settings::{from_struct, to_struct};
+
+#[cfg(test)]
+mod tests;

@@ -100,7 +100,7 @@ impl Caller {
     }
 
     /// The deployments that a robot is bound to; `None` for other callers.
-    fn bound(&self) -> Option<&[String]> {
+    pub(crate) fn bound(&self) -> Option<&[String]> {
         match self {
             Self::Known(live) if live.token.role == Role::Robot => Some(&live.token.deployments),
             Self::Known(_) | Self::Anyone => None,

@@ -11,6 +11,7 @@ use crate::{
         id::{DatasetId, JobId, ScoreRunId, TaskId},
         job::{Job, JobKind},
         order::{JobOrder, Keyed, KeyedOrder, NewJob, PipelineQueueing, Plan, Queueing},
+        policy::no_history,
         schedule::{PipelineSpec, ScheduleStart},
     },
     error::{Error, Kind, Result},
@@ -121,8 +122,10 @@ impl Jobs {
     /// The pipeline with what the server fills in, or the reason why no start of it would queue a job.
     ///
     /// # Errors
-    /// Invalid for trials of a task that cannot be simulated; Precondition for image weights that the server lacks.
+    /// Invalid for trials of a task that cannot be simulated, or that hide the history of a policy without one; Precondition
+    /// for image weights that the server lacks.
     pub(super) async fn startable(&self, task: &TaskId, pipeline: &PipelineSpec) -> Result<PipelineSpec> {
+        expect_history(pipeline)?;
         let mut pipeline = pipeline.clone();
         if let Some(evaluate) = pipeline.evaluate.take() {
             pipeline.evaluate =
@@ -160,6 +163,17 @@ impl Jobs {
         self.0.ready.notify_one();
         Ok(queued)
     }
+}
+
+/// Rejects trials that hide the history of a policy that has none.
+fn expect_history(pipeline: &PipelineSpec) -> Result<()> {
+    let (Some(train), Some(evaluate)) = (&pipeline.train, &pipeline.evaluate) else { return Ok(()) };
+    let steps = train.history_steps().unwrap_or(pipeline.pretrain.model.segment_length.into());
+    if evaluate.hide_history && steps == 0 {
+        let policy = format!("the policy {}", train.policy.name);
+        return Err(no_history("pipeline.evaluate.settings.hide_history", &policy));
+    }
+    Ok(())
 }
 
 #[cfg(test)]

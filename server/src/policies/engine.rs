@@ -20,7 +20,10 @@ use super::{
     stages::Stages,
 };
 use crate::{
-    domain::id::{PolicyId, TaskId},
+    domain::{
+        id::{PolicyId, TaskId},
+        policy::no_history,
+    },
     error::{Error, Result},
 };
 
@@ -144,11 +147,7 @@ impl<M: Model> Engine<M> {
         if !self.identity.hide_history || self.window > 1 {
             return Ok(());
         }
-        let policy = &self.identity.policy_id;
-        Err(Error::invalid(
-            "hide_history",
-            format!("needs a policy with a history: {policy} acts on the newest step alone; leave it out"),
-        ))
+        Err(no_history("hide_history", &self.identity.policy_id))
     }
 
     /// The steps in the model's window: l + 1.

@@ -57,9 +57,11 @@ impl DatasetService for DatasetApi {
 
     async fn list_datasets(&self, request: Request<v1::ListDatasetsRequest>) -> Reply<v1::ListDatasetsResponse> {
         answer(async {
-            let task = self.0.store.task(&request.get_ref().task).await?;
-            let datasets = self.0.store.datasets(&task.id).await?;
-            Ok(v1::ListDatasetsResponse { datasets: self.counted(datasets).await? })
+            let (task, page) = wire::dataset::list_request(request.into_inner())?;
+            let task = self.0.store.task(&task).await?;
+            let (datasets, next) = self.0.store.datasets_page(&task.id, &page).await?;
+            let datasets = self.counted(datasets).await?;
+            Ok(v1::ListDatasetsResponse { datasets, next_page_token: wire::page::token(next) })
         })
         .await
     }
@@ -78,8 +80,10 @@ impl DatasetService for DatasetApi {
         request: Request<v1::ListExportFilesRequest>,
     ) -> Reply<v1::ListExportFilesResponse> {
         answer(async {
-            let files = self.0.store.export_files(&wire::dataset::export_id(&request.get_ref().export_id)?).await?;
-            Ok(v1::ListExportFilesResponse { files: files.into_iter().map(wire::dataset::export_file).collect() })
+            let (export, page) = wire::dataset::files_request(request.into_inner())?;
+            let (files, next) = self.0.store.export_files_page(&export, &page).await?;
+            let files = files.into_iter().map(wire::dataset::export_file).collect();
+            Ok(v1::ListExportFilesResponse { files, next_page_token: wire::dataset::files_token(next) })
         })
         .await
     }

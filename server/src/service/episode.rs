@@ -114,8 +114,10 @@ impl EpisodeService for EpisodeApi {
 
     async fn list_labels(&self, request: Request<v1::ListLabelsRequest>) -> Reply<v1::ListLabelsResponse> {
         answer(async {
-            let labels = self.0.store.labels(&wire::episode::episode_id(&request.get_ref().episode_id)?).await?;
-            Ok(v1::ListLabelsResponse { labels: labels.into_iter().map(wire::episode::label).collect() })
+            let (episode, page) = wire::episode::labels_request(request.into_inner())?;
+            let (labels, next) = self.0.store.labels_page(&episode, &page).await?;
+            let labels = labels.into_iter().map(wire::episode::label).collect();
+            Ok(v1::ListLabelsResponse { labels, next_page_token: wire::episode::labels_token(next) })
         })
         .await
     }

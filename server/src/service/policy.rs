@@ -25,9 +25,11 @@ pub(crate) struct PolicyApi(pub(crate) Services);
 impl PolicyService for PolicyApi {
     async fn list_policies(&self, request: Request<v1::ListPoliciesRequest>) -> Reply<v1::ListPoliciesResponse> {
         answer(async {
-            let task = self.0.store.task(&request.get_ref().task).await?;
-            let policies = self.0.store.policies(&task.id).await?;
-            Ok(v1::ListPoliciesResponse { policies: policies.into_iter().map(wire::policy::policy).collect() })
+            let (task, page) = wire::policy::list_request(request.into_inner())?;
+            let task = self.0.store.task(&task).await?;
+            let (policies, next) = self.0.store.policies_page(&task.id, &page).await?;
+            let policies = policies.into_iter().map(wire::policy::policy).collect();
+            Ok(v1::ListPoliciesResponse { policies, next_page_token: wire::page::token(next) })
         })
         .await
     }
@@ -94,10 +96,11 @@ impl PolicyService for PolicyApi {
         request: Request<v1::ListEvaluationsRequest>,
     ) -> Reply<v1::ListEvaluationsResponse> {
         answer(async {
-            let policy = wire::evaluation::policy_id(&request.get_ref().policy_id)?;
-            let evaluations = self.0.store.evaluations(&self.0.store.policy(&policy).await?.id).await?;
+            let (policy, page) = wire::evaluation::list_request(request.into_inner())?;
+            let policy = self.0.store.policy(&policy).await?;
+            let (evaluations, next) = self.0.store.evaluations_page(&policy.id, &page).await?;
             let evaluations = evaluations.into_iter().map(wire::evaluation::evaluation).collect();
-            Ok(v1::ListEvaluationsResponse { evaluations })
+            Ok(v1::ListEvaluationsResponse { evaluations, next_page_token: wire::page::token(next) })
         })
         .await
     }
@@ -117,11 +120,11 @@ impl PolicyService for PolicyApi {
     ) -> Reply<v1::ListDeploymentsResponse> {
         answer(async {
             let caller = Caller::of(&request)?;
-            let task = self.0.task_or_all(&request.get_ref().task).await?;
-            let mut deployments = self.0.store.deployments(task.as_ref()).await?;
-            deployments.retain(|deployment| caller.sees(&deployment.name));
+            let (task, page) = wire::policy::deployments_request(request.into_inner())?;
+            let task = self.0.task_or_all(&task).await?;
+            let (deployments, next) = self.0.store.deployments_page(task.as_ref(), caller.bound(), &page).await?;
             let deployments = deployments.into_iter().map(wire::policy::deployment).collect();
-            Ok(v1::ListDeploymentsResponse { deployments })
+            Ok(v1::ListDeploymentsResponse { deployments, next_page_token: wire::policy::deployments_token(next) })
         })
         .await
     }

@@ -25,13 +25,15 @@ impl ScoreService for ScoreApi {
 
     async fn list_score_runs(&self, request: Request<v1::ListScoreRunsRequest>) -> Reply<v1::ListScoreRunsResponse> {
         answer(async {
-            let task = self.0.store.task(&request.get_ref().task).await?;
-            let mut score_runs = Vec::new();
-            for run in self.0.store.score_runs(&task.id).await? {
+            let (task, page) = wire::score::list_request(request.into_inner())?;
+            let task = self.0.store.task(&task).await?;
+            let (runs, next) = self.0.store.score_runs_page(&task.id, &page).await?;
+            let mut score_runs = Vec::with_capacity(runs.len());
+            for run in runs {
                 let counts = self.0.store.run_counts(&run).await?;
                 score_runs.push(wire::score::score_run(run, counts));
             }
-            Ok(v1::ListScoreRunsResponse { score_runs })
+            Ok(v1::ListScoreRunsResponse { score_runs, next_page_token: wire::page::token(next) })
         })
         .await
     }

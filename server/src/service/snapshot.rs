@@ -80,9 +80,11 @@ impl SnapshotService for SnapshotApi {
 
     async fn list_snapshots(&self, request: Request<v1::ListSnapshotsRequest>) -> Reply<v1::ListSnapshotsResponse> {
         answer(async {
-            let task = self.0.store.task(&request.get_ref().task).await?;
-            let snapshots = self.0.store.snapshots(&task.id).await?;
-            Ok(v1::ListSnapshotsResponse { snapshots: snapshots.into_iter().map(wire::snapshot::snapshot).collect() })
+            let (task, page) = wire::snapshot::list_request(request.into_inner())?;
+            let task = self.0.store.task(&task).await?;
+            let (snapshots, next) = self.0.store.snapshots_page(&task.id, &page).await?;
+            let snapshots = snapshots.into_iter().map(wire::snapshot::snapshot).collect();
+            Ok(v1::ListSnapshotsResponse { snapshots, next_page_token: wire::page::token(next) })
         })
         .await
     }

@@ -37,11 +37,12 @@ impl TaskService for TaskApi {
         .await
     }
 
-    async fn list_tasks(&self, _: Request<v1::ListTasksRequest>) -> Reply<v1::ListTasksResponse> {
+    async fn list_tasks(&self, request: Request<v1::ListTasksRequest>) -> Reply<v1::ListTasksResponse> {
         answer(async {
-            let tasks = self.0.store.tasks().await?;
+            let page = wire::task::list_request(request.into_inner())?;
+            let (tasks, next) = self.0.store.tasks_page(&page).await?;
             let tasks = tasks.into_iter().map(|(task, counts)| wire::task::task(task, counts)).collect();
-            Ok(v1::ListTasksResponse { tasks })
+            Ok(v1::ListTasksResponse { tasks, next_page_token: wire::page::token(next) })
         })
         .await
     }

@@ -1,5 +1,7 @@
 //! Datasets: selections of score runs, and their contents.
 
+mod list;
+
 use futures::TryStreamExt as _;
 use tokio::sync::mpsc;
 
@@ -12,7 +14,7 @@ use super::{
 use crate::{
     domain::{
         dataset::{Dataset, DatasetContents, DatasetCounts, KeptEpisode, KeptSegment, Nearest, WeightedSegment},
-        id::{DatasetId, EpisodeId, ScoreRunId, TaskId},
+        id::{DatasetId, EpisodeId, ScoreRunId},
         score::ScoreRun,
         selection::{Candidate, Kept, Resolved, Rule, Selection, ranked},
         time::Millis,
@@ -150,32 +152,6 @@ impl Store {
             .await
             .map_err(fault("reading a dataset"))?
             .ok_or_else(|| Error::not_found("dataset", id))
-    }
-
-    /// A task's datasets, newest first.
-    ///
-    /// # Errors
-    /// Internal.
-    pub(crate) async fn datasets(&self, task: &TaskId) -> Result<Vec<Dataset>> {
-        sql::query("select * from datasets where task_id = $1 order by id desc")
-            .bind(task.param())
-            .try_map(row::read)
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("reading datasets"))
-    }
-
-    /// The datasets of a score run, newest first.
-    ///
-    /// # Errors
-    /// Internal.
-    pub(crate) async fn datasets_of_run(&self, run: &ScoreRunId) -> Result<Vec<Dataset>> {
-        sql::query("select * from datasets where score_run_id = $1 order by id desc")
-            .bind(run.param())
-            .try_map(row::read)
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("reading a run's datasets"))
     }
 
     /// The stored counts of a dataset; `None` until they were counted.

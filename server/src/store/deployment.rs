@@ -3,11 +3,12 @@
 use super::{
     Store, fault,
     row::{self, Column, Record as _, record},
-    sql::{self, Row, Target},
+    sql::{self, QueryBuilder, Row, Target},
 };
 use crate::{
     domain::{
         id::TaskId,
+        page::Page,
         policy::{Assignment, Deployment, DeploymentChange},
         time::Millis,
     },
@@ -157,6 +158,39 @@ impl Store {
         .await
         .map_err(fault("reading deployments"))?;
         Ok(grouped(rows))
+    }
+
+    /// A page of the deployments with their history, by name; of one task, if given, and of these names alone, if given.
+    /// With it the name that the next page follows.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn deployments_page(
+        &self,
+        task: Option<&TaskId>,
+        names: Option<&[String]>,
+        page: &Page<String>,
+    ) -> Result<(Vec<Deployment>, Option<String>)> {
+        let mut query = QueryBuilder::new(
+            "select name, task_id, policy_id, score_run_id, hide_history, created_at \
+             from (select name, task_id from deployments where true",
+        );
+        if let Some(task) = task {
+            query.push(" and task_id = ").push_bind(task.param());
+        }
+        if let Some(names) = names {
+            if names.is_empty() {
+                return Ok((Vec::new(), None));
+            }
+            query.push(" and name in (").push_list(names).push(")");
+        }
+        if let Some(after) = &page.after {
+            query.push(" and name > ").push_bind(after);
+        }
+        query.push(" order by name limit ").push_bind(page.rows());
+        query.push(") as listed join deployment_changes using (name) order by name, deployment_changes.id");
+        let rows = query.build().try_map(change).fetch_all(self.read()).await.map_err(fault("listing deployments"))?;
+        Ok(page.cut(grouped(rows), |deployment| deployment.name.clone()))
     }
 }
 

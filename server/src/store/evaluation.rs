@@ -2,14 +2,16 @@
 
 use super::{
     Store, fault,
+    page::newest_first,
     row::{self, Column as _, record},
-    sql::{self, Transaction},
+    sql::{self, QueryBuilder, Transaction},
 };
 use crate::{
     domain::{
         evaluation::Evaluation,
         id::{EvaluationId, PolicyId},
         job::JobKind,
+        page::Page,
     },
     error::Result,
 };
@@ -66,12 +68,22 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn evaluations(&self, policy: &PolicyId) -> Result<Vec<Evaluation>> {
-        sql::query("select * from evaluations where policy_id = $1 order by created_at desc, id desc")
-            .bind(policy.param())
-            .try_map(row::read)
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("reading evaluations"))
+        Ok(self.evaluations_page(policy, &Page::whole()).await?.0)
+    }
+
+    /// A page of a policy's evaluations, newest first, and the evaluation that the next one follows.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn evaluations_page(
+        &self,
+        policy: &PolicyId,
+        page: &Page<EvaluationId>,
+    ) -> Result<(Vec<Evaluation>, Option<EvaluationId>)> {
+        let mut query = QueryBuilder::new("select * from evaluations where policy_id = ");
+        query.push_bind(policy.param());
+        let found = newest_first(self.read(), query, page, |evaluation: &Evaluation| evaluation.id.clone()).await;
+        found.map_err(fault("reading evaluations"))
     }
 }
 

@@ -10,12 +10,20 @@ use crate::{
         dataset::ExportFile,
         id::{DatasetId, ExportId, JobId},
         job::JobKind,
+        page::Page,
         time::Millis,
     },
     error::{Error, Result},
 };
 
 record! { ExportFile: name, blob, size_bytes }
+record! { PlacedFile: position; file }
+
+/// A file at its place in an export.
+struct PlacedFile {
+    position: u32,
+    file: ExportFile,
+}
 
 /// Adds a finished export.
 pub(super) async fn insert(
@@ -55,6 +63,18 @@ impl Store {
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
     pub(crate) async fn export_files(&self, id: &ExportId) -> Result<Vec<ExportFile>> {
+        Ok(self.export_files_page(id, &Page::whole()).await?.0)
+    }
+
+    /// A page of the files of a finished export, in order, and the place that the next one follows.
+    ///
+    /// # Errors
+    /// As for [`Store::export_files`].
+    pub(crate) async fn export_files_page(
+        &self,
+        id: &ExportId,
+        page: &Page<u32>,
+    ) -> Result<(Vec<ExportFile>, Option<u32>)> {
         let there: i64 = row::query_as("select count(*) from exports where id = $1")
             .bind(id.param())
             .fetch_one(self.read())
@@ -63,12 +83,19 @@ impl Store {
         if there == 0 {
             return Err(self.missing(JobKind::Export, "export", id.as_str()).await);
         }
-        sql::query("select name, blob, size_bytes from export_files where export_id = $1 order by position")
-            .bind(id.param())
-            .try_map(row::read)
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("reading an export's files"))
+        let files: Vec<PlacedFile> = sql::query(
+            "select position, name, blob, size_bytes from export_files where export_id = $1 and position > $2 \
+             order by position limit $3",
+        )
+        .bind(id.param())
+        .bind(page.after.map_or(-1, i64::from))
+        .bind(page.rows())
+        .try_map(row::read)
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("reading an export's files"))?;
+        let (files, next) = page.cut(files, |placed| placed.position);
+        Ok((files.into_iter().map(|placed| placed.file).collect(), next))
     }
 
     /// One file of a finished export.

@@ -30,6 +30,7 @@ mod metric;
 mod missing_result;
 mod open_shared;
 mod packed;
+mod page;
 mod policy;
 pub(crate) mod postgres;
 pub(crate) mod queue;

@@ -2,13 +2,15 @@
 
 use super::{
     Store, fault,
+    page::newest_first,
     row::{self, Column, Record, column, record, unreadable},
-    sql::{self, Row, Transaction},
+    sql::{self, QueryBuilder, Row, Transaction},
 };
 use crate::{
     domain::{
         id::{PolicyId, TaskId},
         job::JobKind,
+        page::Page,
         policy::{Policy, PolicyOrigin, REMOTE, Training},
         remote::RemotePolicy,
         time::Millis,
@@ -105,12 +107,22 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn policies(&self, task: &TaskId) -> Result<Vec<Policy>> {
-        sql::query("select * from policies where task_id = $1 order by id desc")
-            .bind(task.param())
-            .try_map(row::read)
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("reading policies"))
+        Ok(self.policies_page(task, &Page::whole()).await?.0)
+    }
+
+    /// A page of a task's policies, newest first, and the policy that the next one follows.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn policies_page(
+        &self,
+        task: &TaskId,
+        page: &Page<PolicyId>,
+    ) -> Result<(Vec<Policy>, Option<PolicyId>)> {
+        let mut query = QueryBuilder::new("select * from policies where task_id = ");
+        query.push_bind(task.param());
+        let found = newest_first(self.read(), query, page, |policy: &Policy| policy.id.clone()).await;
+        found.map_err(fault("reading policies"))
     }
 }
 

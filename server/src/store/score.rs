@@ -2,6 +2,7 @@
 
 use super::{
     Store, fault,
+    page::newest_first,
     row::{self, Column, Record, column, record},
     sql::{self, QueryBuilder, Row, Transaction},
 };
@@ -9,6 +10,7 @@ use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId, TaskId},
         job::{JobKind, JobSpec},
+        page::Page,
         score::{EpisodeScores, Origin, RunCounts, ScoreRun},
         snapshot::Role,
     },
@@ -213,12 +215,22 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn score_runs(&self, task: &TaskId) -> Result<Vec<ScoreRun>> {
-        sql::query("select * from score_runs where task_id = $1 order by id desc")
-            .bind(task.param())
-            .try_map(row::read)
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("reading score runs"))
+        Ok(self.score_runs_page(task, &Page::whole()).await?.0)
+    }
+
+    /// A page of a task's finished score runs, newest first, and the run that the next one follows.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn score_runs_page(
+        &self,
+        task: &TaskId,
+        page: &Page<ScoreRunId>,
+    ) -> Result<(Vec<ScoreRun>, Option<ScoreRunId>)> {
+        let mut query = QueryBuilder::new("select * from score_runs where task_id = ");
+        query.push_bind(task.param());
+        let found = newest_first(self.read(), query, page, |run: &ScoreRun| run.id.clone()).await;
+        found.map_err(fault("reading score runs"))
     }
 
     /// The newest finished score run of all tasks.

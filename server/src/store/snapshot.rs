@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use super::{
     Store, fault,
+    page::newest_first,
     row::{self, Column as _, record},
     sql::{self, QueryBuilder, Transaction},
 };
@@ -12,6 +13,7 @@ use crate::{
         episode::Outcome,
         id::{EpisodeId, SnapshotId, TaskId},
         limit::{Member, limited},
+        page::Page,
         snapshot::{Role, RoleRule, Snapshot, SnapshotEpisode},
         time::Millis,
         work::InputEpisode,
@@ -129,9 +131,19 @@ impl Store {
 
     /// A task's snapshots, newest first.
     pub(crate) async fn snapshots(&self, task: &TaskId) -> Result<Vec<Snapshot>> {
+        Ok(self.snapshots_page(task, &Page::whole()).await?.0)
+    }
+
+    /// A page of a task's snapshots, newest first, and the snapshot that the next one follows.
+    pub(crate) async fn snapshots_page(
+        &self,
+        task: &TaskId,
+        page: &Page<SnapshotId>,
+    ) -> Result<(Vec<Snapshot>, Option<SnapshotId>)> {
         let mut query = QueryBuilder::new(COLUMNS);
-        query.push("where task_id = ").push_bind(task.param()).push(" order by created_at desc, id desc");
-        query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing snapshots"))
+        query.push("where task_id = ").push_bind(task.param());
+        let found = newest_first(self.read(), query, page, |snapshot: &Snapshot| snapshot.id.clone()).await;
+        found.map_err(fault("listing snapshots"))
     }
 
     /// Up to `most` episodes of a role behind a position of a snapshot, in its order.

@@ -7,11 +7,12 @@ use gleaner_recording::TaskSpec;
 use super::{
     Store, fault, is_duplicate,
     row::{self, Column as _, Record as _, record},
-    sql,
+    sql::{self, QueryBuilder},
 };
 use crate::{
     domain::{
         id::TaskId,
+        page::Page,
         task::{OutcomeCounts, Task},
         time::Millis,
     },
@@ -77,18 +78,35 @@ impl Store {
     }
 
     /// Every task with the counts of its episodes, oldest first.
+    #[cfg(test)]
     pub(crate) async fn tasks(&self) -> Result<Vec<(Task, OutcomeCounts)>> {
-        sql::query(
-            "select tasks.id, spec, tasks.created_at, \
+        Ok(self.tasks_page(&Page::whole()).await?.0)
+    }
+
+    /// A page of the tasks with the counts of their episodes, oldest first, and the task that the next one follows.
+    pub(crate) async fn tasks_page(&self, page: &Page<TaskId>) -> Result<(Vec<(Task, OutcomeCounts)>, Option<TaskId>)> {
+        let mut query = QueryBuilder::new(
+            "select listed.id as id, listed.spec as spec, listed.created_at as created_at, \
                  count(*) filter (where outcome = 'success') as success, \
                  count(*) filter (where outcome = 'failure') as failure, \
                  count(*) filter (where outcome = 'unknown') as unknown \
-             from tasks left join episodes on task_id = tasks.id and deleted_at is null group by tasks.id order by tasks.id",
-        )
-        .try_map(|row| Ok((Task::decode(&row)?, OutcomeCounts::decode(&row)?)))
-        .fetch_all(self.read())
-        .await
-        .map_err(fault("listing tasks"))
+             from (select id, spec, created_at from tasks",
+        );
+        if let Some(after) = &page.after {
+            query.push(" where id > ").push_bind(after.param());
+        }
+        query.push(" order by id limit ").push_bind(page.rows());
+        query.push(
+            ") as listed left join episodes on task_id = listed.id and deleted_at is null \
+             group by listed.id, listed.spec, listed.created_at order by listed.id",
+        );
+        let tasks = query
+            .build()
+            .try_map(|row| Ok((Task::decode(&row)?, OutcomeCounts::decode(&row)?)))
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("listing tasks"))?;
+        Ok(page.cut(tasks, |(task, _)| task.id.clone()))
     }
 
     /// The id and the name of every task, by name.

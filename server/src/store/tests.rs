@@ -1,6 +1,7 @@
 //! A database of an earlier version is migrated with every row it had.
 
 mod course;
+mod lists;
 mod pages;
 
 mod samples;

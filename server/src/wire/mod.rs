@@ -13,5 +13,5 @@ pub(crate) mod task;
 pub(crate) mod upload;
 
 pub(crate) use gleaner_core::proto::{
-    dataset, episode, evaluation, field, job, kinds, policy, remote, schedule, score, selection, snapshot, worker,
+    dataset, episode, evaluation, field, job, kinds, page, policy, remote, schedule, score, selection, snapshot, worker,
 };

@@ -6,7 +6,7 @@ use gleaner_recording::{Limits, RecordingError, TaskSpec, validate_within};
 use super::field;
 use crate::error::{Error, Result};
 
-pub(crate) use gleaner_core::proto::task::task;
+pub(crate) use gleaner_core::proto::task::{list_request, task};
 
 /// Reads and checks the specification of a task to be created.
 ///

@@ -20,7 +20,7 @@ async fn interrupted_import_is_stored_whole_or_not_at_all() {
         assert!(server.start_where_it_was(None).await);
         api = Api::connect(&server).await;
         let runs = async |api: &mut Api| {
-            let request = ListScoreRunsRequest { task: lab::TASK.into() };
+            let request = ListScoreRunsRequest { task: lab::TASK.into(), ..Default::default() };
             let all = api.scores.list_score_runs(request).await.unwrap().into_inner().score_runs;
             all.into_iter().filter(|run| lab::given(&run.settings)["source"] == point).collect::<Vec<_>>()
         };

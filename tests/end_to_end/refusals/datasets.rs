@@ -37,7 +37,9 @@ async fn invalid_datasets_are_rejected() {
         create_dataset(shaped(|s| s.max_per_phase = u32::MAX)) => InvalidArgument ["selection.shape.max_per_phase: "];
         get_dataset(GetDatasetRequest { dataset_id: "x".into() }) => InvalidArgument ["dataset_id: "];
         get_dataset(GetDatasetRequest { dataset_id: absent_id("ds") }) => NotFound [&absent_id("ds")];
-        list_datasets(ListDatasetsRequest { task: "absent".into() }) => NotFound ["absent"];
+        list_datasets(ListDatasetsRequest { task: "absent".into(), ..Default::default() }) => NotFound ["absent"];
+        list_datasets(ListDatasetsRequest { page_size: 1001, ..Default::default() }) => InvalidArgument ["page_size: "];
+        list_datasets(ListDatasetsRequest { page_token: absent_id("run"), ..Default::default() }) => InvalidArgument ["page_token: is not a page token"];
     );
     expect_alive(&mut api).await;
 }
@@ -46,6 +48,11 @@ async fn invalid_datasets_are_rejected() {
 async fn unknown_contents_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
+    let files = |page_size, token: &str| ListExportFilesRequest {
+        export_id: absent_id("exp"),
+        page_size,
+        page_token: token.to_owned(),
+    };
     let stream = |id: &str| StreamSegmentsRequest { dataset_id: id.to_owned(), ..StreamSegmentsRequest::default() };
     let download = |export: &str, name: &str| DownloadExportFileRequest {
         export_id: export.to_owned(),
@@ -55,8 +62,10 @@ async fn unknown_contents_are_rejected() {
     expect_errors!(api.datasets:
         stream_segments(stream("ds_7")) => InvalidArgument ["dataset_id: "];
         stream_segments(stream(&absent_id("ds"))) => NotFound [&absent_id("ds")];
-        list_export_files(ListExportFilesRequest { export_id: "x".into() }) => InvalidArgument ["export_id: "];
-        list_export_files(ListExportFilesRequest { export_id: absent_id("exp") }) => NotFound [&absent_id("exp")];
+        list_export_files(ListExportFilesRequest { export_id: "x".into(), ..Default::default() }) => InvalidArgument ["export_id: "];
+        list_export_files(ListExportFilesRequest { export_id: absent_id("exp"), ..Default::default() }) => NotFound [&absent_id("exp")];
+        list_export_files(files(1001, "")) => InvalidArgument ["page_size: "];
+        list_export_files(files(5, "17")) => InvalidArgument ["page_token: is not a page token"];
         download_export_file(download("x", "manifest.jsonl")) => InvalidArgument ["export_id: "];
         download_export_file(download(&absent_id("exp"), "manifest.jsonl")) => NotFound [&absent_id("exp")];
         download_export_file(download(&absent_id("exp"), "")) => InvalidArgument ["name: "];

@@ -102,6 +102,11 @@ async fn invalid_episode_requests_are_rejected() {
         ..label(&[&known], 1)
     };
     let unknown = absent_id("ep");
+    let labels = |page_size, token: &str| ListLabelsRequest {
+        episode_id: known.clone(),
+        page_size,
+        page_token: token.to_owned(),
+    };
     expect_errors!(api.episodes:
         get_episode(GetEpisodeRequest { episode_id: "ep_../../x".into() }) => InvalidArgument ["episode_id: "];
         get_episode(GetEpisodeRequest { episode_id: unknown.clone() }) => NotFound [&unknown];
@@ -118,12 +123,20 @@ async fn invalid_episode_requests_are_rejected() {
         label_episodes(label_as(&"x".repeat(256), "", "")) => InvalidArgument ["cohort: "];
         label_episodes(label_as("", "\0", "")) => InvalidArgument ["author: "];
         label_episodes(label_as("", "", &"x".repeat(256))) => InvalidArgument ["reason: "];
-        list_labels(ListLabelsRequest { episode_id: "x".into() }) => InvalidArgument ["episode_id: "];
-        list_labels(ListLabelsRequest { episode_id: unknown.clone() }) => NotFound [&unknown];
+        list_labels(ListLabelsRequest { episode_id: "x".into(), ..Default::default() }) => InvalidArgument ["episode_id: "];
+        list_labels(ListLabelsRequest { episode_id: unknown.clone(), ..Default::default() }) => NotFound [&unknown];
+        list_labels(labels(1001, "")) => InvalidArgument ["page_size: "];
+        list_labels(labels(5, "17")) => InvalidArgument ["page_token: is not a page token"];
         download_episode(DownloadEpisodeRequest { episode_id: "x".into(), accept_url: true }) => InvalidArgument ["episode_id: "];
         download_episode(DownloadEpisodeRequest { episode_id: unknown.clone(), accept_url: true }) => NotFound [&unknown];
     );
-    let labels = api.episodes.list_labels(ListLabelsRequest { episode_id: known }).await.unwrap().into_inner().labels;
+    let labels = api
+        .episodes
+        .list_labels(ListLabelsRequest { episode_id: known, ..Default::default() })
+        .await
+        .unwrap()
+        .into_inner()
+        .labels;
     assert_eq!(labels.len(), 1, "a rejected request changed the labels");
 }
 

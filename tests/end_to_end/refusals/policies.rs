@@ -30,8 +30,15 @@ async fn invalid_policy_requests_are_rejected() {
     let roll_back = |name: &str| RollBackRequest { name: name.to_owned() };
     let delete = |name: &str| DeleteDeploymentRequest { name: name.to_owned() };
     let act = |deployment: &str| ActRequest { deployment: deployment.to_owned(), observations: vec![] };
+    let evaluations = |page_size, token: &str| ListEvaluationsRequest {
+        policy_id: policy.to_owned(),
+        page_size,
+        page_token: token.to_owned(),
+    };
     expect_errors!(api.policies:
-        list_policies(ListPoliciesRequest { task: "absent".into() }) => NotFound ["absent"];
+        list_policies(ListPoliciesRequest { task: "absent".into(), ..Default::default() }) => NotFound ["absent"];
+        list_policies(ListPoliciesRequest { page_size: 1001, ..Default::default() }) => InvalidArgument ["page_size: "];
+        list_policies(ListPoliciesRequest { page_token: absent_id("eval"), ..Default::default() }) => InvalidArgument ["page_token: is not a page token"];
         deploy(deploy("", policy, "")) => InvalidArgument ["name: "];
         deploy(deploy("../prod", policy, "")) => InvalidArgument ["name: "];
         deploy(deploy(&"x".repeat(129), policy, "")) => InvalidArgument ["name: "];
@@ -44,12 +51,16 @@ async fn invalid_policy_requests_are_rejected() {
         roll_back(roll_back(NAME)) => FailedPrecondition [NAME];
         delete_deployment(delete("a b")) => InvalidArgument ["name: "];
         delete_deployment(delete("absent@prod")) => NotFound ["absent@prod"];
-        list_deployments(ListDeploymentsRequest { task: "absent".into() }) => NotFound ["absent"];
+        list_deployments(ListDeploymentsRequest { task: "absent".into(), ..Default::default() }) => NotFound ["absent"];
+        list_deployments(ListDeploymentsRequest { page_size: 1001, ..Default::default() }) => InvalidArgument ["page_size: "];
+        list_deployments(ListDeploymentsRequest { page_token: unknown.clone(), ..Default::default() }) => InvalidArgument ["page_token: is not a page token"];
         act(act("../x")) => InvalidArgument ["deployment: "];
         act(act("absent@prod")) => NotFound ["absent@prod"];
         act(act(NAME)) => InvalidArgument ["observations: "];
-        list_evaluations(ListEvaluationsRequest { policy_id: "x".into() }) => InvalidArgument ["policy_id: "];
-        list_evaluations(ListEvaluationsRequest { policy_id: unknown.clone() }) => NotFound [&unknown];
+        list_evaluations(ListEvaluationsRequest { policy_id: "x".into(), ..Default::default() }) => InvalidArgument ["policy_id: "];
+        list_evaluations(ListEvaluationsRequest { policy_id: unknown.clone(), ..Default::default() }) => NotFound [&unknown];
+        list_evaluations(evaluations(1001, "")) => InvalidArgument ["page_size: "];
+        list_evaluations(evaluations(5, &unknown)) => InvalidArgument ["page_token: is not a page token"];
         get_evaluation(GetEvaluationRequest { evaluation_id: "x".into() }) => InvalidArgument ["evaluation_id: "];
         get_evaluation(GetEvaluationRequest { evaluation_id: absent_id("eval") }) => NotFound [&absent_id("eval")];
     );

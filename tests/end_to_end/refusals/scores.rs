@@ -28,7 +28,9 @@ async fn invalid_score_requests_are_rejected() {
     expect_errors!(api.scores:
         get_score_run(GetScoreRunRequest { score_run_id: "x".into() }) => InvalidArgument ["score_run_id: "];
         get_score_run(GetScoreRunRequest { score_run_id: unknown.clone() }) => NotFound [&unknown];
-        list_score_runs(ListScoreRunsRequest { task: "absent".into() }) => NotFound ["absent"];
+        list_score_runs(ListScoreRunsRequest { task: "absent".into(), ..Default::default() }) => NotFound ["absent"];
+        list_score_runs(ListScoreRunsRequest { page_size: 1001, ..Default::default() }) => InvalidArgument ["page_size: "];
+        list_score_runs(ListScoreRunsRequest { page_token: absent_id("ds"), ..Default::default() }) => InvalidArgument ["page_token: is not a page token"];
         get_episode_scores(of("x", &absent_id("ep"))) => InvalidArgument ["score_run_id: "];
         get_episode_scores(of(run, "x")) => InvalidArgument ["episode_id: "];
         get_episode_scores(of(&unknown, &absent_id("ep"))) => NotFound [&unknown];

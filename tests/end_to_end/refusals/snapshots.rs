@@ -48,7 +48,9 @@ async fn invalid_snapshots_are_rejected() {
         list_snapshot_episodes(page(&absent_id("snap"), 0, "")) => NotFound [&absent_id("snap")];
         list_snapshot_episodes(page(&absent_id("snap"), 1001, "")) => InvalidArgument ["page_size: "];
         list_snapshot_episodes(page(&absent_id("snap"), 10, "seventeen")) => InvalidArgument ["page_token: "];
-        list_snapshots(ListSnapshotsRequest { task: "absent".into() }) => NotFound ["absent"];
+        list_snapshots(ListSnapshotsRequest { task: "absent".into(), ..Default::default() }) => NotFound ["absent"];
+        list_snapshots(ListSnapshotsRequest { page_size: 1001, ..Default::default() }) => InvalidArgument ["page_size: "];
+        list_snapshots(ListSnapshotsRequest { page_token: "17".into(), ..Default::default() }) => InvalidArgument ["page_token: is not a page token"];
     );
     expect_alive(&mut api).await;
 }

@@ -5,7 +5,7 @@ use tonic::Code;
 
 use crate::support::{
     api::Api,
-    errors::{expect_alive, expect_error, expect_errors},
+    errors::{absent_id, expect_alive, expect_error, expect_errors},
     lab,
     shared::shared,
 };
@@ -146,6 +146,8 @@ async fn unknown_tasks_are_rejected() {
         delete_task(DeleteTaskRequest { task: "absent".into() }) => NotFound ["absent"];
         delete_task(DeleteTaskRequest::default()) => NotFound ["task"];
         update_task(UpdateTaskRequest { task: "absent".into(), spec: Some(lab::spec_message()) }) => NotFound ["absent"];
+        list_tasks(ListTasksRequest { page_size: 1001, ..Default::default() }) => InvalidArgument ["page_size: "];
+        list_tasks(ListTasksRequest { page_token: absent_id("ep"), ..Default::default() }) => InvalidArgument ["page_token: is not a page token"];
         get_task(get("task_01ARZ3NDEKTSV4RRFFQ69G5FAV")) => NotFound ["task_01ARZ3NDEKTSV4RRFFQ69G5FAV"];
         get_task(get("../../etc/passwd\0")) => NotFound ["etc"];
         // The error repeats only the beginning of a long name.

@@ -35,5 +35,5 @@ pub(crate) use expect_errors;
 
 /// Checks that the server still responds.
 pub async fn expect_alive(api: &mut Api) {
-    api.tasks.list_tasks(ListTasksRequest {}).await.unwrap();
+    api.tasks.list_tasks(ListTasksRequest::default()).await.unwrap();
 }

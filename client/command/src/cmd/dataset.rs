@@ -1,9 +1,7 @@
 //! `dataset`: create, list, show, stream.
 
 use clap::{Args, Subcommand};
-use gleaner_proto::v1::{
-    CreateDatasetRequest, Dataset, GetDatasetRequest, ListDatasetsRequest, Segment, StreamSegmentsRequest,
-};
+use gleaner_proto::v1::{CreateDatasetRequest, Dataset, GetDatasetRequest, Segment, StreamSegmentsRequest};
 
 use super::histogram;
 use super::selection::{SelectionArgs, selected};
@@ -120,8 +118,7 @@ fn describe(dataset: &Dataset) -> String {
 
 async fn list(context: &Context, task: Option<String>) -> Result<()> {
     let client = context.client().await?;
-    let request = ListDatasetsRequest { task: context.task(&client, task.as_deref()).await? };
-    let reply = client.datasets().list_datasets(request).await?.into_inner();
+    let reply = client.every_dataset(&context.task(&client, task.as_deref()).await?).await?;
     let columns = [Left("ID"), Left("SCORE RUN"), Left("KEEPS"), Right("KEPT"), Right("EXPERT"), Left("CREATED")];
     let row = |dataset: &Dataset| {
         [

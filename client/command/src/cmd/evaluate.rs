@@ -3,9 +3,9 @@
 use clap::Args;
 use gleaner_core::arguments::{Evaluate, Given};
 use gleaner_core::proto::to_struct;
+use gleaner_proto::v1::EvaluateSpec;
 use gleaner_proto::v1::evaluate_spec::Subject;
 use gleaner_proto::v1::job_spec::Spec;
-use gleaner_proto::v1::{EvaluateSpec, ListDeploymentsRequest};
 
 use super::queueing::{JobArgs, SubmitArgs};
 use super::submit::Submission;
@@ -36,7 +36,7 @@ impl EvaluateCommand {
         let client = context.client().await?;
         let mut spec = EvaluateSpec { subject: None, settings: Some(to_struct(&self.settings.values)) };
         let task = if let Some(name) = self.deployment {
-            let known = client.policies().list_deployments(ListDeploymentsRequest::default()).await?.into_inner();
+            let known = client.every_deployment("").await?;
             let deployment = known.deployments.into_iter().find(|deployment| deployment.name == name);
             let deployment = deployment.ok_or_else(|| {
                 Failure::message(format!("{name}: unknown deployment; `gleaner deployments` lists them"))

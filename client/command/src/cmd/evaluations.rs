@@ -3,9 +3,7 @@
 use std::str::FromStr;
 
 use clap::Args;
-use gleaner_proto::v1::{
-    Evaluation, GetEvaluationRequest, ListEvaluationsRequest, ReportEvaluationRequest, SeedResult,
-};
+use gleaner_proto::v1::{Evaluation, GetEvaluationRequest, ReportEvaluationRequest, SeedResult};
 
 use super::policies::evaluation_of;
 use crate::context::Context;
@@ -23,8 +21,7 @@ pub(crate) struct EvaluationsArgs {
 impl EvaluationsArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
-        let request = ListEvaluationsRequest { policy_id: self.policy.clone() };
-        let reply = client.policies().list_evaluations(request).await?.into_inner();
+        let reply = client.every_evaluation(&self.policy).await?;
         context.output.result(|| json::value(&reply), || listing(&reply.evaluations))?;
         match reply.evaluations.first() {
             Some(evaluation) => context.output.next(format_args!("gleaner evaluation {}", evaluation.id)),

@@ -125,7 +125,7 @@ impl ExportArgs {
         client.download_export(&job.result_id, &files, &self.out, |bytes| bar.set_position(bytes)).await?;
         let took = bar.elapsed();
         bar.finish_and_clear();
-        let reply = ListExportFilesResponse { files };
+        let reply = ListExportFilesResponse { files, ..Default::default() };
         context.output.result(
             || json::value(&reply),
             || summary(reply.files.len(), total, took, &self.out.display().to_string()),

@@ -5,9 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gleaner_client::{Client, outcome_from_word};
-use gleaner_proto::v1::{
-    Episode, GetEpisodeRequest, Label, LabelEpisodesRequest, LabelEpisodesResponse, ListLabelsRequest, Outcome,
-};
+use gleaner_proto::v1::{Episode, GetEpisodeRequest, Label, LabelEpisodesRequest, LabelEpisodesResponse, Outcome};
 
 use super::{episodes, label_file};
 use crate::context::Context;
@@ -107,8 +105,7 @@ pub(crate) struct LabelsArgs {
 
 impl LabelsArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let request = ListLabelsRequest { episode_id: self.id.clone() };
-        let reply = context.client().await?.episodes().list_labels(request).await?.into_inner();
+        let reply = context.client().await?.every_label(&self.id).await?;
         let columns = [Left("WHEN"), Left("WHO"), Left("OUTCOME"), Left("COHORT"), Left("WHY")];
         let row = |label: &Label| {
             [

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use gleaner_client::{Client, LabelledFile, read_labels};
-use gleaner_proto::v1::{Episode, LabelEpisodesRequest, ListEpisodesRequest, ListTasksRequest, Task};
+use gleaner_proto::v1::{Episode, LabelEpisodesRequest, ListEpisodesRequest, Task};
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
@@ -22,7 +22,7 @@ pub(super) async fn label(
 ) -> Result<Vec<Episode>> {
     let rows = read_labels(file)?;
     let refused = |problem: String| Failure::message(format!("{}: {problem}; no label was changed", file.display()));
-    let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+    let tasks = client.every_task().await?.tasks;
     // The rows of every task have their episodes before the first label is changed.
     let mut new = Changes::new();
     for (task, rows) in by_task(&rows, task, &tasks).map_err(refused)? {

@@ -2,7 +2,7 @@
 
 use futures::{StreamExt as _, stream};
 use gleaner_client::Client;
-use gleaner_proto::v1::{Episode, GetEpisodeScoresRequest, ListScoreRunsRequest, Outcome, ScoreRun};
+use gleaner_proto::v1::{Episode, GetEpisodeScoresRequest, Outcome, ScoreRun};
 use tonic::Code;
 
 use crate::failure::Result;
@@ -29,8 +29,7 @@ pub(super) enum Missing {
 
 /// The newest run of an episode's task that holds the episode.
 pub(super) async fn of(client: &Client, episode: &Episode) -> Result<std::result::Result<Newest, Missing>> {
-    let request = ListScoreRunsRequest { task: episode.task_id.clone() };
-    let runs = client.scores().list_score_runs(request).await?.into_inner().score_runs;
+    let runs = client.every_score_run(&episode.task_id).await?.score_runs;
     let found = newest_with(client, &runs, &episode.id).await?;
     Ok(chosen(episode, &runs, found))
 }

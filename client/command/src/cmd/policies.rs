@@ -4,10 +4,7 @@ use clap::Args;
 use gleaner_client::Client;
 use gleaner_core::TaskSpec;
 use gleaner_core::proto::task::spec_from_proto;
-use gleaner_proto::v1::{
-    DeleteDeploymentRequest, DeployRequest, Deployment, GetTaskRequest, ListDeploymentsRequest, ListPoliciesRequest,
-    Policy, RollBackRequest,
-};
+use gleaner_proto::v1::{DeleteDeploymentRequest, DeployRequest, Deployment, GetTaskRequest, Policy, RollBackRequest};
 
 use serde_json::json;
 
@@ -27,8 +24,7 @@ pub(crate) struct PoliciesArgs {
 impl PoliciesArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
-        let request = ListPoliciesRequest { task: context.task(&client, self.task.as_deref()).await? };
-        let reply = client.policies().list_policies(request).await?.into_inner();
+        let reply = client.every_policy(&context.task(&client, self.task.as_deref()).await?).await?;
         let columns = [Left("ID"), Left("KIND"), Left("DATASET OR ADDRESS"), Left("ENCODER"), Left("CREATED")];
         let row = |policy: &Policy| {
             let dataset = match &policy.remote {
@@ -106,7 +102,7 @@ pub(super) async fn evaluation_of(context: &Context, client: &Client, policy: &s
 async fn found_evaluation_of(context: &Context, client: &Client, policy: &str) -> Result<String> {
     let task = context.task_of_result(client, None, policy).await?;
     let simulated = is_simulated(client, &task).await?;
-    let known = client.policies().list_policies(ListPoliciesRequest { task }).await?.into_inner().policies;
+    let known = client.every_policy(&task).await?.policies;
     let then = match (simulated, known.iter().any(|known| known.id == policy && known.remote.is_some())) {
         (true, false) => return Ok(format!("gleaner evaluate --policy {policy} --wait")),
         // Jobs do not connect to other servers; sessions do.
@@ -136,8 +132,7 @@ fn elsewhere(name: &str, policy: &str) -> String {
 
 /// Refuses a deployment whose task differs from the simulated one. A session refuses a name without a deployment.
 pub(super) async fn check_simulated(client: &Client, name: &str, simulated: gleaner_sim::Task) -> Result<()> {
-    let request = ListDeploymentsRequest::default();
-    let deployments = client.policies().list_deployments(request).await?.into_inner().deployments;
+    let deployments = client.every_deployment("").await?.deployments;
     let Some(deployment) = deployments.iter().find(|deployment| deployment.name == name) else { return Ok(()) };
     let Some(spec) = spec_of(client, &deployment.task_id).await? else { return Ok(()) };
     let Err(difference) = gleaner_sim::compatible_with(simulated, &spec) else { return Ok(()) };
@@ -200,9 +195,8 @@ pub(crate) struct DeploymentsArgs {
 
 impl DeploymentsArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let request = ListDeploymentsRequest { task: self.task };
         let client = context.client().await?;
-        let reply = client.policies().list_deployments(request).await?.into_inner();
+        let reply = client.every_deployment(&self.task).await?;
         let columns = [Left("NAME"), Left("POLICY"), Left("SCORED BY"), Left("SINCE"), Right("CHANGES")];
         let row = |deployment: &Deployment| {
             let since = deployment.history.last().and_then(|change| change.deploy_time.as_ref());

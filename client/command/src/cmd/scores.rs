@@ -2,7 +2,7 @@
 
 use clap::Args;
 use gleaner_core::selection::Filter;
-use gleaner_proto::v1::{EpisodeScores, GetEpisodeScoresRequest, ListScoreRunsRequest, ScoreRun};
+use gleaner_proto::v1::{EpisodeScores, GetEpisodeScoresRequest, ScoreRun};
 
 use super::selection::{beta_of, threshold};
 use crate::context::Context;
@@ -24,8 +24,7 @@ pub(crate) struct RunsArgs {
 impl RunsArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
-        let request = ListScoreRunsRequest { task: context.task(&client, self.task.as_deref()).await? };
-        let reply = client.scores().list_score_runs(request).await?.into_inner();
+        let reply = client.every_score_run(&context.task(&client, self.task.as_deref()).await?).await?;
         let columns = [
             Left("ID"),
             Left("ENCODER"),

@@ -1,9 +1,7 @@
 //! `snapshot`: create, list, show.
 
 use clap::{Args, Subcommand};
-use gleaner_proto::v1::{
-    CreateSnapshotRequest, GetSnapshotResponse, ListSnapshotsRequest, RoleRule, Snapshot, SnapshotEpisode,
-};
+use gleaner_proto::v1::{CreateSnapshotRequest, GetSnapshotResponse, RoleRule, Snapshot, SnapshotEpisode};
 
 use super::plan::RuleArgs;
 use crate::context::Context;
@@ -61,8 +59,7 @@ async fn create(context: &Context, args: CreateArgs) -> Result<()> {
 
 async fn list(context: &Context, task: Option<String>) -> Result<()> {
     let client = context.client().await?;
-    let request = ListSnapshotsRequest { task: context.task(&client, task.as_deref()).await? };
-    let reply = client.snapshots().list_snapshots(request).await?.into_inner();
+    let reply = client.every_snapshot(&context.task(&client, task.as_deref()).await?).await?;
     context.output.result(|| json::value(&reply), || listing(&reply.snapshots))?;
     match reply.snapshots.first() {
         Some(snapshot) => context.output.next(format_args!("gleaner snapshot show {}", snapshot.id)),

@@ -10,9 +10,7 @@ use clap::{Args, Subcommand};
 use gleaner_client::ClientError;
 use gleaner_core::action::ActionRange;
 use gleaner_core::proto::task::{spec_from_proto, spec_to_proto};
-use gleaner_proto::v1::{
-    CreateTaskRequest, DeleteTaskRequest, GetTaskRequest, ListTasksRequest, Task, UpdateTaskRequest,
-};
+use gleaner_proto::v1::{CreateTaskRequest, DeleteTaskRequest, GetTaskRequest, Task, UpdateTaskRequest};
 use gleaner_recording::{FieldSpec, TaskSpec};
 use gleaner_sim::SimConfig;
 
@@ -129,7 +127,7 @@ pub(crate) fn read_spec(path: &Path) -> Result<TaskSpec> {
 }
 
 async fn list(context: &Context) -> Result<()> {
-    let reply = context.client().await?.tasks().list_tasks(ListTasksRequest {}).await?.into_inner();
+    let reply = context.client().await?.every_task().await?;
     let columns = [Left("NAME"), Left("ID"), Right("SUCCESS"), Right("FAILURE"), Right("UNKNOWN"), Left("CREATED")];
     let row = |task: &Task| {
         [

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use gleaner_client::Client;
 use gleaner_core::proto::selection::selection_to_proto;
 use gleaner_core::selection::Selection;
-use gleaner_proto::v1::{Dataset, Job, ListDatasetsRequest, ListJobsRequest};
+use gleaner_proto::v1::{Dataset, Job, ListJobsRequest};
 use tonic::Code;
 
 use super::collection::Collections;
@@ -37,12 +37,11 @@ impl<'a> Existing<'a> {
 
     async fn add(&mut self, task: &str) -> Result<()> {
         let client = self.client;
-        let datasets = client.datasets().list_datasets(ListDatasetsRequest { task: task.to_owned() }).await;
-        self.datasets.extend(match datasets {
-            Ok(reply) => reply.into_inner().datasets,
+        self.datasets.extend(match client.every_dataset(task).await {
+            Ok(reply) => reply.datasets,
             // The task has never been created there.
-            Err(status) if status.code() == Code::NotFound => return Ok(()),
-            Err(status) => return Err(status.into()),
+            Err(error) if error.code() == Some(Code::NotFound) => return Ok(()),
+            Err(error) => return Err(error.into()),
         });
         let mut request = ListJobsRequest { task: task.to_owned(), page_size: PAGE, ..ListJobsRequest::default() };
         loop {

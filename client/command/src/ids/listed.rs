@@ -4,9 +4,8 @@ use gleaner_client::Client;
 use gleaner_core::proto::from_struct;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{
-    Deployment, Episode, GetEpisodeRequest, Job, JobKind, JobState, ListDatasetsRequest, ListDeploymentsRequest,
-    ListEpisodesRequest, ListEpisodesResponse, ListEvaluationsRequest, ListJobsRequest, ListPoliciesRequest,
-    ListScoreRunsRequest, ListSnapshotsRequest, ListTasksRequest, Task,
+    Deployment, Episode, GetEpisodeRequest, Job, JobKind, JobState, ListEpisodesRequest, ListEpisodesResponse,
+    ListJobsRequest, Task,
 };
 use tonic::Code;
 
@@ -31,7 +30,7 @@ impl Tasks {
         if let Some(named) = named {
             return Ok(Self::one(named));
         }
-        let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+        let tasks = client.every_task().await?.tasks;
         let name = |task: Task| {
             let name = task.spec.map_or_else(|| task.id.clone(), |spec| spec.name);
             (task.id, name)
@@ -100,8 +99,7 @@ pub(super) async fn ids(client: &Client, kind: Kind, tasks: &Tasks, text: &str) 
         Kind::Evaluation => {
             let mut found = results(client, tasks, JobKind::Evaluate).await?;
             for Entry { id: policy_id, task } in policies(client, tasks, true).await? {
-                let request = ListEvaluationsRequest { policy_id };
-                let reply = client.policies().list_evaluations(request).await?.into_inner();
+                let reply = client.every_evaluation(&policy_id).await?;
                 let evaluations = reply.evaluations.into_iter();
                 found.extend(evaluations.map(|evaluation| Entry { id: evaluation.id, task: task.clone() }));
             }
@@ -110,7 +108,7 @@ pub(super) async fn ids(client: &Client, kind: Kind, tasks: &Tasks, text: &str) 
         Kind::Run => {
             let mut found = results(client, tasks, JobKind::Score).await?;
             for task in tasks.ids() {
-                let reply = client.scores().list_score_runs(ListScoreRunsRequest { task }).await?.into_inner();
+                let reply = client.every_score_run(&task).await?;
                 found.extend(reply.score_runs.into_iter().map(|run| tasks.entry(run.id, &run.task_id)));
             }
             Ok(found)
@@ -118,7 +116,7 @@ pub(super) async fn ids(client: &Client, kind: Kind, tasks: &Tasks, text: &str) 
         Kind::Dataset => {
             let mut found = Vec::new();
             for task in tasks.ids() {
-                let reply = client.datasets().list_datasets(ListDatasetsRequest { task }).await?.into_inner();
+                let reply = client.every_dataset(&task).await?;
                 found.extend(reply.datasets.into_iter().map(|dataset| tasks.entry(dataset.id, &dataset.task_id)));
             }
             Ok(found)
@@ -126,7 +124,7 @@ pub(super) async fn ids(client: &Client, kind: Kind, tasks: &Tasks, text: &str) 
         Kind::Snapshot => {
             let mut found = Vec::new();
             for task in tasks.ids() {
-                let reply = client.snapshots().list_snapshots(ListSnapshotsRequest { task }).await?.into_inner();
+                let reply = client.every_snapshot(&task).await?;
                 found.extend(reply.snapshots.into_iter().map(|snapshot| tasks.entry(snapshot.id, &snapshot.task_id)));
             }
             Ok(found)
@@ -145,8 +143,7 @@ pub(super) fn of_episodes(tasks: &Tasks, episodes: &[Episode]) -> Vec<Entry> {
 
 /// The deployments of the named task, or of all.
 pub(super) async fn deployments(client: &Client, tasks: &Tasks) -> Result<Vec<Deployment>> {
-    let request = ListDeploymentsRequest { task: tasks.named().unwrap_or_default().to_owned() };
-    Ok(client.policies().list_deployments(request).await?.into_inner().deployments)
+    Ok(client.every_deployment(tasks.named().unwrap_or_default()).await?.deployments)
 }
 
 /// An encoder that a job makes or has made.
@@ -171,7 +168,7 @@ pub(crate) async fn encoders(client: &Client, task: Option<&str>) -> Result<Vec<
 async fn policies(client: &Client, tasks: &Tasks, finished: bool) -> Result<Vec<Entry>> {
     let mut found = Vec::new();
     for task in tasks.ids() {
-        let reply = client.policies().list_policies(ListPoliciesRequest { task }).await?.into_inner();
+        let reply = client.every_policy(&task).await?;
         found.extend(reply.policies.into_iter().map(|policy| tasks.entry(policy.id, &policy.task_id)));
     }
     if !finished {

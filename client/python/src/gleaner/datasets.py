@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gleaner._download import Downloads, below
 from gleaner._messages import build, word
+from gleaner._pages import PAGE, pages
 from gleaner._proto.v1 import dataset_pb2 as pb
 from gleaner._proto.v1 import task_pb2
 from gleaner._proto.v1.selection_pb2 import Selection
@@ -114,8 +115,9 @@ class Datasets:
 
     def export_files(self, export_id: str) -> Sequence[ExportFile]:
         """The files of a finished export; `client.jobs.submit` makes one. Raises `FailedPrecondition` before."""
-        request = pb.ListExportFilesRequest(export_id=export_id)
-        return [*self._rpc.safe("DatasetService/ListExportFiles", request, pb.ListExportFilesResponse).files]
+        request = pb.ListExportFilesRequest(export_id=export_id, page_size=PAGE)
+        found = pages(self._rpc, "DatasetService/ListExportFiles", request, pb.ListExportFilesResponse)
+        return [file for page in found for file in page.files]
 
     def download_export(self, export_id: str, folder: str | os.PathLike[str]) -> Sequence[Path]:
         """Fetches every file of a finished export into a folder, which must be new or empty.
@@ -150,8 +152,9 @@ class Datasets:
 
     def list(self, task: str) -> list[Dataset]:
         """A task's datasets, newest first."""
-        request = pb.ListDatasetsRequest(task=task)
-        return [*self._rpc.safe("DatasetService/ListDatasets", request, pb.ListDatasetsResponse).datasets]
+        request = pb.ListDatasetsRequest(task=task, page_size=PAGE)
+        found = pages(self._rpc, "DatasetService/ListDatasets", request, pb.ListDatasetsResponse)
+        return [dataset for page in found for dataset in page.datasets]
 
 
 def _segment(segment: pb.Segment, spec: TaskSpec) -> Segment:

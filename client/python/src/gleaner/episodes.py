@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gleaner._download import Downloads, inside
 from gleaner._messages import number
+from gleaner._pages import PAGE, pages
 from gleaner._proto.v1 import episode_pb2 as pb
 from gleaner._rpc import Rpc
 from gleaner._summary import summarize
@@ -88,8 +89,9 @@ class Episodes:
 
     def labels(self, episode_id: str) -> list[Label]:
         """The history of an episode's labels, oldest first."""
-        request = pb.ListLabelsRequest(episode_id=episode_id)
-        return [*self._rpc.safe("EpisodeService/ListLabels", request, pb.ListLabelsResponse).labels]
+        request = pb.ListLabelsRequest(episode_id=episode_id, page_size=PAGE)
+        found = pages(self._rpc, "EpisodeService/ListLabels", request, pb.ListLabelsResponse)
+        return [label for page in found for label in page.labels]
 
     def delete(self, episode_ids: str | Iterable[str], *, force: bool = False) -> list[Episode]:
         """Moves one or many episodes to the trash, all or none: lists and new snapshots exclude them.

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gleaner._messages import build
+from gleaner._pages import PAGE, pages
 from gleaner._proto.v1 import policy_pb2 as pb
 from gleaner._rpc import Rpc
 from gleaner.types import Deployment, Evaluation, PolicyRecord, SeedResult
@@ -86,8 +87,9 @@ class Policies:
 
     def deployments(self, task: str = "") -> list[Deployment]:
         """Deployments with their history, of one task or of all."""
-        request = pb.ListDeploymentsRequest(task=task)
-        return [*self._rpc.safe("PolicyService/ListDeployments", request, pb.ListDeploymentsResponse).deployments]
+        request = pb.ListDeploymentsRequest(task=task, page_size=PAGE)
+        found = pages(self._rpc, "PolicyService/ListDeployments", request, pb.ListDeploymentsResponse)
+        return [deployment for page in found for deployment in page.deployments]
 
     def report(self, policy_id: str, simulation: str, seeds: Sequence[SeedResult]) -> Evaluation:
         """Stores the result of trials that ran elsewhere; `simulation` is for example metaworld/pick-place-v3."""
@@ -96,8 +98,9 @@ class Policies:
 
     def evaluations(self, policy_id: str) -> list[Evaluation]:
         """A policy's evaluations, newest first."""
-        request = pb.ListEvaluationsRequest(policy_id=policy_id)
-        return [*self._rpc.safe("PolicyService/ListEvaluations", request, pb.ListEvaluationsResponse).evaluations]
+        request = pb.ListEvaluationsRequest(policy_id=policy_id, page_size=PAGE)
+        found = pages(self._rpc, "PolicyService/ListEvaluations", request, pb.ListEvaluationsResponse)
+        return [evaluation for page in found for evaluation in page.evaluations]
 
     def evaluation(self, evaluation_id: str) -> Evaluation:
         """Returns an evaluation. Raises `FailedPrecondition` while its job has not succeeded."""
@@ -106,5 +109,6 @@ class Policies:
 
     def list(self, task: str) -> list[PolicyRecord]:
         """A task's policies, newest first."""
-        request = pb.ListPoliciesRequest(task=task)
-        return [*self._rpc.safe("PolicyService/ListPolicies", request, pb.ListPoliciesResponse).policies]
+        request = pb.ListPoliciesRequest(task=task, page_size=PAGE)
+        found = pages(self._rpc, "PolicyService/ListPolicies", request, pb.ListPoliciesResponse)
+        return [policy for page in found for policy in page.policies]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gleaner._messages import build, word
+from gleaner._pages import PAGE, pages
 from gleaner._proto.v1 import score_pb2 as pb
 from gleaner._proto.v1.selection_pb2 import Selection
 from gleaner._retry import patiently
@@ -150,8 +151,9 @@ class Scores:
 
     def list(self, task: str) -> list[ScoreRun]:
         """A task's finished score runs, newest first."""
-        request = pb.ListScoreRunsRequest(task=task)
-        return [*self._rpc.safe("ScoreService/ListScoreRuns", request, pb.ListScoreRunsResponse).score_runs]
+        request = pb.ListScoreRunsRequest(task=task, page_size=PAGE)
+        found = pages(self._rpc, "ScoreService/ListScoreRuns", request, pb.ListScoreRunsResponse)
+        return [run for page in found for run in page.score_runs]
 
 
 def from_wire(scores: pb.EpisodeScores) -> EpisodeScores:

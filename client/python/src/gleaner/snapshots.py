@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gleaner._messages import build
+from gleaner._pages import PAGE, pages
 from gleaner._proto.v1 import snapshot_pb2 as pb
 from gleaner._rpc import Rpc
 from gleaner.settings import RoleRule
@@ -46,5 +47,6 @@ class Snapshots:
 
     def list(self, task: str) -> list[Snapshot]:
         """A task's snapshots, newest first."""
-        request = pb.ListSnapshotsRequest(task=task)
-        return [*self._rpc.safe("SnapshotService/ListSnapshots", request, pb.ListSnapshotsResponse).snapshots]
+        request = pb.ListSnapshotsRequest(task=task, page_size=PAGE)
+        found = pages(self._rpc, "SnapshotService/ListSnapshots", request, pb.ListSnapshotsResponse)
+        return [snapshot for page in found for snapshot in page.snapshots]

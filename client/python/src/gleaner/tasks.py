@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gleaner._messages import build
+from gleaner._pages import PAGE, pages
 from gleaner._proto.v1 import task_pb2 as pb
 from gleaner._rpc import Rpc
 from gleaner.types import Task, TaskSpec
@@ -32,7 +33,9 @@ class Tasks:
 
     def list(self) -> list[Task]:
         """Every task, oldest first."""
-        return list(self._rpc.safe("TaskService/ListTasks", pb.ListTasksRequest(), pb.ListTasksResponse).tasks)
+        request = pb.ListTasksRequest(page_size=PAGE)
+        found = pages(self._rpc, "TaskService/ListTasks", request, pb.ListTasksResponse)
+        return [task for page in found for task in page.tasks]
 
     def update(self, task: str, spec: TaskSpec | Mapping[str, Any]) -> Task:
         """Replaces the spec of a task: anything without episodes and results, afterwards mappings that read no episode.

@@ -2,11 +2,12 @@
 
 use gleaner_proto::v1;
 
-use super::{field, score, selection};
+use super::{field, page, score, selection};
 use crate::{
     dataset::{Dataset, DatasetCounts, ExportFile},
     error::Result,
     id::{DatasetId, ExportId, ScoreRunId},
+    page::Page,
     selection::{Rule, SelectionShape},
 };
 
@@ -34,6 +35,33 @@ pub fn dataset_id(text: &str) -> Result<DatasetId> {
 /// Invalid names the field.
 pub fn export_id(text: &str) -> Result<ExportId> {
     ExportId::parse("export_id", text)
+}
+
+/// The task's name or id, and the page of its datasets.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn list_request(request: v1::ListDatasetsRequest) -> Result<(String, Page<DatasetId>)> {
+    let v1::ListDatasetsRequest { task, page_size, page_token } = request;
+    Ok((task, page::page_by_id(page_size, &page_token)?))
+}
+
+/// The first part of a token of a page of files, whose second is the place of a file in its export.
+const FILE: &str = "file";
+
+/// The export, and the page of its files.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn files_request(request: v1::ListExportFilesRequest) -> Result<(ExportId, Page<u32>)> {
+    let v1::ListExportFilesRequest { export_id: id, page_size, page_token } = request;
+    let place = |token: &str| page::named_key(FILE, token)?.parse().ok();
+    Ok((export_id(&id)?, page::page(page_size, &page_token, place)?))
+}
+
+/// The token of the page of files behind a place; empty behind the last page.
+pub fn files_token(next: Option<u32>) -> String {
+    page::token(next.map(|place| page::named_token(FILE, place)))
 }
 
 /// Reads the score run of a new dataset, its rule if there is one, and its shape.

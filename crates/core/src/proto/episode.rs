@@ -3,11 +3,12 @@
 use crate::{Finding, Report, Severity};
 use gleaner_proto::v1;
 
-use super::field;
+use super::{field, page};
 use crate::{
     episode::{Episode, EpisodeFilter, InspectedEpisode, Label, NewLabel, Outcome},
     error::{Error, Result},
     id::{EpisodeId, TaskId},
+    page::Page,
 };
 
 /// Most episodes labelled or deleted in one call.
@@ -67,6 +68,24 @@ pub fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) -> Result
     let cohort = (!cohort.is_empty()).then_some(cohort);
     let filter = EpisodeFilter { task_id, outcome: outcome_from_proto("outcome", outcome)?, cohort, deleted };
     Ok(Listing { filter, after, size: field::page_size(page_size)? })
+}
+
+/// The first part of a token of a page of labels, whose second is the number of a label.
+const LABEL: &str = "label";
+
+/// The episode, and the page of its labels.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn labels_request(request: v1::ListLabelsRequest) -> Result<(EpisodeId, Page<i64>)> {
+    let v1::ListLabelsRequest { episode_id: id, page_size, page_token } = request;
+    let number = |token: &str| page::named_key(LABEL, token)?.parse().ok();
+    Ok((episode_id(&id)?, page::page(page_size, &page_token, number)?))
+}
+
+/// The token of the page of labels behind a number; empty behind the last page.
+pub fn labels_token(next: Option<i64>) -> String {
+    page::token(next.map(|number| page::named_token(LABEL, number)))
 }
 
 /// The episodes to label, and their label.

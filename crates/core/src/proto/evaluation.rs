@@ -2,11 +2,12 @@
 
 use gleaner_proto::v1;
 
-use super::field;
+use super::{field, page};
 use crate::{
     error::{Error, Result},
     evaluation::{Evaluation, SeedResult, Success},
     id::{EvaluationId, PolicyId},
+    page::Page,
 };
 
 /// Longest name of a simulation, in characters.
@@ -22,6 +23,15 @@ pub fn policy_id(text: &str) -> Result<PolicyId> {
 /// Reads an evaluation's id.
 pub fn evaluation_id(text: &str) -> Result<EvaluationId> {
     EvaluationId::parse("evaluation_id", text)
+}
+
+/// The policy, and the page of its evaluations.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn list_request(request: v1::ListEvaluationsRequest) -> Result<(PolicyId, Page<EvaluationId>)> {
+    let v1::ListEvaluationsRequest { policy_id: policy, page_size, page_token } = request;
+    Ok((policy_id(&policy)?, page::page_by_id(page_size, &page_token)?))
 }
 
 /// The policy, the name of the simulation, and the results of each seed.

@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use gleaner_proto::v1;
 
-use super::{field, remote::remote_to_proto};
+use super::{field, page, remote::remote_to_proto};
 use crate::{
     error::{Error, Result},
     id::{PolicyId, ScoreRunId},
     observation::{Acted, CameraFrame, Image, ImageFormat, Observation, Timings},
+    page::Page,
     policy::{Assignment, Deployment, DeploymentChange, Policy, PolicyOrigin, Training},
 };
 
@@ -24,6 +25,33 @@ pub fn deployment_name(field: &str, name: String) -> Result<String> {
         ));
     }
     Ok(name)
+}
+
+/// The task's name or id, and the page of its policies.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn list_request(request: v1::ListPoliciesRequest) -> Result<(String, Page<PolicyId>)> {
+    let v1::ListPoliciesRequest { task, page_size, page_token } = request;
+    Ok((task, page::page_by_id(page_size, &page_token)?))
+}
+
+/// The first part of a token of a page of deployments, whose second is a name. Without it an id of any kind would be one.
+const DEPLOYMENT: &str = "deployment";
+
+/// The task's name or id, or an empty text for every task, and the page of its deployments.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn deployments_request(request: v1::ListDeploymentsRequest) -> Result<(String, Page<String>)> {
+    let v1::ListDeploymentsRequest { task, page_size, page_token } = request;
+    let name = |token: &str| deployment_name("page_token", page::named_key(DEPLOYMENT, token)?.to_owned()).ok();
+    Ok((task, page::page(page_size, &page_token, name)?))
+}
+
+/// The token of the page of deployments that follow a name; empty behind the last page.
+pub fn deployments_token(next: Option<String>) -> String {
+    page::token(next.map(|name| page::named_token(DEPLOYMENT, name)))
 }
 
 /// Reads the deployment's name and what it points at.

@@ -3,10 +3,11 @@
 use gleaner_proto::v1;
 
 use super::selection::beta;
-use super::{field, snapshot};
+use super::{field, page, snapshot};
 use crate::{
     error::{Error, Result},
     id::{EpisodeId, ScoreRunId},
+    page::Page,
     score::{EpisodeScores, ExpertRanking, Histogram, KeptCount, RunCounts, ScoreRun},
 };
 
@@ -21,6 +22,15 @@ const MAX_BETAS: usize = 1000;
 /// Invalid names the field.
 pub fn score_run_id(text: &str) -> Result<ScoreRunId> {
     ScoreRunId::parse("score_run_id", text)
+}
+
+/// The task's name or id, and the page of its score runs.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn list_request(request: v1::ListScoreRunsRequest) -> Result<(String, Page<ScoreRunId>)> {
+    let v1::ListScoreRunsRequest { task, page_size, page_token } = request;
+    Ok((task, page::page_by_id(page_size, &page_token)?))
 }
 
 /// Reads the run and the episode of the requested scores.

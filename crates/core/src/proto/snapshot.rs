@@ -2,10 +2,11 @@
 
 use gleaner_proto::v1;
 
-use super::{episode, field};
+use super::{episode, field, page};
 use crate::{
     error::{Error, Result},
     id::SnapshotId,
+    page::Page,
     snapshot::{Role, RoleRule, Snapshot, SnapshotEpisode},
 };
 
@@ -21,6 +22,15 @@ pub fn snapshot_id(text: &str) -> Result<SnapshotId> {
 pub fn create_request(request: v1::CreateSnapshotRequest) -> Result<(String, RoleRule)> {
     let v1::CreateSnapshotRequest { task, rule } = request;
     Ok((field::text("task", task)?, rule_from_proto("rule", rule)?))
+}
+
+/// The task's name or id, and the page of its snapshots.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn list_request(request: v1::ListSnapshotsRequest) -> Result<(String, Page<SnapshotId>)> {
+    let v1::ListSnapshotsRequest { task, page_size, page_token } = request;
+    Ok((task, page::page_by_id(page_size, &page_token)?))
 }
 
 /// The snapshot, the place of the last episode of the page before, and the size of a page of its episodes. A page token is

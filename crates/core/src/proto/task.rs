@@ -2,17 +2,28 @@
 
 use gleaner_proto::v1;
 
-use super::field;
+use super::{field, page};
 use crate::task_spec::default_static_topic;
 use crate::{
     Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Mapping, OpenpiKey, RecordedSize, TaskSpec,
     Transform,
     error::{Error, Result},
+    id::TaskId,
+    page::Page,
     task::{OutcomeCounts, Task},
 };
 
 /// Default tolerance, as a share of a period, when the message has none.
 const TOLERANCE: f64 = 0.25;
+
+/// The page of the tasks.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn list_request(request: v1::ListTasksRequest) -> Result<Page<TaskId>> {
+    let v1::ListTasksRequest { page_size, page_token } = request;
+    page::page_by_id(page_size, &page_token)
+}
 
 /// A specification from its message. Its rules are checked where tasks are created.
 ///

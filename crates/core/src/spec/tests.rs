@@ -60,6 +60,17 @@ fn a_setting_of_another_kind_is_rejected() {
 }
 
 #[test]
+fn a_training_states_the_history_of_its_policy() {
+    let history = |policy: serde_json::Value| TrainSpec::from_values(&values(policy)).unwrap().history_steps();
+    assert_eq!(history(json!({"policy": "bc"})), Some(0));
+    assert_eq!(history(json!({"policy": "act", "history_steps": 3})), Some(3));
+    assert_eq!(history(json!({"policy": "tf_bc"})), Some(6));
+    assert_eq!(history(json!({"policy": "tf_bc", "segment_length": 0})), Some(0));
+    assert_eq!(history(json!({"policy": "perceptron"})), Some(0));
+    assert_eq!(history(json!({"policy": "finetune"})), None, "that of its encoder");
+}
+
+#[test]
 fn objectives_keep_the_order_of_their_list() {
     let spec = PretrainSpec::from_values(&values(json!({"objectives": ["aa", "mtp"]}))).unwrap();
     assert_eq!(spec.objectives, ["mtp", "aa"]);

@@ -78,6 +78,14 @@ impl TrainSpec {
         self.policy.read().map(|ImageWeightsSpec { image_weights }| image_weights)
     }
 
+    /// The steps before the newest one that the policy sees; `None` where the encoder decides that it begins from.
+    #[must_use]
+    pub fn history_steps(&self) -> Option<u64> {
+        let set = |name: &str| self.policy.settings.get(name).and_then(serde_json::Value::as_u64);
+        let begins_from_encoder = Family::Policy.find(&self.policy.name).is_none_or(|kind| kind.needs.encoder);
+        set("history_steps").or_else(|| set("segment_length")).or((!begins_from_encoder).then_some(0))
+    }
+
     /// Random changes to the policy's inputs.
     ///
     /// # Errors

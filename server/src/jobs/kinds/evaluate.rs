@@ -6,9 +6,10 @@ use super::{Resolved, result_id};
 use crate::{
     domain::{
         evaluation::{Evaluation, SeedResult},
-        id::{EvaluationId, JobId, PolicyId, TaskId},
+        id::{EncoderId, EvaluationId, JobId, PolicyId, TaskId},
         job::{Job, JobSpec},
         order::Subject,
+        policy::no_history,
         time::Millis,
         work::Inputs,
     },
@@ -19,13 +20,27 @@ use crate::{
 
 pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, subject: Subject, spec: EvaluateSpec) -> Result<Resolved> {
     let spec = simulated(jobs, task, "spec.evaluate.settings.simulation", spec).await?;
-    let (maker, policy_id, hidden) = policy(jobs, task, subject).await?;
+    let Evaluated { maker, policy_id, hidden, steps } = policy(jobs, task, subject).await?;
+    // Earlier versions stored deployments that hide a history which their policy does not have.
+    if spec.hide_history && steps == 0 {
+        return Err(no_history("spec.evaluate.settings.hide_history", &policy_id));
+    }
     let spec = EvaluateSpec { hide_history: spec.hide_history || hidden, ..spec };
     Ok(Resolved::new(JobSpec::Evaluate { policy_id, spec }, Some(maker)))
 }
 
-/// The policy to evaluate, the job that makes it, and whether its deployment hides the history.
-async fn policy(jobs: &Jobs, task: &TaskId, subject: Subject) -> Result<(JobId, PolicyId, bool)> {
+/// A policy to evaluate.
+struct Evaluated {
+    /// The job that makes it.
+    maker: JobId,
+    policy_id: PolicyId,
+    /// Whether its deployment hides the history.
+    hidden: bool,
+    /// The steps before the newest one that it sees.
+    steps: u64,
+}
+
+async fn policy(jobs: &Jobs, task: &TaskId, subject: Subject) -> Result<Evaluated> {
     let (field, id, hidden) = match subject {
         Subject::Policy(id) => ("spec.evaluate.policy_id", id, false),
         Subject::Deployment(name) => {
@@ -35,15 +50,28 @@ async fn policy(jobs: &Jobs, task: &TaskId, subject: Subject) -> Result<(JobId, 
         }
     };
     match jobs.0.store.job_of_result(id.as_str()).await? {
-        Some(Job { id: maker, task_id, spec: JobSpec::Train { .. }, .. }) => {
+        Some(Job { id: maker, task_id, spec: JobSpec::Train { encoder_id, spec, .. }, .. }) => {
             same_task(field, id.as_str(), &task_id, task)?;
-            Ok((maker, id, hidden))
+            let steps = match spec.history_steps() {
+                Some(steps) => steps,
+                None => steps_of(jobs, encoder_id.as_ref()).await?,
+            };
+            Ok(Evaluated { maker, policy_id: id, hidden, steps })
         }
         Some(_) => Err(Error::not_found("policy", id)),
         None => Err(match jobs.0.store.policy(&id).await {
             Ok(policy) => elsewhere(&policy.id),
             Err(error) => error,
         }),
+    }
+}
+
+/// The steps before the newest one that a policy sees which begins from an encoder, finished or not.
+async fn steps_of(jobs: &Jobs, encoder: Option<&EncoderId>) -> Result<u64> {
+    let Some(id) = encoder else { return Ok(0) };
+    match jobs.0.store.job_of_result(id.as_str()).await? {
+        Some(Job { spec: JobSpec::Pretrain { spec, .. }, .. }) => Ok(spec.model.segment_length.into()),
+        Some(_) | None => Err(Error::not_found("encoder", id)),
     }
 }
 
@@ -101,3 +129,6 @@ pub(super) fn accept(job: &Job, policy: &PolicyId, spec: &EvaluateSpec, seeds: V
         created_at: Millis::now(),
     }))
 }
+
+#[cfg(test)]
+mod tests;

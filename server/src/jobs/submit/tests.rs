@@ -1,6 +1,7 @@
-//! Keys of pipelines: a repeat returns the chain of the first call for as long as that may succeed.
+//! Keys of pipelines: a repeat returns the chain of the first call for as long as that may succeed. And pipelines that are
+//! rejected because of a later stage.
 
-use gleaner_core::PretrainSpec;
+use gleaner_core::{Chosen, EvaluateSpec, PretrainSpec, TrainSpec, kinds::Family};
 
 use super::*;
 use crate::{
@@ -93,4 +94,33 @@ async fn a_chain_that_cannot_succeed_any_more_frees_its_key_and_a_retried_one_ha
     let third = submit(&bench, &pipeline(), "mine").await.unwrap();
     assert_eq!(jobs(&bench).await, 9);
     assert_eq!(submit(&bench, &pipeline(), "mine").await.unwrap(), third);
+}
+
+#[tokio::test]
+async fn trials_that_hide_a_history_need_a_policy_with_one() {
+    let bench = Bench::new().await;
+    let hiding = EvaluateSpec { hide_history: true, ..EvaluateSpec::default() };
+    let of = |name: &str| TrainSpec { policy: Chosen::new(Family::Policy, name).unwrap(), ..TrainSpec::default() };
+    let mut without = PretrainSpec::default();
+    without.model.segment_length = 0;
+    let refused = [
+        PipelineSpec { train: Some(of("bc")), ..pipeline() },
+        PipelineSpec { train: Some(of("finetune")), pretrain: without, ..pipeline() },
+    ];
+    for spec in refused {
+        let name = spec.train.as_ref().unwrap().policy.name.clone();
+        let error = submit(&bench, &PipelineSpec { evaluate: Some(hiding.clone()), ..spec }, "").await.unwrap_err();
+        let words = format!(
+            "pipeline.evaluate.settings.hide_history: needs a policy with a history: the policy {name} acts on the newest \
+             step alone; leave it out"
+        );
+        assert_eq!(error.message(), words);
+    }
+    // The history is no reason to refuse these; the task of this bench cannot be simulated.
+    for name in ["finetune", "tf_bc"] {
+        let spec = PipelineSpec { train: Some(of(name)), evaluate: Some(hiding.clone()), ..pipeline() };
+        let error = submit(&bench, &spec, "").await.unwrap_err();
+        assert!(error.message().starts_with("pipeline.evaluate.settings.simulation: "), "{error}");
+    }
+    assert_eq!(jobs(&bench).await, 0);
 }

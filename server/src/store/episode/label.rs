@@ -12,6 +12,7 @@ use crate::{
         curation::{Labelled, Overtaken},
         episode::{Episode, Label, NewLabel},
         id::EpisodeId,
+        page::Page,
         time::Millis,
     },
     error::{Error, Result},
@@ -19,6 +20,13 @@ use crate::{
 };
 
 record! { Label: outcome, cohort, author, reason, created_at }
+record! { NumberedLabel: id; label }
+
+/// A label with its number, which grows with time.
+struct NumberedLabel {
+    id: i64,
+    label: Label,
+}
 
 impl Store {
     /// Labels all these episodes or, when one is unknown, none. Every change is stored. The result is in the order of
@@ -72,17 +80,38 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn labels(&self, id: &EpisodeId) -> Result<Vec<Label>> {
-        let labels: Vec<Label> = sql::query("select * from labels where episode_id = $1 order by id")
-            .bind(id.param())
-            .try_map(row::read)
-            .fetch_all(self.read())
-            .await
-            .map_err(fault("listing labels"))?;
+        Ok(self.labels_page(id, &Page::whole()).await?.0)
+    }
+
+    /// A page of the labels that an episode ever had, oldest first, and the number of the label that the next one follows.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn labels_page(&self, id: &EpisodeId, page: &Page<i64>) -> Result<(Vec<Label>, Option<i64>)> {
+        let labels: Vec<NumberedLabel> =
+            sql::query("select * from labels where episode_id = $1 and id > $2 order by id limit $3")
+                .bind(id.param())
+                .bind(page.after.unwrap_or(0))
+                .bind(page.rows())
+                .try_map(row::read)
+                .fetch_all(self.read())
+                .await
+                .map_err(fault("listing labels"))?;
         if labels.is_empty() {
-            // Every episode has at least one label.
-            return Err(Error::not_found("episode", id));
+            self.expect_labelled(id).await?;
         }
-        Ok(labels)
+        let (labels, next) = page.cut(labels, |numbered| numbered.id);
+        Ok((labels.into_iter().map(|numbered| numbered.label).collect(), next))
+    }
+
+    /// Checks that an episode exists: every one has at least one label.
+    async fn expect_labelled(&self, id: &EpisodeId) -> Result<()> {
+        let count: i64 = row::query_as("select count(*) from labels where episode_id = $1")
+            .bind(id.param())
+            .fetch_one(self.read())
+            .await
+            .map_err(fault("looking for an episode's labels"))?;
+        if count == 0 { Err(Error::not_found("episode", id)) } else { Ok(()) }
     }
 }
 

@@ -153,12 +153,23 @@ pub(crate) fn finetune() -> TrainSpec {
 
 /// A finished policy, trained on experts alone, with this checkpoint.
 pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkpoint: BlobId) -> Policy {
-    let id = PolicyId::new();
+    policy_of(store, task, encoder, finetune(), checkpoint).await
+}
+
+/// A finished policy of a training with this spec.
+pub(crate) async fn policy_of(
+    store: &Store,
+    task: &Task,
+    encoder: &Encoder,
+    spec: TrainSpec,
+    checkpoint: BlobId,
+) -> Policy {
+    let (id, kind) = (PolicyId::new(), spec.policy.name.clone());
     let spec = JobSpec::Train {
         encoder_id: Some(encoder.id.clone()),
         snapshot_id: encoder.snapshot_id.clone(),
         dataset_id: None,
-        spec: finetune(),
+        spec,
     };
     let training = Training {
         job_id: job(store, task, spec, id.as_str()).await,
@@ -169,7 +180,7 @@ pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkp
     let policy = Policy {
         id,
         task_id: task.id.clone(),
-        kind: "finetune".into(),
+        kind,
         origin: PolicyOrigin::Trained(training),
         created_at: Millis::now(),
     };

@@ -12,6 +12,22 @@ use super::{
 };
 use crate::support::{command, lab as common};
 
+/// Every row of a list, page by page.
+macro_rules! every_row {
+    ($service:expr, $list:ident, $request:expr, $rows:ident) => {{
+        let mut request = $request;
+        let mut rows = Vec::new();
+        loop {
+            let page = $service.$list(request.clone()).await?.into_inner();
+            rows.extend(page.$rows);
+            if page.next_page_token.is_empty() {
+                break rows;
+            }
+            request.page_token = page.next_page_token;
+        }
+    }};
+}
+
 /// Checks every row, and the content of a few episodes. An error means that the server was gone.
 pub async fn sample(lab: &Lab) -> Result<(), Status> {
     let before = lab.ledger.read();
@@ -81,13 +97,13 @@ async fn expect_rows(lab: &Lab, before: &Acknowledged) -> Result<(), Status> {
         let job = api.jobs.get_job(GetJobRequest { job_id: id.clone() }).await?.into_inner().job.unwrap();
         assert!(ended.is_none_or(|ended| ended == job.state()), "{job:?} had ended as {ended:?}");
     }
-    let request = ListDatasetsRequest { task: common::TASK.into() };
-    let datasets = api.datasets.list_datasets(request).await?.into_inner().datasets;
+    let request = ListDatasetsRequest { task: common::TASK.into(), ..Default::default() };
+    let datasets = every_row!(api.datasets, list_datasets, request, datasets);
     for id in &before.datasets {
         assert!(datasets.iter().any(|dataset| dataset.id == *id), "{id} is gone");
     }
-    let request = ListScoreRunsRequest { task: common::TASK.into() };
-    let runs = api.scores.list_score_runs(request).await?.into_inner().score_runs;
+    let request = ListScoreRunsRequest { task: common::TASK.into(), ..Default::default() };
+    let runs = every_row!(api.scores, list_score_runs, request, score_runs);
     for id in &before.imports {
         assert!(runs.iter().any(|run| run.id == *id), "{id} is gone");
     }
@@ -95,8 +111,8 @@ async fn expect_rows(lab: &Lab, before: &Acknowledged) -> Result<(), Status> {
         let request = GetSnapshotRequest { snapshot_id: id.clone(), omit_episodes: false };
         api.snapshots.get_snapshot(request).await?;
     }
-    let request = ListDeploymentsRequest { task: common::TASK.into() };
-    let deployments = api.policies.list_deployments(request).await?.into_inner().deployments;
+    let request = ListDeploymentsRequest { task: common::TASK.into(), ..Default::default() };
+    let deployments = every_row!(api.policies, list_deployments, request, deployments);
     // Read again, because another policy may have been requested since.
     let after = lab.ledger.read().deployments;
     for (name, (_, acknowledged)) in before.deployments.iter().filter(|(_, (_, acknowledged))| *acknowledged > 0) {

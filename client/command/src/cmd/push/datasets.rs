@@ -8,7 +8,7 @@ use std::time::Instant;
 use futures::StreamExt as _;
 use gleaner_client::{Client, ClientError, PushItem, PushResult, Pushed, UploadLabel, Uploaded};
 use gleaner_core::proto::task::spec_to_proto;
-use gleaner_proto::v1::{CreateTaskRequest, ListTasksRequest, Outcome};
+use gleaner_proto::v1::{CreateTaskRequest, Outcome};
 use gleaner_recording::TaskSpec;
 
 use self::known::{Known, agree, near, same_instruction, same_rate};
@@ -34,7 +34,7 @@ pub(super) async fn push(
     if args.task.is_none() || args.cohort.is_none() {
         distinct(intakes)?;
     }
-    let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+    let tasks = client.every_task().await?.tasks;
     let mut known: Vec<Known> = tasks.into_iter().filter_map(Known::of).collect();
     // Every dataset is tried before the first task is created, and may fit that of an earlier one.
     let mut choices = Vec::with_capacity(intakes.len());

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use gleaner_client::{
     BAG_METADATA, Client, LabelledFile, PushItem, Skipped, UploadLabel, find_recordings, read_labels,
 };
-use gleaner_proto::v1::{ListTasksRequest, Outcome};
+use gleaner_proto::v1::Outcome;
 
 use super::{PushArgs, join};
 use crate::context::Context;
@@ -90,7 +90,7 @@ fn labels_files(args: &PushArgs) -> Vec<PathBuf> {
 
 /// The task, if the server has it: once, before the first byte, rather than as the same failure of each file.
 pub(super) async fn known_task(client: &Client, task: String, place: Option<(&Path, u64)>) -> Result<String> {
-    let tasks = client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks;
+    let tasks = client.every_task().await?.tasks;
     let names: Vec<String> = tasks.iter().filter_map(|task| Some(task.spec.as_ref()?.name.clone())).collect();
     if names.contains(&task) || tasks.iter().any(|known| known.id == task) {
         return Ok(task);
