@@ -80,7 +80,7 @@ class Policies:
         return self._rpc.unary("PolicyService/RollBack", request, pb.RollBackResponse).deployment
 
     def undeploy(self, name: str) -> None:
-        """Deletes a deployment with its history. Running sessions keep their policy until they end; the policies stay."""
+        """Deletes a deployment with its history. Running sessions keep their policy until they end."""
         self._rpc.unary(
             "PolicyService/DeleteDeployment", pb.DeleteDeploymentRequest(name=name), pb.DeleteDeploymentResponse
         )
