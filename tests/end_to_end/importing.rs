@@ -138,8 +138,7 @@ async fn a_policy_starts_from_the_encoder_of_an_import() {
     assert_eq!(run.encoder_id, shared.encoder);
     let dataset = dataset(&mut api, &run.id, lab::top(0.2)).await;
     let job = api.succeed(lab::TASK, policy(&dataset.id, "finetune")).await;
-    let request = ListPoliciesRequest { task: lab::TASK.into(), ..Default::default() };
-    let policies = api.policies.list_policies(request).await.unwrap().into_inner().policies;
+    let policies = api.policies().await;
     assert_eq!(policies.iter().find(|policy| policy.id == job.result_id).unwrap().encoder_id, shared.encoder);
 }
 

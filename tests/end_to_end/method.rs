@@ -56,12 +56,7 @@ async fn every_policy_trains_and_is_served() {
             changed["chunk_execution"] = "ensembled".into();
         }
         let id = api.succeed(lab::TASK, lab::with(lab::train(data, 2), changed)).await.result_id;
-        let listed = api
-            .policies
-            .list_policies(ListPoliciesRequest { task: lab::TASK.into(), ..Default::default() })
-            .await
-            .unwrap();
-        let policy = listed.into_inner().policies.into_iter().find(|policy| policy.id == id).unwrap();
+        let policy = api.policies().await.into_iter().find(|policy| policy.id == id).unwrap();
         assert_eq!((&policy.kind, policy.encoder_id.is_empty()), (&kind.name, !kind.needs_encoder));
 
         let name = format!("{}@test", kind.name);

@@ -169,13 +169,7 @@ async fn invalid_session_openings_are_rejected() {
 async fn invalid_deployments_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
-    let policies = api
-        .policies
-        .list_policies(ListPoliciesRequest { task: lab::TASK.into(), ..Default::default() })
-        .await
-        .unwrap()
-        .into_inner()
-        .policies;
+    let policies = api.policies().await;
     let policy = policies[0].id.clone();
     let slash = DeployRequest { name: "../prod".into(), policy_id: policy.clone(), ..Default::default() };
     assert_eq!(api.policies.deploy(slash).await.unwrap_err().code(), Code::InvalidArgument);

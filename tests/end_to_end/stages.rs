@@ -23,13 +23,7 @@ async fn recordings_become_scores_datasets_and_a_policy() {
 
     let policy = api.succeed(lab::TASK, lab::train(train_spec::Data::DatasetId(dataset.id.clone()), 6)).await.result_id;
     let base = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder.result_id), 6)).await.result_id;
-    let policies = api
-        .policies
-        .list_policies(ListPoliciesRequest { task: lab::TASK.into(), ..Default::default() })
-        .await
-        .unwrap()
-        .into_inner()
-        .policies;
+    let policies = api.policies().await;
     let ids: Vec<&str> = policies.iter().map(|policy| policy.id.as_str()).collect();
     assert_eq!(ids, [base.as_str(), policy.as_str()], "newest first");
     assert_eq!((policies[0].dataset_id.as_str(), policies[1].dataset_id.as_str()), ("", dataset.id.as_str()));

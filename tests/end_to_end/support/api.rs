@@ -111,6 +111,12 @@ impl Api {
         self.policies.deploy(request).await.unwrap();
     }
 
+    /// The policies of the task, newest first.
+    pub async fn policies(&mut self) -> Vec<Policy> {
+        let request = ListPoliciesRequest { task: lab::TASK.into(), ..ListPoliciesRequest::default() };
+        self.policies.list_policies(request).await.unwrap().into_inner().policies
+    }
+
     /// The episodes of the task.
     pub async fn episodes(&mut self) -> Vec<Episode> {
         let request = ListEpisodesRequest { task: lab::TASK.into(), ..ListEpisodesRequest::default() };

@@ -5,7 +5,6 @@ use gleaner_client::Client;
 use gleaner_core::TaskSpec;
 use gleaner_core::proto::task::spec_from_proto;
 use gleaner_proto::v1::{DeleteDeploymentRequest, DeployRequest, Deployment, GetTaskRequest, Policy, RollBackRequest};
-
 use serde_json::json;
 
 use crate::context::Context;

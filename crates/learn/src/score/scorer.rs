@@ -13,6 +13,6 @@ mod ssdf;
 mod vote;
 
 pub(super) use kind::Scorer;
-use kind::{ScorerKind, SeedSpec, Trained, seeded, unmatched};
+use kind::{ScorerKind, SeedSpec, Trained, seeded, unmatched, unmatched_each};
 pub(crate) use list::describe;
 pub(super) use list::open;

@@ -14,14 +14,8 @@ use crate::{
 
 #[tokio::test]
 async fn a_deployment_keeps_its_history() {
-    let (_dir, store) = testing::store().await;
-    let task = testing::task(&store).await;
-    testing::episode(&store, &task, Outcome::Success, "").await;
-    testing::episode(&store, &task, Outcome::Failure, "").await;
-    let encoder = results::encoder(&store, &task).await;
-    let blob = || blake3::hash(b"policy").into();
-    let first = results::policy(&store, &task, &encoder, blob()).await.id;
-    let second = results::policy(&store, &task, &encoder, blob()).await.id;
+    let (_dir, store, task, encoder, first) = with_policy().await;
+    let second = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await.id;
 
     assert_eq!(store.deployment("arm@prod").await.unwrap_err().kind(), Kind::NotFound);
     for policy in [&first, &second, &second, &first] {
@@ -43,31 +37,22 @@ async fn a_deployment_keeps_its_history() {
 
 #[tokio::test]
 async fn a_name_stays_with_its_task() {
-    let (_dir, store) = testing::store().await;
-    let task = testing::task(&store).await;
-    testing::episode(&store, &task, Outcome::Success, "").await;
-    testing::episode(&store, &task, Outcome::Failure, "").await;
-    let encoder = results::encoder(&store, &task).await;
-    let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await;
-    store.deploy("arm@prod", &task.id, &Assignment::of(&policy.id)).await.unwrap();
+    let (_dir, store, task, _, policy) = with_policy().await;
+    store.deploy("arm@prod", &task.id, &Assignment::of(&policy)).await.unwrap();
     let mut spec = testing::spec();
     spec.name = "other".into();
     let other = store.insert_task(&spec).await.unwrap();
 
-    let error = store.deploy("arm@prod", &other.id, &Assignment::of(&policy.id)).await.unwrap_err();
+    let error = store.deploy("arm@prod", &other.id, &Assignment::of(&policy)).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition);
     assert_eq!(store.deployment("arm@prod").await.unwrap().history.len(), 1, "no row was written");
 }
 
 #[tokio::test]
 async fn rolling_back_walks_the_history() {
-    let (_dir, store) = testing::store().await;
-    let task = testing::task(&store).await;
-    testing::episode(&store, &task, Outcome::Success, "").await;
-    testing::episode(&store, &task, Outcome::Failure, "").await;
-    let encoder = results::encoder(&store, &task).await;
-    let mut made = Vec::new();
-    for _ in 0..4 {
+    let (_dir, store, task, encoder, first) = with_policy().await;
+    let mut made = vec![first];
+    for _ in 1..4 {
         made.push(results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await.id);
     }
     let back = async || store.roll_back("arm").await.map(|deployment| deployment.policy_id().cloned().unwrap());
@@ -134,12 +119,7 @@ async fn hiding_the_history_is_a_change_and_is_rolled_back() {
 
 #[tokio::test]
 async fn a_deleted_deployment_leaves_the_others_and_the_policies() {
-    let (_dir, store) = testing::store().await;
-    let task = testing::task(&store).await;
-    testing::episode(&store, &task, Outcome::Success, "").await;
-    testing::episode(&store, &task, Outcome::Failure, "").await;
-    let encoder = results::encoder(&store, &task).await;
-    let first = results::policy(&store, &task, &encoder, blake3::hash(b"first").into()).await.id;
+    let (_dir, store, task, encoder, first) = with_policy().await;
     let second = results::policy(&store, &task, &encoder, blake3::hash(b"second").into()).await.id;
     for name in ["arm@prod", "arm@test"] {
         for policy in [&first, &second] {

@@ -3,14 +3,8 @@
 //! what it brings beyond this one.
 
 use gleaner_core::kinds::Needs;
-use gleaner_core::snapshot::Role;
 
-use super::{Scorer, ScorerKind, Trained, unmatched};
-use crate::error::LearnError;
-use crate::progress::Progress;
-use crate::score::EpisodeScores;
-use crate::score::count;
-use crate::train::Monitor;
+use super::{Scorer, ScorerKind, Trained, unmatched_each};
 use crate::trajectory::Trajectory;
 
 pub(super) const KIND: ScorerKind = ScorerKind {
@@ -22,28 +16,14 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     open: |_| {
         Ok(Scorer::Trained(Trained {
             feature_scale: None,
-            scores: Box::new(|_, episodes, monitor| scores(episodes, monitor)),
+            scores: Box::new(|_, episodes, monitor| unmatched_each(episodes, monitor, w)),
         }))
     },
 };
 
-/// The scores of the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the given order.
-fn scores(
-    (experts, imperfect): (&[Trajectory], &[Trajectory]),
-    monitor: &mut dyn Monitor,
-) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
-    let mut progress = Progress::of_segments(monitor, count(experts.iter().chain(imperfect)));
-    let mut read = |episodes: &[Trajectory], role| -> Result<Vec<EpisodeScores>, LearnError> {
-        let mut scored = Vec::with_capacity(episodes.len());
-        for episode in episodes {
-            #[expect(clippy::cast_precision_loss, reason = "an episode has far fewer steps than 2^52")]
-            let w = (0..episode.steps()).map(|step| -(step as f64)).collect();
-            scored.push(unmatched(&episode.id, role, w));
-            progress.advance(episode.steps())?;
-        }
-        Ok(scored)
-    };
-    Ok((read(imperfect, Role::Imperfect)?, read(experts, Role::Expert)?))
+#[expect(clippy::cast_precision_loss, reason = "an episode has far fewer steps than 2^52")]
+fn w(episode: &Trajectory) -> Vec<f64> {
+    (0..episode.steps()).map(|step| -(step as f64)).collect()
 }
 
 #[cfg(test)]

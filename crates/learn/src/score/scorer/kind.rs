@@ -8,8 +8,10 @@ use gleaner_core::{Chosen, Setting};
 
 use crate::error::LearnError;
 use crate::model::Network;
+use crate::progress::Progress;
 use crate::score::EpisodeScores;
 use crate::score::comparison::{Comparison, FeatureScale};
+use crate::score::count;
 use crate::score::features::Encoder;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
@@ -87,6 +89,24 @@ pub(super) fn seeded(chosen: &Chosen, scores: Seeded) -> Result<Scorer, LearnErr
         feature_scale: None,
         scores: Box::new(move |encoder, episodes, monitor| scores(encoder.network, episodes, seed, monitor)),
     }))
+}
+
+/// The scores of the (experts, imperfect) episodes by a scorer that looks at each alone, without q, as (imperfect, experts),
+/// each in the given order. `w` gives those of the segments of an episode.
+pub(super) fn unmatched_each(
+    (experts, imperfect): (&[Trajectory], &[Trajectory]),
+    monitor: &mut dyn Monitor,
+    w: impl Fn(&Trajectory) -> Vec<f64>,
+) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
+    let mut progress = Progress::of_segments(monitor, count(experts.iter().chain(imperfect)));
+    let mut score = |episodes: &[Trajectory], role| -> Result<Vec<EpisodeScores>, LearnError> {
+        let scored = episodes.iter().map(|episode| {
+            progress.advance(episode.steps())?;
+            Ok(unmatched(&episode.id, role, w(episode)))
+        });
+        scored.collect()
+    };
+    Ok((score(imperfect, Role::Imperfect)?, score(experts, Role::Expert)?))
 }
 
 /// The scores of an episode by a scorer that matches no segments, without q.

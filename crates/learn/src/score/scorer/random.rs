@@ -3,16 +3,13 @@
 
 use gleaner_core::Group as _;
 use gleaner_core::kinds::Needs;
-use gleaner_core::snapshot::Role;
 use rand::RngExt;
 
-use super::{ScorerKind, SeedSpec, seeded, unmatched};
+use super::{ScorerKind, SeedSpec, seeded, unmatched_each};
 use crate::error::LearnError;
 use crate::model::Network;
-use crate::progress::Progress;
 use crate::random::{Purpose, generator};
 use crate::score::EpisodeScores;
-use crate::score::count;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 
@@ -25,28 +22,19 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     open: |chosen| seeded(chosen, scores),
 };
 
-/// The scores of the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the given order.
 fn scores(
     _: &Network,
-    (experts, imperfect): (&[Trajectory], &[Trajectory]),
+    episodes: (&[Trajectory], &[Trajectory]),
     seed: u64,
     monitor: &mut dyn Monitor,
 ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
-    let mut progress = Progress::of_segments(monitor, count(experts.iter().chain(imperfect)));
-    let mut draw = |episodes: &[Trajectory], role| -> Result<Vec<EpisodeScores>, LearnError> {
-        let mut drawn = Vec::with_capacity(episodes.len());
-        for episode in episodes {
-            let steps = episode.steps();
-            // By the id, so that other episodes and their order have no influence.
-            let id = blake3::hash(episode.id.as_bytes());
-            let counter = id.as_bytes().iter().take(8).fold(0, |number, byte| number << 8 | u64::from(*byte));
-            let mut rng = generator(seed, Purpose::RandomScore, counter);
-            drawn.push(unmatched(&episode.id, role, (0..steps).map(|_| rng.random::<f64>()).collect()));
-            progress.advance(steps)?;
-        }
-        Ok(drawn)
-    };
-    Ok((draw(imperfect, Role::Imperfect)?, draw(experts, Role::Expert)?))
+    unmatched_each(episodes, monitor, |episode| {
+        // By the id, so that other episodes and their order have no influence.
+        let id = blake3::hash(episode.id.as_bytes());
+        let counter = id.as_bytes().iter().take(8).fold(0, |number, byte| number << 8 | u64::from(*byte));
+        let mut rng = generator(seed, Purpose::RandomScore, counter);
+        (0..episode.steps()).map(|_| rng.random::<f64>()).collect()
+    })
 }
 
 #[cfg(test)]
