@@ -8,6 +8,7 @@ mod backup;
 mod caches;
 mod check;
 mod describe;
+mod exports;
 mod files;
 mod manifest;
 mod migrate;

@@ -74,6 +74,8 @@ impl Sweeper {
             // Workers make no recordings: the recording of a deleted episode can be removed at once.
             counts.removed(forget_episode(&self.store, &self.blobs, episode, recording).await?);
         }
+        let (files, bytes) = self.forget_exports(now, old).await?;
+        (counts.blobs, counts.bytes) = (counts.blobs + files, counts.bytes + bytes);
         let blobs = self.blobs.clone();
         let (deleted, bytes) = off_runtime(move || blobs.empty_trash(trash_end, worth::stays)).await?;
         (counts.blobs, counts.bytes) = (counts.blobs + deleted, counts.bytes + bytes);
@@ -120,7 +122,7 @@ impl Sweeper {
     }
 
     /// The time the given number of days before `now`, not counting jumps of the clock.
-    async fn days_before(&self, now: SystemTime, days: u32) -> Result<SystemTime> {
+    pub(super) async fn days_before(&self, now: SystemTime, days: u32) -> Result<SystemTime> {
         let age = DAY.saturating_mul(days);
         let jumped = self.store.jumped_within(age).await?;
         Ok(earlier(now, age.saturating_add(jumped)))
@@ -166,13 +168,18 @@ impl Sweeper {
         Ok(orphans.into_iter().filter_map(|found| found.id).collect())
     }
 
+    /// Whether a blob exists and was last stored before this time.
+    pub(super) async fn placed_before(&self, id: &BlobId, old: SystemTime) -> Result<bool> {
+        let (blobs, id) = (self.blobs.clone(), id.clone());
+        let placed = off_runtime(move || blobs.placed(&id)).await?;
+        Ok(placed.is_some_and(|placed| placed < old))
+    }
+
     /// Moves blobs without a row to the trash.
     async fn discard(&self, orphans: &[BlobId], old: SystemTime, counts: &mut SweepCounts) -> Result<()> {
         for id in orphans {
             // The blob may have been stored again since it was listed, before its row.
-            let (blobs, again) = (self.blobs.clone(), id.clone());
-            let placed = off_runtime(move || blobs.placed(&again)).await?;
-            if placed.is_none_or(|placed| placed >= old) {
+            if !self.placed_before(id, old).await? {
                 continue;
             }
             let Some(removing) = self.blobs.removing().await? else { continue };
@@ -284,6 +291,6 @@ async fn unneeded(store: &Store, blobs: &Blobs, blob: &BlobId) -> Result<Option<
 }
 
 /// Runs blocking work off the runtime's threads.
-async fn off_runtime<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
+pub(super) async fn off_runtime<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
     tokio::task::spawn_blocking(work).await.map_err(|error| Error::internal("sweeping", error))?
 }

@@ -2,6 +2,7 @@
 
 mod backing_up;
 mod checking;
+mod exports;
 mod losing;
 mod rebuilding;
 mod sweeping;

@@ -8,7 +8,7 @@ use super::{
 use crate::{
     domain::{
         dataset::ExportFile,
-        id::{DatasetId, ExportId, JobId},
+        id::{BlobId, DatasetId, ExportId, JobId},
         job::JobKind,
         page::Page,
         time::Millis,
@@ -61,7 +61,7 @@ impl Store {
     /// The files of a finished export, in order.
     ///
     /// # Errors
-    /// NotFound, or Precondition naming its job when that has not succeeded.
+    /// NotFound; Precondition naming its job when that has not succeeded, or when its files are no longer kept.
     pub(crate) async fn export_files(&self, id: &ExportId) -> Result<Vec<ExportFile>> {
         Ok(self.export_files_page(id, &Page::whole()).await?.0)
     }
@@ -75,14 +75,7 @@ impl Store {
         id: &ExportId,
         page: &Page<u32>,
     ) -> Result<(Vec<ExportFile>, Option<u32>)> {
-        let there: i64 = row::query_as("select count(*) from exports where id = $1")
-            .bind(id.param())
-            .fetch_one(self.read())
-            .await
-            .map_err(fault("reading an export"))?;
-        if there == 0 {
-            return Err(self.missing(JobKind::Export, "export", id.as_str()).await);
-        }
+        self.expect_export(id).await?;
         let files: Vec<PlacedFile> = sql::query(
             "select position, name, blob, size_bytes from export_files where export_id = $1 and position > $2 \
              order by position limit $3",
@@ -103,9 +96,54 @@ impl Store {
     /// # Errors
     /// As for [`Store::export_files`]; NotFound when the export has no such file.
     pub(crate) async fn export_file(&self, id: &ExportId, name: &str) -> Result<ExportFile> {
-        let files = self.export_files(id).await?;
-        let found = files.into_iter().find(|file| file.name == name);
-        found.ok_or_else(|| Error::not_found(&format!("file in {id} called"), name))
+        self.expect_export(id).await?;
+        sql::query("select name, blob, size_bytes from export_files where export_id = $1 and name = $2")
+            .bind(id.param())
+            .bind(name)
+            .try_map(row::read)
+            .fetch_optional(self.read())
+            .await
+            .map_err(fault("reading a file of an export"))?
+            .ok_or_else(|| Error::not_found(&format!("file in {id} called"), name))
+    }
+
+    /// Fails unless the export is finished and its files are kept.
+    async fn expect_export(&self, id: &ExportId) -> Result<()> {
+        // The first file is the first to be forgotten.
+        let found: Option<bool> = row::query_as(
+            "select exists (select 1 from export_files where export_id = $1 and position = 0) from exports where id = $1",
+        )
+        .bind(id.param())
+        .fetch_optional(self.read())
+        .await
+        .map_err(fault("reading an export"))?;
+        match found {
+            Some(true) => Ok(()),
+            Some(false) => Err(Error::precondition(format!(
+                "the files of export {id} are no longer kept (--keep-exports-days of the server); export its dataset again, \
+                 which gives the same files"
+            ))),
+            None => Err(self.missing(JobKind::Export, "export", id.as_str()).await),
+        }
+    }
+
+    /// Forgets at most `most` files of the exports that were made before `time`, and returns their blobs, which no other
+    /// row may need any more. The exports keep their rows; of each, the first file is forgotten first.
+    pub(crate) async fn forget_export_files(&self, time: Millis, most: u32) -> Result<Vec<BlobId>> {
+        let mut tx = self.write().await?;
+        let forgotten = sql::query(
+            "delete from export_files where (export_id, position) in (select export_id, position from export_files \
+             join exports on exports.id = export_id where created_at < $1 order by export_id, position limit $2) \
+             returning blob",
+        )
+        .bind(time.param())
+        .bind(most)
+        .try_map(row::read)
+        .fetch_all(&mut tx)
+        .await
+        .map_err(fault("forgetting the files of an export"))?;
+        self.commit(tx).await?;
+        Ok(forgotten)
     }
 }
 
@@ -141,5 +179,19 @@ mod tests {
         assert_eq!(store.export_files(&export).await.unwrap(), files);
         assert_eq!(store.export_file(&export, "manifest.jsonl").await.unwrap(), files[1]);
         assert_eq!(store.export_file(&export, "../x").await.unwrap_err().kind(), Kind::NotFound);
+
+        let before = Millis(Millis::now().0 - 60_000);
+        assert_eq!(store.forget_export_files(before, 9).await.unwrap(), [], "it is younger");
+        let after = Millis(Millis::now().0 + 60_000);
+        assert_eq!(store.forget_export_files(after, 1).await.unwrap(), [files[0].blob.clone()]);
+        for found in
+            [store.export_files(&export).await.map(drop), store.export_file(&export, "manifest.jsonl").await.map(drop)]
+        {
+            let error = found.unwrap_err();
+            assert_eq!(error.kind(), Kind::Precondition, "a part of an export is no export");
+            assert!(error.message().contains("export its dataset again"), "{error}");
+        }
+        assert_eq!(store.forget_export_files(after, 9).await.unwrap(), [files[1].blob.clone()]);
+        assert_eq!(store.forget_export_files(after, 9).await.unwrap(), []);
     }
 }

@@ -3,6 +3,7 @@
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::{
     Result,
+    error::Kind,
     id::{EvaluationId, ExportId, JobId},
     job::{Job, JobKind, JobState},
 };
@@ -95,7 +96,12 @@ async fn made_of(backend: &dyn Backend, job: &Job) -> Result<Markup> {
             ", policy " (link::whole(evaluation.policy_id.as_str())) }
         }
         JobKind::Export => {
-            let files = backend.export_files(&ExportId::parse("result_id", result)?).await?;
+            let files = match backend.export_files(&ExportId::parse("result_id", result)?).await {
+                Err(error) if error.kind() == Kind::Precondition => {
+                    return Ok(html! { h2 { "Result" } p.panel { (error) } });
+                }
+                files => files?,
+            };
             let bytes = files.iter().map(|file| file.size_bytes).sum();
             html! { (text::counted(files.len() as u64, "file")) ", " (text::bytes(bytes)) ": " code { "gleaner export" }
             " downloads " span.id { (result) } }

@@ -28,6 +28,7 @@ pub(super) fn sweeper(lab: &Lab, trash_days: u32) -> Sweeper {
             trash_days,
             log_days: 90,
             features_days: 7,
+            export_days: 30,
             audit_days: None,
             max_cache_bytes: None,
             max_sweep_share: 0.05,

@@ -5,6 +5,7 @@ use serde_json::Value;
 
 use crate::{
     domain::{
+        dataset::ExportFile,
         episode::{NewLabel, Outcome},
         id::{EncoderId, ExportId, SnapshotId},
         job::{JobSpec, JobState},
@@ -180,4 +181,24 @@ async fn a_dataset_shows_its_inputs_and_later_results() {
     assert!(shown.contains("1 expert, 1 imperfect") && shown.contains("q &gt; 0.25"), "{shown}");
     let shown = text(&pages, &format!("/jobs/{}", run.origin.job_id().unwrap())).await;
     assert!(shown.contains(&format!("/datasets/{}", dataset.id)) && shown.contains(export.as_str()), "{shown}");
+}
+
+#[tokio::test]
+async fn the_job_of_an_export_shows_whether_its_files_are_kept() {
+    let pages = Pages::open(false).await;
+    let store = &pages.services.store;
+    let task = testing::task(store).await;
+    testing::episode(store, &task, Outcome::Success, "").await;
+    testing::episode(store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(store, &task).await;
+    let run = results::run(store, &task, &encoder, &[]).await;
+    let dataset = store.insert_dataset(&run.id, Selection::beta(0.25)).await.unwrap().id;
+    let file = ExportFile { name: "a.mcap".into(), blob: blake3::hash(b"a").into(), size_bytes: 1 };
+    let export = results::export(store, &task, &dataset, &[file]).await;
+    let job = store.job_of_result(export.as_str()).await.unwrap().unwrap().id;
+    let shown = text(&pages, &format!("/jobs/{job}")).await;
+    assert!(shown.contains("1 file") && shown.contains("downloads"), "{shown}");
+    store.forget_export_files(Millis(i64::MAX), 9).await.unwrap();
+    let shown = text(&pages, &format!("/jobs/{job}")).await;
+    assert!(shown.contains("are no longer kept") && shown.contains("export its dataset again"), "{shown}");
 }

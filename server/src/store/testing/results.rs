@@ -2,9 +2,10 @@
 
 use gleaner_core::{Chosen, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
 
-use super::super::{Store, encoder as encoders, policy as policies, row::Column as _, score, sql};
+use super::super::{Store, encoder as encoders, export as exports, policy as policies, row::Column as _, score, sql};
 use crate::domain::{
-    id::{BlobId, EncoderId, EpisodeId, JobId, PolicyId, ScoreRunId},
+    dataset::ExportFile,
+    id::{BlobId, DatasetId, EncoderId, EpisodeId, ExportId, JobId, PolicyId, ScoreRunId},
     job::{JobSpec, JobState},
     order::{NewJob, Plan},
     policy::{Policy, PolicyOrigin, Training},
@@ -112,6 +113,18 @@ pub(crate) async fn run_of(
     score::insert_run(&mut tx, &run, None, scores).await.unwrap();
     store.commit(tx).await.unwrap();
     run
+}
+
+/// A finished export of a dataset.
+pub(crate) async fn export(store: &Store, task: &Task, dataset: &DatasetId, files: &[ExportFile]) -> ExportId {
+    let id = ExportId::new();
+    let spec = JobSpec::Export { dataset_id: dataset.clone(), spec: Default::default() };
+    let job = job(store, task, spec, id.as_str()).await;
+    let mut tx = store.write().await.unwrap();
+    exports::insert(&mut tx, &id, dataset, &job, files).await.unwrap();
+    store.commit(tx).await.unwrap();
+    set_state(store, &job, JobState::Succeeded, "").await;
+    id
 }
 
 /// A run of the encoder's snapshot that was imported without scores, with an encoder or without one.

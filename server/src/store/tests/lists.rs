@@ -8,7 +8,6 @@ use crate::{
         episode::{NewLabel, Outcome},
         evaluation::{Evaluation, SeedResult},
         id::{EpisodeId, EvaluationId, ExportId, TaskId},
-        job::JobSpec,
         page::Page,
         policy::Assignment,
         score::Encoder,
@@ -18,7 +17,7 @@ use crate::{
     },
     error::{Kind, Result},
     store::{
-        Store, export,
+        Store,
         testing::{self, results},
     },
 };
@@ -229,14 +228,9 @@ async fn pages_of_files_keep_the_order_of_the_export() {
     let (task, encoder) = lab(&store).await;
     let run = results::run(&store, &task, &encoder, &[]).await;
     let dataset = store.insert_dataset(&run.id, Selection::beta(0.9)).await.unwrap().id;
-    let id = ExportId::new();
-    let spec = JobSpec::Export { dataset_id: dataset.clone(), spec: Default::default() };
-    let job = results::job(&store, &task, spec, id.as_str()).await;
     let file = |name: &str| ExportFile { name: name.into(), blob: blake3::hash(name.as_bytes()).into(), size_bytes: 3 };
     let files = ["z", "m", "a", "q", "b"].map(file);
-    let mut tx = store.write().await.unwrap();
-    export::insert(&mut tx, &id, &dataset, &job, &files).await.unwrap();
-    store.commit(tx).await.unwrap();
+    let id = results::export(&store, &task, &dataset, &files).await;
     for size in 1..5 {
         let pages = joined(size, async |page| store.export_files_page(&id, page).await, async || {}).await;
         assert_eq!(pages, files, "{size}");
