@@ -24,13 +24,17 @@ impl Actions<'_> {
 
     /// Why a candidate is an action or proprioception.
     pub(super) fn reason(&self, candidate: &Candidate) -> String {
-        let Candidate { beside, .. } = candidate;
+        let Candidate { beside, alongside, .. } = candidate;
         let named = !self.named.is_empty();
         if self.has(candidate) {
-            return match beside {
+            return match (beside, alongside) {
                 _ if named => "An action, because `--action` names its topic.".to_owned(),
-                Some(command) => format!("An action, because {command} of the same topic is one."),
-                None => "An action, by its name or its topic.".to_owned(),
+                (Some(command), _) => format!("An action, because {command} of the same topic is one."),
+                (None, Some(commands)) => format!(
+                    "An action, because it is on or off and comes as often as {commands}. If a sensor sends it, make it \
+                     [[proprioception]], without limits and `binary`."
+                ),
+                (None, None) => "An action, by its name or its topic.".to_owned(),
             };
         }
         match candidate.meaning() {
@@ -54,9 +58,20 @@ mod tests {
 
     fn candidate(topic: &str, path: &str, command: Command) -> Candidate {
         let (name, topic, path) = (path.to_owned(), topic.to_owned(), path.to_owned());
-        let (orders, values) = (Vec::new(), Vec::new());
-        let schema = String::new();
-        Candidate { name, topic, schema, path, stamped: false, command, beside: None, open: false, orders, values }
+        Candidate {
+            name,
+            topic,
+            schema: String::new(),
+            path,
+            stamped: false,
+            command,
+            rate_hz: 0.0,
+            beside: None,
+            alongside: None,
+            open: false,
+            orders: Vec::new(),
+            values: Vec::new(),
+        }
     }
 
     #[test]

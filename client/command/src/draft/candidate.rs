@@ -14,7 +14,8 @@ const MAX_SIZE: usize = 256;
 const AXES: &[&str] = &["x", "y", "z", "w", "rx", "ry", "rz", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw"];
 const VECTORS: &[&str] =
     &["position", "orientation", "linear", "angular", "translation", "rotation", "force", "torque"];
-const ROTATIONS: &[&str] = &["orientation", "rotation"];
+/// Last parts but one of the paths of a rotation.
+pub(super) const ROTATIONS: &[&str] = &["orientation", "rotation"];
 
 /// What becomes of a topic of transforms.
 const POSES: &str = "it has the poses of frames: a field of size 7 takes one with `transform = { parent = \"base_link\", child = \"tool0\" }` in place of \
@@ -31,8 +32,12 @@ pub(super) struct Candidate {
     pub(super) path: String,
     pub(super) stamped: bool,
     pub(super) command: Command,
+    /// Messages per second of its topic.
+    pub(super) rate_hz: f64,
     /// The path of a command of its topic by which it is one too.
     pub(super) beside: Option<String>,
+    /// The topic of commands that come as often, by which a switch is one too.
+    pub(super) alongside: Option<String>,
     /// Whether it may as well be a command.
     pub(super) open: bool,
     /// Possible orders of its values, the likeliest first.
@@ -179,9 +184,21 @@ fn candidate(topic: &WayTopic, group: &str, fields: &[&SurveyedField]) -> Candid
         Some(field) => by_name(field),
         None => by_path(fields),
     };
-    let (schema, stamped, topic) = (topic.found.schema.clone(), topic.found.stamped, topic.found.topic.clone());
-    let path = group.to_owned();
-    Candidate { name, topic, schema, path, stamped, command: Command::No, beside: None, open: false, orders, values }
+    let found = &topic.found;
+    Candidate {
+        name,
+        topic: found.topic.clone(),
+        schema: found.schema.clone(),
+        path: group.to_owned(),
+        stamped: found.stamped,
+        command: Command::No,
+        rate_hz: found.rate_hz,
+        beside: None,
+        alongside: None,
+        open: false,
+        orders,
+        values,
+    }
 }
 
 fn by_name(field: &SurveyedField) -> Vec<Order> {

@@ -6,6 +6,7 @@ use gleaner_recording::{FieldSource, FieldSpec, ValueRange};
 
 use super::actions::Actions;
 use super::candidate::{Candidate, LeftOut, Order};
+use super::still;
 use super::tokens;
 use super::units;
 use super::way::Way;
@@ -29,6 +30,8 @@ pub(super) struct Field {
     pub(super) meaning: Option<&'static str>,
     /// Whether the draft has it as a comment, so that it is no part of the task.
     pub(super) is_aside: bool,
+    /// The range of an action whose limits could not be guessed, which the draft has as a comment.
+    pub(super) observed: Option<ValueRange>,
     pub(super) stamped: Vec<bool>,
     /// Its place in each way.
     pub(super) sources: Vec<FieldSource>,
@@ -198,19 +201,21 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
     }
     let known = !first.values.is_empty() && alike.iter().all(|like| !like.candidate.values.is_empty());
     let values = if known && values.len() <= 2 { values } else { Vec::new() };
-    let size = u32::try_from(ranges.len()).unwrap_or(u32::MAX);
-    let mut spec = FieldSpec::new(name.clone(), size);
-    let all = ranges.iter().copied().reduce(ValueRange::with).unwrap_or(ValueRange::of(0.0));
+    let mut spec = FieldSpec::new(name.clone(), u32::try_from(ranges.len()).unwrap_or(u32::MAX));
     let place = reasons.len();
+    let mut observed = None;
     if action {
-        bound(&mut spec, all, &values, &mut reasons);
-        reasons.extend(unchanged(order, &ranges));
+        reasons.extend(still::leave_out_zeros(&mut sources, &mut ranges));
+        spec.size = u32::try_from(ranges.len()).unwrap_or(u32::MAX);
+        let all = ranges.iter().copied().reduce(ValueRange::with).unwrap_or(ValueRange::of(0.0));
+        observed = bound(&mut spec, all, &values, &mut reasons);
+        reasons.extend(still::unchanged(&sources[0].paths, &ranges));
     } else if let [value] = values.as_slice() {
         reasons.push(format!("It is always {value} in these recordings; remove it if it never changes."));
     }
     // A command that was found to be normalised has no unit.
     if spec.minimum.is_none()
-        && let Some(unit) = units::of_paths(&first.schema, &order.paths)
+        && let Some(unit) = units::of_paths(&first.schema, &sources[0].paths)
     {
         spec.unit = unit;
         reasons.insert(place, format!("Its unit is that of {} by the conventions of ROS.", first.schema));
@@ -222,29 +227,20 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
         open: !action && first.open,
         meaning: first.meaning(),
         is_aside: false,
+        observed,
         stamped: stamped.collect(),
         sources,
         reasons,
     }
 }
 
-/// Which numbers of an action never change.
-fn unchanged(order: &Order, ranges: &[ValueRange]) -> Option<String> {
-    let constant = |(path, range): (&String, &ValueRange)| {
-        (range.minimum >= range.maximum).then(|| format!("{path} is always {}", short(range.minimum)))
-    };
-    let found: Vec<String> = order.paths.iter().zip(ranges).filter_map(constant).collect();
-    let all = ranges.len() < 2 || order.paths.len() != ranges.len();
-    (!all && !found.is_empty()).then(|| {
-        format!(
-            "{} in these recordings: remove these paths, and lower `size`, if the robot never uses them.",
-            found.join(", ")
-        )
-    })
-}
-
-/// Guesses the range of an action.
-pub(super) fn bound(spec: &mut FieldSpec, all: ValueRange, values: &[f64], reasons: &mut Vec<String>) {
+/// Guesses the range of an action. Without a guess, returns the observed one.
+pub(super) fn bound(
+    spec: &mut FieldSpec,
+    all: ValueRange,
+    values: &[f64],
+    reasons: &mut Vec<String>,
+) -> Option<ValueRange> {
     let ValueRange { minimum, maximum } = all;
     let observed = format!("Its values are {} to {}", short(minimum), short(maximum));
     let within = |low: f64, high: f64| minimum >= low && maximum <= high;
@@ -260,9 +256,11 @@ pub(super) fn bound(spec: &mut FieldSpec, all: ValueRange, values: &[f64], reaso
         reasons.push(format!("{observed}, as of a command between 0 and 1."));
     } else {
         reasons.push(format!(
-            "{observed}; add `minimum` and `maximum` if the robot has limits, so that policies stay within them."
+            "{observed}. If the robot has limits, write them and delete the #, so that policies stay within them."
         ));
+        return Some(all);
     }
+    None
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "steps hold 32-bit floats")]
@@ -270,7 +268,7 @@ fn set_range(spec: &mut FieldSpec, minimum: f64, maximum: f64) {
     (spec.minimum, spec.maximum) = (Some(minimum as f32), Some(maximum as f32));
 }
 
-fn short(value: f64) -> String {
+pub(super) fn short(value: f64) -> String {
     format!("{value:.3}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 

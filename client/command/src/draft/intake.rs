@@ -40,15 +40,15 @@ pub(crate) fn of_description(description: &Description, name: String) -> Draft {
     for (at, (field, origin)) in all.enumerate() {
         let mut reasons = vec![reason(origin)];
         let action = at >= states;
-        if let Some(range) = origin.range.filter(|_| action) {
-            fields::bound(field, range, &origin.values, &mut reasons);
-        }
+        let range = origin.range.filter(|_| action);
+        let observed = range.and_then(|range| fields::bound(field, range, &origin.values, &mut reasons));
         drafted.push(Field {
             spec: field.clone(),
             action,
             open: false,
             meaning: None,
             is_aside: false,
+            observed,
             stamped: vec![true],
             sources: sources(mapping, &field.name),
             reasons,

@@ -35,6 +35,29 @@ const FORCES: &[&str] = &["force", "forces", "wrench", "ft"];
 const TORQUES: &[&str] = &["tau", "torque", "torques", "effort", "efforts"];
 const INERTIAL: &[&str] = &["imu", "accelerometer", "gyro", "gyroscope"];
 const BASES: &[&str] = &["odom", "odometry", "base"];
+/// Switches that a robot or a person sets off, and no policy.
+const SWITCHES: &[&str] = &[
+    "contact",
+    "contacts",
+    "touch",
+    "bumper",
+    "button",
+    "buttons",
+    "estop",
+    "emergency",
+    "fault",
+    "error",
+    "ready",
+    "alive",
+    "connected",
+    "enabled",
+    "status",
+    "detected",
+    "present",
+    "limit",
+    "done",
+    "success",
+];
 const SCENES: &[&str] = &["goal", "goals", "object", "objects", "obj", "cube", "block"];
 
 /// Meanings that other rules of a draft refer to.
@@ -59,6 +82,11 @@ pub(super) fn measured(path: &str) -> Measured {
     // A gripper has a state and a command, often under the same name.
     let gripper = has(&words, GRIPPERS);
     if gripper || quantity(&words).is_none() { Measured::No } else { Measured::Perhaps }
+}
+
+/// Whether a switch of this name is measured.
+pub(super) fn is_sensed(name: &str) -> bool {
+    has(&words(name), SWITCHES)
 }
 
 /// What the name of a field means, in words; `None` for one without a common name.

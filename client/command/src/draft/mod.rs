@@ -10,6 +10,7 @@ mod intake;
 mod measured;
 mod repeats;
 mod role;
+mod still;
 #[cfg(test)]
 mod tests;
 mod tokens;
@@ -163,6 +164,13 @@ fn commands(fields: &[Field], way: usize) -> Option<String> {
     best.sources.get(way).map(|source| source.topic.clone())
 }
 
+/// The topics of the commands of all ways, in words.
+fn command_topics(ways: &[Way], fields: &[Field]) -> String {
+    let mut topics: Vec<String> = (0..ways.len()).filter_map(|at| commands(fields, at)).collect();
+    topics.dedup();
+    topics.join(" or ")
+}
+
 fn rate_of(way: &Way, topic: &str) -> Option<f64> {
     let found = way.topics.iter().find(|known| known.found.topic == topic)?;
     let WayTopic { found, .. } = found;
@@ -197,7 +205,10 @@ fn pace(ways: &[Way], cameras: &[Camera], fields: &[Field]) -> Pace {
         (Some(commands), Some(pictures)) if by_pictures => (
             rounded_rate(pictures),
             format!(
-                "Commands come at {commands:.1} Hz and the slowest camera at {pictures:.1} Hz: a step for each picture."
+                "Commands come at {commands:.1} Hz and the slowest camera at {pictures:.1} Hz: a step for each picture. For \
+                 one for each command, take {:?} here and {} as `clock`; a picture then serves several steps.",
+                rounded_rate(commands),
+                command_topics(ways, fields),
             ),
         ),
         (Some(commands), _) => {

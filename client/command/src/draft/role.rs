@@ -1,12 +1,44 @@
-//! Roles: which candidates of one topic are commands, by their own names and by those beside them.
+//! Roles: which candidates of one topic are commands, by their own names and by those beside them, and which switches are.
 
 use super::candidate::Candidate;
-use super::measured::{Measured, measured};
+use super::measured::{Measured, is_sensed, measured};
 use super::tokens::{self, Command};
+
+/// Rates that differ by less than this share are the same: those of messages that one loop sends.
+const SAME_RATE: f64 = 0.05;
 
 /// Gives each candidate of a way its command, and marks those whose role is open.
 pub(super) fn settle(candidates: &mut [Candidate]) {
     candidates.chunk_by_mut(|one, next| one.topic == next.topic).for_each(settle_topic);
+    settle_switches(candidates);
+}
+
+/// A switch on a topic of its own that comes as often as certain commands is one of them: what a robot measures has other
+/// rates as a rule.
+fn settle_switches(candidates: &mut [Candidate]) {
+    let commands: Vec<(String, f64)> = candidates
+        .iter()
+        .filter(|candidate| candidate.command == Command::Yes)
+        .map(|candidate| (candidate.topic.clone(), candidate.rate_hz))
+        .collect();
+    for of_topic in candidates.chunk_by_mut(|one, next| one.topic == next.topic) {
+        let [candidate] = of_topic else { continue };
+        let names = [&candidate.path, &candidate.topic];
+        let is_open = candidate.command == Command::No && names.iter().all(|name| measured(name) == Measured::No);
+        if is_open && is_switch(candidate) && !names.iter().any(|name| is_sensed(name)) {
+            let alike = |rate: f64| (rate - candidate.rate_hz).abs() < SAME_RATE * rate;
+            if let Some((topic, _)) = commands.iter().find(|(_, rate)| alike(*rate)) {
+                candidate.command = Command::Yes;
+                candidate.alongside = Some(topic.clone());
+            }
+        }
+    }
+}
+
+/// Whether it is one number that is 0 or 1, and was both.
+fn is_switch(candidate: &Candidate) -> bool {
+    candidate.orders.iter().all(|order| order.ranges.len() == 1)
+        && matches!(candidate.values.as_slice(), [0.0, 1.0] | [1.0, 0.0])
 }
 
 fn settle_topic(candidates: &mut [Candidate]) {

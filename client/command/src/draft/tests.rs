@@ -204,7 +204,39 @@ fn steps_follow_a_camera_slower_than_the_commands() {
     let spec = written(&draft);
     assert_eq!(spec.rate_hz, 30.0);
     assert_eq!(spec.mappings[0].clock.as_deref(), Some(spec.mappings[0].cameras[0].color.as_str()));
-    assert!(draft.to_string().contains("Commands come at 100.0 Hz and the slowest camera at 29.7 Hz"));
+    let reason = draft.to_string().replace("\n# ", " ");
+    for part in ["Commands come at 100.0 Hz and the slowest camera at 29.7 Hz", "take 100.0 here and /cmd as `clock`"] {
+        assert!(reason.contains(part), "{part}: {reason}");
+    }
+}
+
+/// A twist of which two values move, as the operator of a planar robot sends it.
+#[test]
+fn values_of_an_action_that_are_always_0_are_left_out() {
+    let moves = |part: &str| if part == "linear.x" { range(-0.25, 0.5) } else { range(-0.1, 0.1) };
+    let still = |part: &str| if ["linear.x", "linear.z"].contains(&part) { moves(part) } else { range(0.0, 0.0) };
+    let of = |range: &dyn Fn(&str) -> ValueRange| {
+        let parts = ["linear.x", "linear.y", "linear.z", "angular.x", "angular.y", "angular.z"];
+        let twist = parts.map(|part| numbers(&format!("twist.{part}"), &[range(part)]));
+        let twist =
+            SurveyedTopic { schema: "geometry_msgs/msg/TwistStamped".into(), ..topic("/cmd_vel", "cdr", twist.into()) };
+        draft([&recording(vec![camera("/front", "cdr", (96, 96)), twist])], &known("t")).unwrap()
+    };
+    let draft = of(&still);
+    let spec = written(&draft);
+    assert_eq!(spec.mappings[0].fields[0].paths, ["twist.linear.x", "twist.linear.z"]);
+    assert_eq!((spec.action[0].size, spec.action[0].unit.as_str()), (2, "m/s"));
+    let text = draft.to_string();
+    for part in ["twist.angular.z are always 0", "\n#minimum = -0.25\n#maximum = 0.5\n"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    // Its limits are used by deleting the signs.
+    let with_limits = text.replace("#minimum", "minimum").replace("#maximum", "maximum");
+    let limited: TaskSpec = toml::from_str(&with_limits).unwrap();
+    assert_eq!((limited.action[0].minimum, limited.action[0].maximum), (Some(-0.25), Some(0.5)));
+    assert_eq!(of(&moves).spec.action[0].size, 6);
+    let never = |_: &str| range(0.0, 0.0);
+    assert_eq!(of(&never).spec.action[0].size, 6, "an action that never moves stays whole");
 }
 
 #[test]

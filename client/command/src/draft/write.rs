@@ -36,6 +36,10 @@ impl Display for Draft {
                     commented(out, |text| field_spec(text, table, &field.spec))?;
                 } else {
                     field_spec(out, table, &field.spec)?;
+                    let limits = field.observed.map(|range| [("minimum", range.minimum), ("maximum", range.maximum)]);
+                    for (key, value) in limits.into_iter().flatten() {
+                        commented(out, |text| writeln!(text, "{key} = {:?}", (value * 1000.0).round() / 1000.0))?;
+                    }
                 }
             }
         }

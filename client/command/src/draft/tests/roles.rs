@@ -72,3 +72,31 @@ fn each_role_has_its_reason() {
         assert!(text.contains(part), "{part}: {text}");
     }
 }
+
+/// A switch on a topic of its own is a command where one loop sends both.
+#[test]
+fn a_switch_that_comes_as_often_as_the_commands_is_one() {
+    let of = |name: &str, rate_hz, values: &[f64]| {
+        let high = values.iter().copied().fold(0.0, f64::max);
+        let data = SurveyedField { values: values.to_vec(), ..numbers("data", &[range(0.0, high)]) };
+        let switch = SurveyedTopic { rate_hz, ..topic(name, "cdr", vec![data]) };
+        let commands = topic("/cmd_vel", "cdr", vec![numbers("x", &[range(-0.2, 0.3)])]);
+        let draft =
+            draft([&recording(vec![camera("/front", "cdr", (96, 96)), switch, commands])], &known("t")).unwrap();
+        let action = draft.spec.action.iter().find(|field| field.name != "cmd_vel").cloned();
+        (action, draft.to_string())
+    };
+    let (press, text) = of("/stamp/press", 20.2, &[0.0, 1.0]);
+    let press = press.unwrap();
+    assert_eq!((press.minimum, press.maximum, press.binary), (Some(0.0), Some(1.0), true));
+    assert!(text.replace("\n# ", " ").contains("it is on or off and comes as often as /cmd_vel"), "{text}");
+    for (name, rate, values) in [
+        ("/stamp/press", 50.0, &[0.0, 1.0][..]),
+        ("/stamp/press", 20.0, &[0.0, 0.4]),
+        ("/stamp/press", 20.0, &[]),
+        ("/stamp/contact", 20.0, &[0.0, 1.0]),
+        ("/stamp_state", 20.0, &[0.0, 1.0]),
+    ] {
+        assert_eq!(of(name, rate, values).0, None, "{name} {rate} {values:?}");
+    }
+}

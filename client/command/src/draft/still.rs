@@ -1,0 +1,54 @@
+//! Numbers of an action that never change in the recordings: those that are always 0 are left out.
+//!
+//! Works on the sources of one field.
+
+use gleaner_recording::{FieldSource, ValueRange};
+
+use super::candidate::ROTATIONS;
+use super::fields::short;
+
+/// Takes the numbers that are always 0 out of the sources of an action and out of its ranges, and returns which. A robot
+/// that is sent no value for them moves as in the recordings. Rotations stay whole, and so do numbers without paths of their
+/// own and actions that are always 0.
+pub(super) fn leave_out_zeros(sources: &mut [FieldSource], ranges: &mut Vec<ValueRange>) -> Option<String> {
+    if sources.iter().any(|source| source.paths.len() != ranges.len()) {
+        return None;
+    }
+    let of_rotation = |path: &str| path.split('.').rev().nth(1).is_some_and(|part| ROTATIONS.contains(&part));
+    let is_still = |at: usize, range: &ValueRange| {
+        range.minimum == 0.0 && range.maximum == 0.0 && !sources.iter().any(|source| of_rotation(&source.paths[at]))
+    };
+    let still: Vec<bool> = ranges.iter().enumerate().map(|(at, range)| is_still(at, range)).collect();
+    if still.iter().all(|is_still| *is_still) || !still.contains(&true) {
+        return None;
+    }
+    let left: Vec<String> = kept(&sources[0].paths, |at| still[at]);
+    for source in sources {
+        source.paths = kept(&source.paths, |at| !still[at]);
+    }
+    *ranges = kept(ranges, |at| !still[at]);
+    let (is, them) = if left.len() == 1 { ("is", "it") } else { ("are", "them") };
+    Some(format!(
+        "{} {is} always 0 in these recordings and left out: add {them} to `paths`, and to `size`, if the robot uses {them}.",
+        left.join(", ")
+    ))
+}
+
+fn kept<T: Clone>(values: &[T], keeps: impl Fn(usize) -> bool) -> Vec<T> {
+    values.iter().enumerate().filter(|(at, _)| keeps(*at)).map(|(_, value)| value.clone()).collect()
+}
+
+/// Which numbers of an action never change.
+pub(super) fn unchanged(paths: &[String], ranges: &[ValueRange]) -> Option<String> {
+    let constant = |(path, range): (&String, &ValueRange)| {
+        (range.minimum >= range.maximum).then(|| format!("{path} is always {}", short(range.minimum)))
+    };
+    let found: Vec<String> = paths.iter().zip(ranges).filter_map(constant).collect();
+    let all = ranges.len() < 2 || paths.len() != ranges.len();
+    (!all && !found.is_empty()).then(|| {
+        format!(
+            "{} in these recordings: remove these paths, and lower `size`, if the robot never uses them.",
+            found.join(", ")
+        )
+    })
+}
