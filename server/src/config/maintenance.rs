@@ -18,7 +18,7 @@ pub struct MaintenanceConfig {
     #[arg(long = "keep-logs-days", env = "GLEANER_KEEP_LOGS_DAYS", default_value_t = 90, value_name = "DAYS")]
     pub log_days: u32,
     /// Keep the files of an export for this many days after it was made (0: forever). Longer lets clients fetch them again
-    /// without a job, shorter saves disk space; the same dataset gives the same files again.
+    /// without a job, shorter saves disk space. While the recordings of its dataset are there, it can be made again.
     #[arg(long = "keep-exports-days", env = "GLEANER_KEEP_EXPORTS_DAYS", default_value_t = 30, value_name = "DAYS")]
     pub export_days: u32,
     /// Keep audit entries for this many days. Default: forever.

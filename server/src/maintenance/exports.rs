@@ -1,48 +1,86 @@
-//! Removes the files of exports that are no longer kept (`--keep-exports-days`). They can be made again: the same dataset
-//! gives the same files. Must not touch the rows of exports.
+//! Removes the files of exports that are no longer kept (`--keep-exports-days`): an export can be made again while the
+//! recordings of its dataset are there. Must not touch the rows of exports.
+//!
+//! A file is removed before its row, so that an interruption leaves no blob without a row, which later sweeps would take
+//! for a recording. The next sweep continues where it ended.
 
 use std::time::SystemTime;
 
 use super::{Sweeper, sweep::off_runtime};
-use crate::{domain::time::Millis, error::Result};
+use crate::{
+    domain::{
+        id::{BlobId, ExportId},
+        time::Millis,
+    },
+    error::Result,
+};
 
-/// The files that are forgotten at once. If the process ends before they are removed, the next sweep moves those without a
-/// row to the trash, because it moves as many whatever their share of all blobs.
-const AT_ONCE: u32 = 8;
+/// The files that are removed under one lock, for which uploads wait.
+const AT_ONCE: usize = 64;
+
+/// What was removed.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct Removed {
+    pub(super) files: u64,
+    pub(super) bytes: u64,
+}
 
 impl Sweeper {
-    /// Forgets and removes the files of exports that were made more than `--keep-exports-days` before `now`; returns the
-    /// number of removed files and their bytes. A file that was stored again since `old` stays, because an equal export that
-    /// is being made may need it.
+    /// Removes the files of exports that were made more than `--keep-exports-days` before `now`. An export of which a file
+    /// was stored since `old` stays for a later sweep, because an equal one that is being made may need it.
     ///
     /// # Errors
     /// When the database or the disk fails.
-    pub(super) async fn forget_exports(&self, now: SystemTime, old: SystemTime) -> Result<(u64, u64)> {
-        let (mut files, mut bytes) = (0, 0);
+    pub(super) async fn forget_exports(&self, now: SystemTime, old: SystemTime) -> Result<Removed> {
+        let mut removed = Removed::default();
         if self.maintenance.export_days == 0 {
-            return Ok((files, bytes));
+            return Ok(removed);
         }
         let end = Millis::of(self.days_before(now, self.maintenance.export_days).await?);
-        // Not while the data folder is copied: blobs would stay without a row.
-        while let Some(removing) = self.blobs.removing().await? {
-            let forgotten = self.store.forget_export_files(end, AT_ONCE).await?;
-            if forgotten.is_empty() {
-                break;
+        let mut after: Option<ExportId> = None;
+        while let Some(export) = self.store.expired_export(end, after.as_ref()).await? {
+            self.forget_export(&export, old, &mut removed).await?;
+            after = Some(export);
+        }
+        Ok(removed)
+    }
+
+    async fn forget_export(&self, export: &ExportId, old: SystemTime, removed: &mut Removed) -> Result<()> {
+        let files = self.store.kept_export_files(export).await?;
+        for (_, blob) in &files {
+            if self.placed_since(blob, old).await? {
+                return Ok(());
             }
+        }
+        for some in files.chunks(AT_ONCE) {
+            let Some(removing) = self.blobs.removing().await? else { return Ok(()) };
             let mut unneeded = Vec::new();
-            for blob in forgotten {
-                if self.placed_before(&blob, old).await? && !self.store.names_blob(&blob).await? {
-                    unneeded.push(blob);
+            for (_, blob) in some {
+                if self.placed_since(blob, old).await? {
+                    return Ok(());
+                }
+                if !self.store.names_blob_beside(blob, export).await? {
+                    unneeded.push(blob.clone());
                 }
             }
             let blobs = self.blobs.clone();
-            let removed = off_runtime(move || {
+            let sizes = off_runtime(move || {
                 unneeded.iter().map(|blob| blobs.remove(blob, &removing)).collect::<Result<Vec<Option<u64>>>>()
             });
-            for size in removed.await?.into_iter().flatten() {
-                (files, bytes) = (files + 1, bytes + size);
+            for size in sizes.await?.into_iter().flatten() {
+                removed.files += 1;
+                removed.bytes += size;
+            }
+            if let Some((last, _)) = some.last() {
+                self.store.forget_export_files(export, *last).await?;
             }
         }
-        Ok((files, bytes))
+        Ok(())
+    }
+
+    /// Whether a blob exists and was stored at this time or later.
+    async fn placed_since(&self, blob: &BlobId, time: SystemTime) -> Result<bool> {
+        let (blobs, id) = (self.blobs.clone(), blob.clone());
+        Ok(off_runtime(move || blobs.placed(&id)).await?.is_some_and(|placed| placed >= time))
     }
 }

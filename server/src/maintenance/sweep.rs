@@ -74,8 +74,6 @@ impl Sweeper {
             // Workers make no recordings: the recording of a deleted episode can be removed at once.
             counts.removed(forget_episode(&self.store, &self.blobs, episode, recording).await?);
         }
-        let (files, bytes) = self.forget_exports(now, old).await?;
-        (counts.blobs, counts.bytes) = (counts.blobs + files, counts.bytes + bytes);
         let blobs = self.blobs.clone();
         let (deleted, bytes) = off_runtime(move || blobs.empty_trash(trash_end, worth::stays)).await?;
         (counts.blobs, counts.bytes) = (counts.blobs + deleted, counts.bytes + bytes);
@@ -101,6 +99,8 @@ impl Sweeper {
         if let Some(days) = self.maintenance.audit_days {
             counts.audited = self.store.forget_audit(Millis::of(self.days_before(now, days).await?)).await?;
         }
+        let exported = self.forget_exports(now, old).await?;
+        (counts.blobs, counts.bytes) = (counts.blobs + exported.files, counts.bytes + exported.bytes);
         Ok(counts)
     }
 
@@ -168,18 +168,13 @@ impl Sweeper {
         Ok(orphans.into_iter().filter_map(|found| found.id).collect())
     }
 
-    /// Whether a blob exists and was last stored before this time.
-    pub(super) async fn placed_before(&self, id: &BlobId, old: SystemTime) -> Result<bool> {
-        let (blobs, id) = (self.blobs.clone(), id.clone());
-        let placed = off_runtime(move || blobs.placed(&id)).await?;
-        Ok(placed.is_some_and(|placed| placed < old))
-    }
-
     /// Moves blobs without a row to the trash.
     async fn discard(&self, orphans: &[BlobId], old: SystemTime, counts: &mut SweepCounts) -> Result<()> {
         for id in orphans {
             // The blob may have been stored again since it was listed, before its row.
-            if !self.placed_before(id, old).await? {
+            let (blobs, again) = (self.blobs.clone(), id.clone());
+            let placed = off_runtime(move || blobs.placed(&again)).await?;
+            if placed.is_none_or(|placed| placed >= old) {
                 continue;
             }
             let Some(removing) = self.blobs.removing().await? else { continue };

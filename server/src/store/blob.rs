@@ -6,7 +6,10 @@ use super::{
     row::{self, Column as _, record},
     sql::{self, Target},
 };
-use crate::{domain::id::BlobId, error::Result};
+use crate::{
+    domain::id::{BlobId, ExportId},
+    error::Result,
+};
 
 /// The one list of the columns that name blobs: the blob, the row that needs it, and its size where the row has it.
 macro_rules! named_blobs {
@@ -48,6 +51,21 @@ impl Store {
         .fetch_one(self.read())
         .await
         .map_err(fault("reading the rows that name a blob"))
+    }
+
+    /// Whether any row beside those of this export's files names this blob, or an open upload may be about to.
+    pub(crate) async fn names_blob_beside(&self, blob: &BlobId, export: &ExportId) -> Result<bool> {
+        row::query_as(concat!(
+            "select exists (select 1 from (",
+            named_blobs!(),
+            ") as named where blob = $1 and substr(needed_by, 1, length($2)) <> $2) \
+             or exists (select 1 from uploads where blake3 = $1 and committed = size_bytes)"
+        ))
+        .bind(blob.param())
+        .bind(export.param())
+        .fetch_one(self.read())
+        .await
+        .map_err(fault("reading the other rows that name a blob"))
     }
 
     /// Every blob that a row names, once for each such row, sorted by blob; read at one moment.

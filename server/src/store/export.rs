@@ -120,30 +120,52 @@ impl Store {
         match found {
             Some(true) => Ok(()),
             Some(false) => Err(Error::precondition(format!(
-                "the files of export {id} are no longer kept (--keep-exports-days of the server); export its dataset again, \
-                 which gives the same files"
+                "the files of export {id} are no longer kept (--keep-exports-days of the server); export its dataset again"
             ))),
             None => Err(self.missing(JobKind::Export, "export", id.as_str()).await),
         }
     }
 
-    /// Forgets at most `most` files of the exports that were made before `time`, and returns their blobs, which no other
-    /// row may need any more. The exports keep their rows; of each, the first file is forgotten first.
-    pub(crate) async fn forget_export_files(&self, time: Millis, most: u32) -> Result<Vec<BlobId>> {
-        let mut tx = self.write().await?;
-        let forgotten = sql::query(
-            "delete from export_files where (export_id, position) in (select export_id, position from export_files \
-             join exports on exports.id = export_id where created_at < $1 order by export_id, position limit $2) \
-             returning blob",
+    /// The first export after `after`, in the order of their ids, that was made before `time` and whose files are kept.
+    pub(crate) async fn expired_export(&self, time: Millis, after: Option<&ExportId>) -> Result<Option<ExportId>> {
+        sql::query(
+            "select id from exports where created_at < $1 and id > $2 \
+             and exists (select 1 from export_files where export_id = exports.id) order by id limit 1",
         )
         .bind(time.param())
-        .bind(most)
+        .bind(after.map_or("", ExportId::as_str))
         .try_map(row::read)
-        .fetch_all(&mut tx)
+        .fetch_optional(self.read())
         .await
-        .map_err(fault("forgetting the files of an export"))?;
-        self.commit(tx).await?;
-        Ok(forgotten)
+        .map_err(fault("looking for old exports"))
+    }
+
+    /// The places and the blobs of the kept files of an export, in order.
+    pub(crate) async fn kept_export_files(&self, id: &ExportId) -> Result<Vec<(u32, BlobId)>> {
+        sql::query("select position, blob from export_files where export_id = $1 order by position")
+            .bind(id.param())
+            .try_map(row::read)
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("reading the files of an export"))
+    }
+
+    /// Forgets the files of an export up to this place. The export keeps its row, and its job releases its key, so that the
+    /// same order makes the files again.
+    pub(crate) async fn forget_export_files(&self, id: &ExportId, last: u32) -> Result<()> {
+        let mut tx = self.write().await?;
+        sql::query("delete from export_files where export_id = $1 and position <= $2")
+            .bind(id.param())
+            .bind(last)
+            .execute(&mut tx)
+            .await
+            .map_err(fault("forgetting the files of an export"))?;
+        sql::query("update jobs set key = '' where id = (select job_id from exports where id = $1)")
+            .bind(id.param())
+            .execute(&mut tx)
+            .await
+            .map_err(fault("releasing the key of an export"))?;
+        self.commit(tx).await
     }
 }
 
@@ -180,18 +202,43 @@ mod tests {
         assert_eq!(store.export_file(&export, "manifest.jsonl").await.unwrap(), files[1]);
         assert_eq!(store.export_file(&export, "../x").await.unwrap_err().kind(), Kind::NotFound);
 
-        let before = Millis(Millis::now().0 - 60_000);
-        assert_eq!(store.forget_export_files(before, 9).await.unwrap(), [], "it is younger");
-        let after = Millis(Millis::now().0 + 60_000);
-        assert_eq!(store.forget_export_files(after, 1).await.unwrap(), [files[0].blob.clone()]);
-        for found in
-            [store.export_files(&export).await.map(drop), store.export_file(&export, "manifest.jsonl").await.map(drop)]
-        {
-            let error = found.unwrap_err();
+        let [before, after] = [-60_000, 60_000].map(|difference| Millis(Millis::now().0 + difference));
+        assert_eq!(store.expired_export(before, None).await.unwrap(), None, "it is younger");
+        assert_eq!(store.expired_export(after, None).await.unwrap(), Some(export.clone()));
+        assert_eq!(store.expired_export(after, Some(&export)).await.unwrap(), None);
+        let places =
+            |from: u32| (from..).zip(files.iter().skip(usize::try_from(from).unwrap()).map(|file| file.blob.clone()));
+        assert_eq!(store.kept_export_files(&export).await.unwrap(), places(0).collect::<Vec<_>>());
+        store.forget_export_files(&export, 0).await.unwrap();
+        assert_eq!(store.kept_export_files(&export).await.unwrap(), places(1).collect::<Vec<_>>());
+        let [list, file] =
+            [store.export_files(&export).await.map(drop), store.export_file(&export, "manifest.jsonl").await.map(drop)];
+        for error in [list.unwrap_err(), file.unwrap_err()] {
             assert_eq!(error.kind(), Kind::Precondition, "a part of an export is no export");
             assert!(error.message().contains("export its dataset again"), "{error}");
         }
-        assert_eq!(store.forget_export_files(after, 9).await.unwrap(), [files[1].blob.clone()]);
-        assert_eq!(store.forget_export_files(after, 9).await.unwrap(), []);
+        store.forget_export_files(&export, 1).await.unwrap();
+        assert_eq!(store.expired_export(after, None).await.unwrap(), None);
+    }
+
+    #[tokio::test]
+    async fn a_name_of_another_row_is_told_from_those_of_the_export() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let episode = testing::episode(&store, &task, Outcome::Success, "").await;
+        testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let run = results::run(&store, &task, &encoder, &[]).await;
+        let dataset = store.insert_dataset(&run.id, Selection::beta(0.9)).await.unwrap().id;
+        let own: BlobId = blake3::hash(b"own").into();
+        let files = [("a", &own), ("b", &own), ("c", &episode.recording)];
+        let file = |(name, blob): (&str, &BlobId)| ExportFile { name: name.into(), blob: blob.clone(), size_bytes: 3 };
+        let export = results::export(&store, &task, &dataset, &files.map(file)).await;
+        assert!(!store.names_blob_beside(&own, &export).await.unwrap());
+        assert!(store.names_blob_beside(&episode.recording, &export).await.unwrap());
+        let other = results::export(&store, &task, &dataset, &[file(("a", &own))]).await;
+        assert!(store.names_blob_beside(&own, &export).await.unwrap());
+        store.forget_export_files(&other, 0).await.unwrap();
+        assert!(!store.names_blob_beside(&own, &export).await.unwrap());
     }
 }

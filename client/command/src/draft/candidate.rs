@@ -14,8 +14,7 @@ const MAX_SIZE: usize = 256;
 const AXES: &[&str] = &["x", "y", "z", "w", "rx", "ry", "rz", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw"];
 const VECTORS: &[&str] =
     &["position", "orientation", "linear", "angular", "translation", "rotation", "force", "torque"];
-/// Last parts but one of the paths of a rotation.
-pub(super) const ROTATIONS: &[&str] = &["orientation", "rotation"];
+const ROTATIONS: &[&str] = &["orientation", "rotation"];
 
 /// What becomes of a topic of transforms.
 const POSES: &str = "it has the poses of frames: a field of size 7 takes one with `transform = { parent = \"base_link\", child = \"tool0\" }` in place of \

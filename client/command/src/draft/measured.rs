@@ -41,6 +41,7 @@ const SWITCHES: &[&str] = &[
     "contacts",
     "touch",
     "bumper",
+    "collision",
     "button",
     "buttons",
     "estop",
@@ -57,6 +58,13 @@ const SWITCHES: &[&str] = &[
     "limit",
     "done",
     "success",
+    "closed",
+    "opened",
+    "grasped",
+    "holding",
+    "attached",
+    "reached",
+    "moving",
 ];
 const SCENES: &[&str] = &["goal", "goals", "object", "objects", "obj", "cube", "block"];
 
@@ -86,7 +94,7 @@ pub(super) fn measured(path: &str) -> Measured {
 
 /// Whether a switch of this name is measured.
 pub(super) fn is_sensed(name: &str) -> bool {
-    has(&words(name), SWITCHES)
+    has(&stems(name), SWITCHES)
 }
 
 /// What the name of a field means, in words; `None` for one without a common name.

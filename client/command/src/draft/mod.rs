@@ -7,6 +7,7 @@ mod cameras;
 mod candidate;
 mod fields;
 mod intake;
+mod limits;
 mod measured;
 mod repeats;
 mod role;
@@ -64,6 +65,10 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
     let mut candidates: Vec<Vec<Candidate>> =
         ways.iter().map(|way| candidate::candidates(way, &mut left_out)).collect();
     candidates.iter_mut().for_each(|of_way| role::settle(of_way));
+    // The caller knows the actions, and in several ways a switch may be one in a part of them only.
+    if let ([of_way], []) = (candidates.as_mut_slice(), known.action.as_slice()) {
+        role::settle_switches(of_way);
+    }
     for topic in &known.action {
         if !candidates.iter().flatten().any(|candidate| candidate.topic == *topic) {
             return Err(format!("--action {topic}: no recording has numbers on this topic; {}", topics(&candidates)));

@@ -10,12 +10,11 @@ const SAME_RATE: f64 = 0.05;
 /// Gives each candidate of a way its command, and marks those whose role is open.
 pub(super) fn settle(candidates: &mut [Candidate]) {
     candidates.chunk_by_mut(|one, next| one.topic == next.topic).for_each(settle_topic);
-    settle_switches(candidates);
 }
 
 /// A switch on a topic of its own that comes as often as certain commands is one of them: what a robot measures has other
 /// rates as a rule.
-fn settle_switches(candidates: &mut [Candidate]) {
+pub(super) fn settle_switches(candidates: &mut [Candidate]) {
     let commands: Vec<(String, f64)> = candidates
         .iter()
         .filter(|candidate| candidate.command == Command::Yes)

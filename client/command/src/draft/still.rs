@@ -4,19 +4,17 @@
 
 use gleaner_recording::{FieldSource, ValueRange};
 
-use super::candidate::ROTATIONS;
 use super::fields::short;
 
 /// Takes the numbers that are always 0 out of the sources of an action and out of its ranges, and returns which. A robot
-/// that is sent no value for them moves as in the recordings. Rotations stay whole, and so do numbers without paths of their
-/// own and actions that are always 0.
+/// that is sent no value for them moves as in the recordings. Quaternions stay whole, and so do numbers without paths of
+/// their own and actions that are always 0.
 pub(super) fn leave_out_zeros(sources: &mut [FieldSource], ranges: &mut Vec<ValueRange>) -> Option<String> {
     if sources.iter().any(|source| source.paths.len() != ranges.len()) {
         return None;
     }
-    let of_rotation = |path: &str| path.split('.').rev().nth(1).is_some_and(|part| ROTATIONS.contains(&part));
     let is_still = |at: usize, range: &ValueRange| {
-        range.minimum == 0.0 && range.maximum == 0.0 && !sources.iter().any(|source| of_rotation(&source.paths[at]))
+        range.minimum == 0.0 && range.maximum == 0.0 && !sources.iter().any(|source| of_quaternion(source, at))
     };
     let still: Vec<bool> = ranges.iter().enumerate().map(|(at, range)| is_still(at, range)).collect();
     if still.iter().all(|is_still| *is_still) || !still.contains(&true) {
@@ -32,6 +30,17 @@ pub(super) fn leave_out_zeros(sources: &mut [FieldSource], ranges: &mut Vec<Valu
         "{} {is} always 0 in these recordings and left out: add {them} to `paths`, and to `size`, if the robot uses {them}.",
         left.join(", ")
     ))
+}
+
+/// Whether a number is a part of a rotation with a real part, such as `orientation.x` beside `orientation.w`.
+fn of_quaternion(source: &FieldSource, at: usize) -> bool {
+    let (part, axis) = cut(&source.paths[at]);
+    let real = if axis.starts_with('q') { "qw" } else { "w" };
+    source.paths.iter().any(|other| cut(other) == (part, real))
+}
+
+fn cut(path: &str) -> (&str, &str) {
+    path.rsplit_once('.').unwrap_or(("", path))
 }
 
 fn kept<T: Clone>(values: &[T], keeps: impl Fn(usize) -> bool) -> Vec<T> {

@@ -235,8 +235,25 @@ fn values_of_an_action_that_are_always_0_are_left_out() {
     let limited: TaskSpec = toml::from_str(&with_limits).unwrap();
     assert_eq!((limited.action[0].minimum, limited.action[0].maximum), (Some(-0.25), Some(0.5)));
     assert_eq!(of(&moves).spec.action[0].size, 6);
-    let never = |_: &str| range(0.0, 0.0);
-    assert_eq!(of(&never).spec.action[0].size, 6, "an action that never moves stays whole");
+    let never = of(&|_: &str| range(0.0, 0.0));
+    assert_eq!(never.spec.action[0].size, 6, "an action that never moves stays whole");
+    assert!(!never.to_string().contains("minimum"), "and has no limits: {never}");
+}
+
+/// A planar tool: two of the four numbers of its rotation never change.
+#[test]
+fn quaternions_of_an_action_stay_whole() {
+    for [part, real] in [["orientation.", "w"], ["quat.", "w"], ["", "qw"]] {
+        let prefix = if real == "qw" { "q" } else { "" };
+        let names = ["x", "y", "z"].map(|axis| format!("{part}{prefix}{axis}"));
+        let [x, y, z] = names.each_ref().map(|name| name.as_str());
+        let of = |name: &str, high| numbers(&format!("target.{name}"), &[range(0.0, high)]);
+        let real = format!("{part}{real}");
+        let fields = vec![of("px", 0.4), of(x, 0.0), of(y, 0.0), of(z, 0.3), of(&real, 1.0)];
+        let draft = draft([&recording(vec![topic("/cmd", "json", fields)])], &known("t")).unwrap();
+        let sizes: u32 = draft.spec.action.iter().map(|field| field.size).sum();
+        assert_eq!(sizes, 5, "{draft}");
+    }
 }
 
 #[test]

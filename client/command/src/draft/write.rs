@@ -7,6 +7,7 @@ use gleaner_recording::{CameraSource, CameraSpec, FieldSource, FieldSpec, Transf
 
 use super::Draft;
 use super::candidate::LeftOut;
+use super::limits;
 
 /// Width of a line of comments.
 const WIDTH: usize = 118;
@@ -36,9 +37,8 @@ impl Display for Draft {
                     commented(out, |text| field_spec(text, table, &field.spec))?;
                 } else {
                     field_spec(out, table, &field.spec)?;
-                    let limits = field.observed.map(|range| [("minimum", range.minimum), ("maximum", range.maximum)]);
-                    for (key, value) in limits.into_iter().flatten() {
-                        commented(out, |text| writeln!(text, "{key} = {:?}", (value * 1000.0).round() / 1000.0))?;
+                    if let Some([minimum, maximum]) = field.observed.and_then(limits::outward) {
+                        commented(out, |text| writeln!(text, "minimum = {minimum}\nmaximum = {maximum}"))?;
                     }
                 }
             }

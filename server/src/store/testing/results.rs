@@ -46,6 +46,18 @@ pub(crate) async fn set_state(store: &Store, job: &JobId, state: JobState, error
     store.commit(tx).await.unwrap();
 }
 
+/// Gives a job a key, as that of an order that only names it.
+pub(crate) async fn set_key(store: &Store, job: &JobId, key: &str) {
+    let mut tx = store.write().await.unwrap();
+    sql::query("update jobs set key = $1, ordered = '{}' where id = $2")
+        .bind(key)
+        .bind(job.param())
+        .execute(&mut tx)
+        .await
+        .unwrap();
+    store.commit(tx).await.unwrap();
+}
+
 /// An encoder of a snapshot of the task's present episodes, which must have both roles.
 pub(crate) async fn encoder(store: &Store, task: &Task) -> Encoder {
     let snapshot_id = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap().id;

@@ -94,9 +94,27 @@ fn a_switch_that_comes_as_often_as_the_commands_is_one() {
         ("/stamp/press", 50.0, &[0.0, 1.0][..]),
         ("/stamp/press", 20.0, &[0.0, 0.4]),
         ("/stamp/press", 20.0, &[]),
-        ("/stamp/contact", 20.0, &[0.0, 1.0]),
+        ("/stamp/contact1", 20.0, &[0.0, 1.0]),
+        ("/gripper/closed", 20.0, &[0.0, 1.0]),
         ("/stamp_state", 20.0, &[0.0, 1.0]),
     ] {
         assert_eq!(of(name, rate, values).0, None, "{name} {rate} {values:?}");
     }
+}
+
+#[test]
+fn a_switch_is_judged_only_where_no_action_is_named() {
+    let survey = |encoding, values: &[f64]| {
+        let data =
+            SurveyedField { values: values.to_vec(), ..numbers("data", &[range(0.0, values.len() as f64 - 1.0)]) };
+        let commands = topic("/cmd_vel", encoding, vec![numbers("x", &[range(-0.2, 0.3)])]);
+        recording(vec![topic("/press", encoding, vec![data]), commands])
+    };
+    let both = [0.0, 1.0];
+    let seen = |draft: Draft| draft.spec.proprioception.iter().map(|field| field.name.clone()).collect::<Vec<_>>();
+    let named = Known { name: "t".into(), action: vec!["/cmd_vel".into()] };
+    assert_eq!(seen(draft([&survey("cdr", &both)], &named).unwrap()), ["press"], "it stays an observation");
+    // In one of two ways it was never set off.
+    let ways = [survey("cdr", &both), survey("json", &[0.0])];
+    assert_eq!(seen(draft(&ways, &known("t")).unwrap()), ["press"]);
 }

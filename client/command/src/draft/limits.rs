@@ -1,0 +1,40 @@
+//! Limits of an action as the draft writes them. Pure functions on numbers.
+
+use gleaner_recording::ValueRange;
+
+/// The least and the greatest of observed values, rounded outward to three significant digits, as numbers of TOML. `None`
+/// where they are equal, which are no limits.
+pub(super) fn outward(range: ValueRange) -> Option<[String; 2]> {
+    let ValueRange { minimum, maximum } = range;
+    (minimum < maximum).then(|| [shown(minimum, f64::floor), shown(maximum, f64::ceil)])
+}
+
+fn shown(value: f64, round: impl Fn(f64) -> f64) -> String {
+    let size = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few digits, at least one")]
+    let digits = (2.0 - size).clamp(1.0, 30.0) as usize;
+    let scale = 10_f64.powf((2.0 - size).clamp(1.0, 30.0));
+    let text = format!("{:.digits$}", round(value * scale) / scale);
+    let short = text.trim_end_matches('0');
+    if short.ends_with('.') { format!("{short}0") } else { short.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_hold_the_observed_values() {
+        let of = |minimum, maximum| outward(ValueRange { minimum, maximum });
+        let texts = |low: &str, high: &str| Some([low.to_owned(), high.to_owned()]);
+        assert_eq!(of(-0.25, 0.5), texts("-0.25", "0.5"));
+        assert_eq!(of(0.0, 0.0124), texts("0.0", "0.0124"));
+        assert_eq!(of(-0.000_41, 0.000_412_3), texts("-0.00041", "0.000413"));
+        assert_eq!(of(-1234.5, 99.91), texts("-1234.5", "100.0"));
+        assert_eq!(of(0.3, 0.3), None);
+        for value in [-0.1, 0.1, 0.7, 1.0 / 3.0, 1e-9, 123.456] {
+            let [low, high] = of(value, value + value.abs()).unwrap().map(|text| text.parse::<f64>().unwrap());
+            assert!(low <= value && high >= value + value.abs(), "{value}: {low} {high}");
+        }
+    }
+}
