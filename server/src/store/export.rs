@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_name_of_another_row_is_told_from_those_of_the_export() {
+    async fn names_by_other_rows_are_those_beside_the_export() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         let episode = testing::episode(&store, &task, Outcome::Success, "").await;

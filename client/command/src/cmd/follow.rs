@@ -73,8 +73,10 @@ impl View {
         Some(format!("{} {}: {} of {}{loss}, {left}", job.id, job.message, job.done, job.total))
     }
 
-    pub(crate) fn end(self) {
+    /// Ends the bar, and returns what the metrics of the job warn of.
+    pub(crate) fn end(self) -> Option<String> {
         self.bar.finish_and_clear();
+        unfollowed(*self.metrics.get("switches_followed")?)
     }
 }
 
@@ -115,6 +117,17 @@ fn tenths(job: &Job) -> u64 {
     (job.done.saturating_mul(10)).checked_div(job.total).unwrap_or(0)
 }
 
+/// The warning of a policy that gives the new binary value at this share only of the steps at which experts change one.
+fn unfollowed(share: f64) -> Option<String> {
+    (share < 0.5).then(|| {
+        format!(
+            "at {:.0} % only of the steps at which experts switch a binary action value, the policy switches too, so it may \
+             never do so: train it longer, and leave out of the task what follows that action, such as the joint of a finger",
+            share * 100.0
+        )
+    })
+}
+
 // The few that fit on a line: the loss as a whole before its parts, then by name.
 fn latest(metrics: &BTreeMap<String, f64>) -> Vec<String> {
     let mut names: Vec<&String> = metrics.keys().collect();
@@ -135,8 +148,12 @@ pub(crate) async fn to_success(context: &Context, client: &Client, job_id: &str)
 pub(crate) async fn to_end(context: &Context, client: &Client, job_id: &str) -> Result<Job> {
     let mut view = View::new(context, job_id);
     let ended = client.watch(job_id, |event| view.event(event)).await;
-    view.end();
-    Ok(ended?)
+    let warning = view.end();
+    let job = ended?;
+    if let Some(warning) = warning {
+        context.output.note(format_args!("warning: {warning}"));
+    }
+    Ok(job)
 }
 
 #[cfg(test)]
@@ -148,6 +165,12 @@ mod tests {
         let names = ["aa", "loss", "loss_mtp", "ms_per_step", "zz"];
         let metrics = names.iter().map(|name| ((*name).to_owned(), 0.5)).collect();
         assert_eq!(latest(&metrics), ["loss 0.5000", "aa 0.5000", "loss_mtp 0.5000", "ms_per_step 0.5000"]);
+    }
+
+    #[test]
+    fn a_policy_that_follows_few_switches_is_a_warning() {
+        assert_eq!(unfollowed(0.5), None);
+        assert!(unfollowed(0.06).unwrap().starts_with("at 6 % only of the steps"));
     }
 
     #[test]

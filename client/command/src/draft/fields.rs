@@ -6,6 +6,7 @@ use gleaner_recording::{FieldSource, FieldSpec, ValueRange};
 
 use super::actions::Actions;
 use super::candidate::{Candidate, LeftOut, Order};
+use super::limits::short;
 use super::still;
 use super::tokens;
 use super::units;
@@ -266,10 +267,6 @@ pub(super) fn bound(
 #[expect(clippy::cast_possible_truncation, reason = "steps hold 32-bit floats")]
 fn set_range(spec: &mut FieldSpec, minimum: f64, maximum: f64) {
     (spec.minimum, spec.maximum) = (Some(minimum as f32), Some(maximum as f32));
-}
-
-pub(super) fn short(value: f64) -> String {
-    format!("{value:.3}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 fn shown_paths(order: &Order) -> String {

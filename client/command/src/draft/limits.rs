@@ -1,4 +1,4 @@
-//! Limits of an action as the draft writes them. Pure functions on numbers.
+//! Values and limits of an action as the draft writes them. Pure functions on numbers.
 
 use gleaner_recording::ValueRange;
 
@@ -7,6 +7,11 @@ use gleaner_recording::ValueRange;
 pub(super) fn outward(range: ValueRange) -> Option<[String; 2]> {
     let ValueRange { minimum, maximum } = range;
     (minimum < maximum).then(|| [shown(minimum, f64::floor), shown(maximum, f64::ceil)])
+}
+
+/// A value with at most three decimals.
+pub(super) fn short(value: f64) -> String {
+    format!("{value:.3}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 fn shown(value: f64, round: impl Fn(f64) -> f64) -> String {

@@ -31,8 +31,11 @@ use candidate::{Candidate, LeftOut};
 use fields::Field;
 use way::{Way, WayTopic};
 
-/// Commands faster than the slowest camera by more than this are sampled by its pictures.
-const FASTER: f64 = 1.2;
+/// Commands faster than the slowest camera by more than this are sampled by its pictures; slower ones are steps of their own,
+/// because a robot takes each.
+const FASTER: f64 = 2.0;
+/// The slowest camera is noted as slower than the commands from this on.
+const NOTED: f64 = 1.2;
 
 /// What the caller knows better than a guess.
 #[derive(Debug, Default)]
@@ -169,9 +172,9 @@ fn commands(fields: &[Field], way: usize) -> Option<String> {
     best.sources.get(way).map(|source| source.topic.clone())
 }
 
-/// The topics of the commands of all ways, in words.
-fn command_topics(ways: &[Way], fields: &[Field]) -> String {
-    let mut topics: Vec<String> = (0..ways.len()).filter_map(|at| commands(fields, at)).collect();
+/// One topic of each way, in words.
+fn topics_of(ways: &[Way], of: impl Fn(usize, &Way) -> Option<String>) -> String {
+    let mut topics: Vec<String> = ways.iter().enumerate().filter_map(|(at, way)| of(at, way)).collect();
     topics.dedup();
     topics.join(" or ")
 }
@@ -213,7 +216,16 @@ fn pace(ways: &[Way], cameras: &[Camera], fields: &[Field]) -> Pace {
                 "Commands come at {commands:.1} Hz and the slowest camera at {pictures:.1} Hz: a step for each picture. For \
                  one for each command, take {:?} here and {} as `clock`; a picture then serves several steps.",
                 rounded_rate(commands),
-                command_topics(ways, fields),
+                topics_of(ways, |at, _| self::commands(fields, at)),
+            ),
+        ),
+        (Some(commands), Some(pictures)) if commands > pictures * NOTED => (
+            rounded_rate(commands),
+            format!(
+                "Commands come at {commands:.1} Hz: a step for each. The slowest camera has {pictures:.1} Hz, so a picture \
+                 serves several steps; for a step for each picture, take {:?} here and {} as `clock`.",
+                rounded_rate(pictures),
+                topics_of(ways, |at, way| slowest(way, cameras, at).map(|(topic, _)| topic.to_owned())),
             ),
         ),
         (Some(commands), _) => {

@@ -4,7 +4,7 @@
 
 use gleaner_recording::{FieldSource, ValueRange};
 
-use super::fields::short;
+use super::limits::short;
 
 /// Takes the numbers that are always 0 out of the sources of an action and out of its ranges, and returns which. A robot
 /// that is sent no value for them moves as in the recordings. Quaternions stay whole, and so do numbers without paths of

@@ -210,6 +210,19 @@ fn steps_follow_a_camera_slower_than_the_commands() {
     }
 }
 
+#[test]
+fn steps_follow_commands_that_are_little_faster_than_a_camera() {
+    let mut survey = json();
+    for topic in &mut survey.topics {
+        topic.rate_hz = if topic.camera.is_some() { 11.8 } else { 20.0 };
+    }
+    let draft = draft([&survey], &known("t")).unwrap();
+    let spec = written(&draft);
+    assert_eq!((spec.rate_hz, spec.mappings[0].clock.as_deref()), (20.0, Some("/cmd")));
+    let reason = draft.to_string().replace("\n# ", " ");
+    assert!(reason.contains("for a step for each picture, take 12.0 here and /front/image as `clock`"), "{reason}");
+}
+
 /// A twist of which two values move, as the operator of a planar robot sends it.
 #[test]
 fn values_of_an_action_that_are_always_0_are_left_out() {

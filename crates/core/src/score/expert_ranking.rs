@@ -51,14 +51,20 @@ impl ExpertRanking {
                 "" => ("episodes without a cohort".to_owned(), "their", "them"),
                 named => (format!("cohort {named}"), "its", "its episodes"),
             };
+            // What to do where steps with a high q are bad.
+            let remedy = match cohort.as_str() {
+                "" => "name the kind of each in the column `cohort` of labels.csv, and leave out those kinds",
+                _ => "leave it out: name the other cohorts, by --expert-cohort and --imperfect-cohort",
+            };
             match *share {
                 share if share < 0.5 => Some(format!(
-                    "the scores favour {these} over experts ({} of pairs): check {their} labels and some of {them}",
+                    "the scores favour {these} over experts ({} of pairs): check {their} labels, and look at some of {them}. \
+                     If steps with a high q are bad, {remedy}",
                     percent(share)
                 )),
                 share if share < HARDLY => Some(format!(
                     "the scores hardly tell {these} from experts ({} of pairs): either {their} steps are as good, or the \
-                     scorer does not see what is wrong with them",
+                     scorer does not see what is wrong with them. If steps with a high q are bad, {remedy}",
                     percent(share)
                 )),
                 _ => None,

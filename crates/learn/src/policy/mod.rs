@@ -16,6 +16,7 @@ mod serve;
 mod session;
 mod shares;
 mod source;
+mod switching;
 mod tf_bc;
 mod train;
 

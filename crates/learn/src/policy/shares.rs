@@ -39,10 +39,10 @@ const CAMERAS: [&str; 16] = [
 ];
 
 /// The inputs of whole windows, laid out one after the other: W windows over W L steps.
-struct Inputs {
-    images: Vec<Tensor>,
-    proprioception: Tensor,
-    action: Tensor,
+pub(super) struct Inputs {
+    pub(super) images: Vec<Tensor>,
+    pub(super) proprioception: Tensor,
+    pub(super) action: Tensor,
 }
 
 /// The shares as metrics: `share_images`, `share_camera_0` … in the order of the task's cameras (with several cameras),
@@ -64,20 +64,7 @@ pub(super) fn shares(
     let (ours, theirs) = (inputs(policy, source, &ours)?, inputs(policy, source, &theirs)?);
     let cameras = ours.images.len();
     let act = |images: &[Tensor], proprioception: &Tensor, action: &Tensor| {
-        let places = proprioception.size()[0];
-        let valid = vec![true; usize::try_from(places).unwrap_or(0)];
-        let count = valid.len() / window;
-        let windows = Windows::in_order(valid, window, proprioception.device());
-        let input = PolicyInput {
-            embedded: policy.embed_images(images),
-            proprioception: proprioception.shallow_clone(),
-            action: action.shallow_clone(),
-            hidden: policy.history().hidden(&windows, &vec![hides_history; count]),
-            windows,
-            before: 0,
-            draws: (0..).take(count).map(|segment| (seed, segment)).collect(),
-        };
-        policy.act(&input).select(1, 0).to_kind(Kind::Double)
+        first_actions(policy, (images, proprioception, action), hides_history, seed).to_kind(Kind::Double)
     };
     let base = act(&ours.images, &ours.proprioception, &ours.action);
     let share = |changed: Tensor| {
@@ -107,6 +94,30 @@ pub(super) fn shares(
     Ok(shares)
 }
 
+/// The first actions after whole windows of images, proprioception and actions, laid out as in [`Inputs`]: standardised,
+/// `[W, A]`.
+pub(super) fn first_actions(
+    policy: &dyn PolicyModel,
+    (images, proprioception, action): (&[Tensor], &Tensor, &Tensor),
+    hides_history: bool,
+    seed: u64,
+) -> Tensor {
+    let window = policy.info().window;
+    let valid = vec![true; usize::try_from(proprioception.size()[0]).unwrap_or(0)];
+    let count = valid.len() / window;
+    let windows = Windows::in_order(valid, window, proprioception.device());
+    let input = PolicyInput {
+        embedded: policy.embed_images(images),
+        proprioception: proprioception.shallow_clone(),
+        action: action.shallow_clone(),
+        hidden: policy.history().hidden(&windows, &vec![hides_history; count]),
+        windows,
+        before: 0,
+        draws: (0..).take(count).map(|segment| (seed, segment)).collect(),
+    };
+    policy.act(&input).select(1, 0)
+}
+
 /// Segments with whole windows, and for each one of another episode.
 fn pairs(source: &Source<'_>, window: usize, seed: u64) -> [Vec<Segment>; 2] {
     let at = |place| source.segments.at(place);
@@ -125,7 +136,11 @@ fn pairs(source: &Source<'_>, window: usize, seed: u64) -> [Vec<Segment>; 2] {
 }
 
 /// Every place of the segments' windows, each window with steps of its own.
-fn inputs(policy: &dyn PolicyModel, source: &Source<'_>, segments: &[Segment]) -> Result<Inputs, LearnError> {
+pub(super) fn inputs(
+    policy: &dyn PolicyModel,
+    source: &Source<'_>,
+    segments: &[Segment],
+) -> Result<Inputs, LearnError> {
     let info = policy.info();
     let batch = Batch::collect(info.shape, &source.data, segments, info.window, info.device)?;
     let spread = |steps: &Tensor| steps.index_select(0, &batch.windows.index);

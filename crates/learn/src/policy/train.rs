@@ -10,6 +10,7 @@ use super::find;
 use super::kind::{PolicyInit, PolicyModel, Pretrained};
 use super::shares::shares;
 use super::source::{Assembled, Assembly, Draw, Source, mean_loss};
+use super::switching::{SWITCHES_FOLLOWED, switches_followed};
 use crate::batch::Segments;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
@@ -34,7 +35,9 @@ type Policy = Box<dyn PolicyModel>;
 /// kept segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`,
 /// `ms_per_batch` (that assembling a batch took on the batches' own thread), `waited_share` (of the step's time, waiting
 /// for its batches); twenty times `loss_validation`, if a share of the experts is held out; of the last step also what
-/// the policy looks at: `share_images`, `share_camera_N`, `share_proprioception`, `share_history`.
+/// the policy looks at: `share_images`, `share_camera_N`, `share_proprioception`, `share_history`, and, where an action has
+/// a binary value, `switches_followed`: of the steps at which it changes in the experts, the share at which the policy
+/// gives the new value.
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for an encoder that
@@ -154,7 +157,10 @@ impl<'a> Sources<'a> {
             metrics.extend(loss.map(|loss| (LOSS_VALIDATION, loss)));
         }
         if done == spec.optim.steps {
-            metrics.extend(shares(policy, &self.experts, policy.history().always_hides(), spec.run.seed)?);
+            let hides = policy.history().always_hides();
+            metrics.extend(shares(policy, &self.experts, hides, spec.run.seed)?);
+            let followed = switches_followed(policy, &self.experts, hides, spec.run.seed)?;
+            metrics.extend(followed.map(|share| (SWITCHES_FOLLOWED, share)));
         }
         Ok(metrics)
     }
