@@ -130,10 +130,14 @@ mod tests {
         let warnings = ranking(0.6, &[("a", 0.48), ("b", 0.52), ("c", 0.9)]).warnings();
         assert!(warnings[0].contains("favour cohort a over experts (48 % of pairs)"), "{warnings:?}");
         assert!(warnings[1].contains("hardly tell cohort b from experts (52 % of pairs)"), "{warnings:?}");
+        assert!(
+            warnings[1].ends_with("leave it out: name the other cohorts, by --expert-cohort and --imperfect-cohort")
+        );
         assert_eq!(warnings.len(), 2);
         let unnamed = ranking(0.6, &[("", 0.48)]).warnings();
         assert!(unnamed[0].contains("favour episodes without a cohort over experts (48 % of pairs)"), "{unnamed:?}");
-        assert!(unnamed[0].ends_with("check their labels and some of them"), "{unnamed:?}");
+        assert!(unnamed[0].contains("check their labels, and look at some of them"), "{unnamed:?}");
+        assert!(unnamed[0].ends_with("in the column `cohort` of labels.csv, and leave out those kinds"), "{unnamed:?}");
         let unnamed = ranking(0.6, &[("", 0.52)]).warnings();
         assert!(unnamed[0].contains("hardly tell episodes without a cohort from experts"), "{unnamed:?}");
         let reversed = ranking(0.4, &[("a", 0.4)]).warnings();
