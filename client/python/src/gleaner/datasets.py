@@ -115,7 +115,8 @@ class Datasets:
 
     def export_files(self, export_id: str) -> Sequence[ExportFile]:
         """The files of a finished export; `client.jobs.submit` makes one. Raises `FailedPrecondition` before, and
-        once the server no longer keeps them (`--keep-exports-days`)."""
+        once the server no longer keeps them (`--keep-exports-days`).
+        """
         request = pb.ListExportFilesRequest(export_id=export_id, page_size=PAGE)
         found = pages(self._rpc, "DatasetService/ListExportFiles", request, pb.ListExportFilesResponse)
         return [file for page in found for file in page.files]
