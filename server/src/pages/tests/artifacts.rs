@@ -187,10 +187,7 @@ async fn a_dataset_shows_its_inputs_and_later_results() {
 async fn the_job_of_an_export_shows_whether_its_files_are_kept() {
     let pages = Pages::open(false).await;
     let store = &pages.services.store;
-    let task = testing::task(store).await;
-    testing::episode(store, &task, Outcome::Success, "").await;
-    testing::episode(store, &task, Outcome::Failure, "").await;
-    let encoder = results::encoder(store, &task).await;
+    let (task, encoder) = encoder(&pages).await;
     let run = results::run(store, &task, &encoder, &[]).await;
     let dataset = store.insert_dataset(&run.id, Selection::beta(0.25)).await.unwrap().id;
     let file = ExportFile { name: "a.mcap".into(), blob: blake3::hash(b"a").into(), size_bytes: 1 };
