@@ -4,20 +4,15 @@
 
 use serde::de::DeserializeOwned;
 
-/// The rows of a CSV file below its header, each with the line at which it begins. Other columns have no effect.
+/// The rows of a CSV file below its header, each with the line at which it begins. Other columns have no effect. Cells are
+/// between commas, semicolons or tabs.
 ///
 /// # Errors
 /// A column of `needed` that is missing, with the header `form`; a row that cannot be read, with its line.
 pub fn rows<T: DeserializeOwned>(text: &str, needed: &[&str], form: &str) -> Result<Vec<(u64, T)>, String> {
-    // As spreadsheets write it; offsets are of the text after it.
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let headers = reader.headers().map_err(|error| error.to_string())?.clone();
-    for needed in needed {
-        if !headers.iter().any(|header| header == *needed) {
-            return Err(format!("column {needed:?} is missing; the first line must be {form}"));
-        }
-    }
+    let headers = header(text, needed, form)?;
+    let text = plain(text);
+    let mut reader = reader(text);
     let mut place = Place { text: text.as_bytes(), byte: 0, line: 1 };
     let mut rows = Vec::new();
     for record in reader.records() {
@@ -32,13 +27,45 @@ pub fn rows<T: DeserializeOwned>(text: &str, needed: &[&str], form: &str) -> Res
     Ok(rows)
 }
 
+/// The columns of a CSV file.
+///
+/// # Errors
+/// As [`rows`].
+pub(crate) fn header(text: &str, needed: &[&str], form: &str) -> Result<csv::StringRecord, String> {
+    let headers = reader(plain(text)).headers().map_err(|error| error.to_string())?.clone();
+    for needed in needed {
+        if !headers.iter().any(|header| header == *needed) {
+            let there: Vec<&str> = headers.iter().collect();
+            let there = there.join(", ");
+            return Err(format!("column {needed:?} is missing among {there}; the first line must be {form}"));
+        }
+    }
+    Ok(headers)
+}
+
+/// The text without the mark that spreadsheets write at its begin.
+fn plain(text: &str) -> &str {
+    text.strip_prefix('\u{feff}').unwrap_or(text)
+}
+
+/// Reads cells between commas, or between what the first line has more of: semicolons or tabs.
+fn reader(text: &str) -> csv::Reader<&[u8]> {
+    let first = text.trim_start().lines().next().unwrap_or_default();
+    let count = |delimiter: &u8| first.bytes().filter(|byte| byte == delimiter).count();
+    // The last of equals.
+    let delimiter = [b'\t', b';', b','].into_iter().max_by_key(count).unwrap_or(b',');
+    csv::ReaderBuilder::new().delimiter(delimiter).trim(csv::Trim::All).from_reader(text.as_bytes())
+}
+
 fn problem(error: &csv::Error, headers: &csv::StringRecord) -> String {
     if let csv::ErrorKind::Deserialize { err, .. } = error.kind() {
         let column = err.field().and_then(|field| headers.get(usize::try_from(field).ok()?));
         return format!("{}: {}", column.unwrap_or("a cell"), err.kind());
     }
     if let csv::ErrorKind::UnequalLengths { expected_len, len, .. } = error.kind() {
-        return format!("has {len} cells, and the first line {expected_len}; add or remove commas");
+        return format!(
+            "has {len} cells, and the first line {expected_len}; add the missing ones, or put a cell with commas into quotes"
+        );
     }
     error.to_string()
 }
@@ -99,7 +126,7 @@ mod tests {
     #[test]
     fn a_wrong_row_is_named_by_its_line() {
         for (text, part) in [
-            ("b,c\n1,2\n", "column \"a\" is missing; the first line must be a,b"),
+            ("b,c\n1,2\n", "column \"a\" is missing among b, c; the first line must be a,b"),
             ("a,b\n\n\nx,1\n\ny,z\n", "line 6: b: invalid digit"),
             ("a,b\n\nx\n", "line 3: has 1 cells, and the first line 2"),
         ] {

@@ -57,6 +57,49 @@ async fn push_of_a_folder_names_the_files_that_fail() {
 }
 
 #[tokio::test]
+async fn a_table_of_a_labs_own_labels_recordings_and_stored_episodes() {
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    let (url, dir) = (server.url(), tempfile::tempdir().unwrap());
+    let at = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let (recordings, task, table) = (at("recordings"), at("task.json"), at("results.csv"));
+    std::fs::create_dir(&recordings).unwrap();
+    for (name, recording) in ["a", "b", "c"].iter().zip(&RECORDINGS[5..8]) {
+        std::fs::write(format!("{recordings}/{name}.mcap"), &recording.bytes).unwrap();
+    }
+    std::fs::write(&task, serde_json::to_vec(&lab::spec()).unwrap()).unwrap();
+    json(url, &["task", "create", &task]).await;
+    let results = "run;by;end;trouble\na;Pekka;Stood;\nb;Jonna;no good;fell, twice\nc;Jonna;;\n";
+    std::fs::write(&table, results).unwrap();
+    let own = |rest: &[&str]| {
+        let columns = ["--label-columns", "file=run,outcome=end,cohort=trouble", "--success-value", "stood"];
+        rest.iter().chain(&columns).map(|&word| word.to_owned()).collect::<Vec<_>>()
+    };
+
+    let pushed = gleaner(url, &own(&["push", &recordings, "--labels", &table])).await;
+    assert!(pushed.out.contains("3 recordings pushed (1 as success, 1 as failure, 1 as unknown)"), "{}", pushed.text());
+    let failed = json(url, &["episodes", "--outcome", "failure"]).await;
+    assert_eq!(
+        (&failed["episodes"][0]["file_name"], &failed["episodes"][0]["cohort"]),
+        (&"b.mcap".into(), &"fell, twice".into())
+    );
+
+    std::fs::write(&table, results.replace("Jonna;;", "Jonna;Stood;")).unwrap();
+    let labelled = gleaner(url, &own(&["label", "--from", &table])).await;
+    assert!(labelled.errors.contains("1 of 3 labels"), "{}", labelled.text());
+    assert_eq!(json(url, &["episodes", "--outcome", "success"]).await["episodes"].as_array().unwrap().len(), 2);
+
+    // Without a file of labels, and without the words of the table.
+    for (words, part) in [
+        (own(&["push", &recordings]), "--label-columns applies to a file of labels, and there is none: add --labels"),
+        (own(&["label", "a.mcap", "--outcome", "success"]), "add --from"),
+        (["push", &recordings, "--labels", &table].map(str::to_owned).to_vec(), "missing among run, by, end, trouble"),
+    ] {
+        let refused = gleaner(url, &words).await;
+        assert!(!refused.success && refused.errors.contains(part), "{part}: {}", refused.text());
+    }
+}
+
+#[tokio::test]
 async fn push_skips_and_names_files_that_are_not_regular() {
     let server = TestServer::start_with(&["--workers", "0"]).await;
     let (url, dir) = (server.url(), tempfile::tempdir().unwrap());

@@ -7,7 +7,7 @@ use clap::Args;
 use gleaner_client::{Client, outcome_from_word};
 use gleaner_proto::v1::{Episode, GetEpisodeRequest, Label, LabelEpisodesRequest, LabelEpisodesResponse, Outcome};
 
-use super::{episodes, label_file};
+use super::{episodes, label_file, label_table::LabelTableArgs};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
 use crate::table::Column::Left;
@@ -29,6 +29,8 @@ pub(crate) struct LabelArgs {
     /// The column file has the file name or the id of an episode; an empty cohort is unchanged.
     #[arg(long, value_name = "CSV", conflicts_with_all = ["ids", "outcome", "cohort"])]
     from: Option<PathBuf>,
+    #[command(flatten)]
+    table: LabelTableArgs,
     /// Name or id of the task of the rows of --from without one; no row may have another. Default: the only task of the
     /// server.
     #[arg(long, requires = "from")]
@@ -42,13 +44,14 @@ impl LabelArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         if let Some(file) = &self.from {
             let client = context.client().await?;
-            let labelled = (file.as_path(), self.task.as_deref(), self.reason.as_str());
-            let episodes = label_file::label(context, &client, labelled).await?;
+            let history = (self.task.as_deref(), self.reason.as_str());
+            let episodes = label_file::label(context, &client, (file, &self.table), history).await?;
             let reply = LabelEpisodesResponse { episodes };
             context.output.result(|| json::value(&reply), || episodes::listing(&reply.episodes))?;
             context.output.next("gleaner pipeline --quick --wait");
             return Ok(());
         }
+        self.table.refuse("--from")?;
         let client = context.client().await?;
         let labels = match self.outcome {
             Some(outcome) => BTreeMap::from([(outcome.into(), self.ids.clone())]),

@@ -1,11 +1,12 @@
-//! `label --from`: a labels.csv applied to episodes that are stored. Must not send recordings.
+//! `label --from`: a labels.csv, or another table, applied to episodes that are stored. Must not send recordings.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use gleaner_client::{Client, LabelledFile, read_labels};
+use gleaner_client::{Client, LabelledFile};
 use gleaner_proto::v1::{Episode, LabelEpisodesRequest, ListEpisodesRequest, Task};
 
+use super::label_table::LabelTableArgs;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::ids::{every_page, of_bag, stem};
@@ -18,9 +19,10 @@ use crate::words;
 pub(super) async fn label(
     context: &Context,
     client: &Client,
-    (file, task, reason): (&Path, Option<&str>, &str),
+    (file, table): (&Path, &LabelTableArgs),
+    (task, reason): (Option<&str>, &str),
 ) -> Result<Vec<Episode>> {
-    let rows = read_labels(file)?;
+    let rows = table.read(file)?;
     let refused = |problem: String| Failure::message(format!("{}: {problem}; no label was changed", file.display()));
     let tasks = client.every_task().await?.tasks;
     // The rows of every task have their episodes before the first label is changed.
@@ -147,7 +149,7 @@ mod tests {
     use super::*;
 
     fn row(line: u64, path: &str, outcome: Outcome, cohort: &str) -> LabelledFile {
-        LabelledFile { path: path.into(), line, task: None, outcome, cohort: cohort.into() }
+        LabelledFile { path: path.into(), listed: path.into(), line, task: None, outcome, cohort: cohort.into() }
     }
 
     fn episode(id: &str, file_name: &str, outcome: Outcome, cohort: &str) -> Episode {

@@ -17,6 +17,7 @@ pub(crate) mod jobs;
 pub(crate) mod kinds;
 pub(crate) mod label;
 mod label_file;
+mod label_table;
 pub(crate) mod metrics;
 mod newest_run;
 pub(crate) mod open;

@@ -5,6 +5,7 @@ mod cut;
 mod datasets;
 mod items;
 mod join;
+mod listed;
 mod shown;
 
 use std::path::{Path, PathBuf};
@@ -17,6 +18,7 @@ use gleaner_client::{
 use gleaner_inspector::Assumed;
 use gleaner_proto::v1::Outcome;
 
+use super::label_table::LabelTableArgs;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::intake::{self, Candidate, Intake};
@@ -64,11 +66,13 @@ pub(crate) struct PushArgs {
     /// above 0. Default: next.success of LeRobot's datasets; robomimic's rewards where they are 0 and 1.
     #[arg(long, value_name = "NAME", conflicts_with = "outcome")]
     success_column: Option<String>,
-    /// CSV file with the columns file,task,outcome,cohort that labels each recording; paths are relative to it. A cohort can
-    /// name the kind of a failure. Default:
-    /// the labels.csv in each folder given, unless --outcome or --cohort is given.
+    /// CSV file with the columns file,task,outcome,cohort that labels each recording, by its path from the file or by its name
+    /// where no other has that. A cohort can name the kind of a failure. Default: the labels.csv in each folder given, unless
+    /// --outcome or --cohort is given.
     #[arg(long, value_name = "CSV", conflicts_with_all = ["outcome", "cohort"])]
     labels: Option<PathBuf>,
+    #[command(flatten)]
+    table: LabelTableArgs,
     /// Maximum number of concurrent uploads. More make better use of a fast network; fewer leave bandwidth to others.
     #[arg(long, default_value_t = 4, value_name = "N")]
     jobs: usize,
@@ -90,6 +94,9 @@ impl PushArgs {
             (None, Some(ranges)) => Some(Marks::Ranges(read_ranges(ranges)?)),
             (None, None) => None,
         };
+        if marks.is_some() {
+            self.table.refuse("--labels")?;
+        }
         let client = context.client().await?;
         if let Some(marks) = &marks {
             let (pushed, skipped, task) = cut::push(&self, context, &client, marks).await?;
@@ -120,6 +127,7 @@ impl PushArgs {
             ("--join", self.join),
             ("--labels", self.labels.is_some()),
             ("--check", self.check),
+            (self.table.given().unwrap_or_default(), self.table.given().is_some()),
             ("--episodes-from", self.episodes_from.is_some()),
             ("--ranges", self.ranges.is_some()),
         ] {

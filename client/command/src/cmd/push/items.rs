@@ -3,15 +3,12 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use gleaner_client::{
-    BAG_METADATA, Client, LabelledFile, PushItem, Skipped, UploadLabel, find_recordings, read_labels,
-};
+use gleaner_client::{Client, PushItem, Skipped, UploadLabel, find_recordings};
 use gleaner_proto::v1::Outcome;
 
-use super::{PushArgs, join};
+use super::{PushArgs, join, listed};
 use crate::context::Context;
 use crate::failure::{Failure, Result};
-use crate::words;
 
 /// The labels file that is looked for in folders.
 const LABELS: &str = "labels.csv";
@@ -30,6 +27,9 @@ pub(super) async fn items(
     };
     let files = labels_files(args);
     if files.is_empty() {
+        args.table.refuse("--labels")?;
+    }
+    if files.is_empty() {
         let task = known_task(client, context.task(client, args.task.as_deref()).await?, None).await?;
         let outcome = args.outcome.unwrap_or(Outcome::Unknown);
         let cohort = args.cohort.clone().unwrap_or_default();
@@ -43,12 +43,12 @@ pub(super) async fn items(
     }
     let mut rows = Vec::new();
     for file in &files {
-        rows.extend(read_labels(file)?.into_iter().map(|row| (row, file.as_path())));
+        rows.extend(args.table.read(file)?.into_iter().map(|row| (row, file.as_path())));
     }
     let mut skipped = Vec::new();
     if !args.paths.is_empty() {
         let found = find_recordings(&args.paths)?;
-        rows = chosen(rows, found.recordings, &files, args.labels.is_none())?;
+        rows = listed::chosen(rows, found.recordings, &files, args.labels.is_none())?;
         skipped = found.skipped;
     }
     if rows.is_empty() {
@@ -110,94 +110,9 @@ fn unknown_task(task: &str, names: &[String], place: Option<(&Path, u64)>) -> St
     }
 }
 
-/// The rows of these recordings; each must have one.
-fn chosen<'a>(
-    rows: Vec<(LabelledFile, &'a Path)>,
-    recordings: Vec<PathBuf>,
-    files: &[PathBuf],
-    found: bool,
-) -> Result<Vec<(LabelledFile, &'a Path)>> {
-    let place = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let mut by_place: HashMap<PathBuf, (LabelledFile, &Path)> =
-        rows.into_iter().map(|row| (place(&row.0.path), row)).collect();
-    let named: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
-    let other = if found { ", or push with --outcome, which ignores the file" } else { "" };
-    let (mut rows, mut missing) = (Vec::new(), Vec::new());
-    for path in recordings {
-        // A rosbag2 folder may be listed by its own name or by that of its first file, whatever their number.
-        let folder = path.parent().filter(|folder| folder.join(BAG_METADATA).is_file()).map(place);
-        let place = place(&path);
-        let part = || by_place.keys().find(|listed| listed.parent() == Some(&place)).cloned();
-        let key = [Some(place.clone()), folder].into_iter().flatten().find(|key| by_place.contains_key(key));
-        match key.or_else(part).and_then(|key| by_place.remove(&key)) {
-            Some((row, file)) => rows.push((LabelledFile { path, ..row }, file)),
-            None => missing.push(path.display().to_string()),
-        }
-    }
-    if missing.is_empty() {
-        return Ok(rows);
-    }
-    let verb = if missing.len() == 1 { "is" } else { "are" };
-    let problem = format!("{} {verb} not listed in {}", words::some(&missing), named.join(", "));
-    Err(Failure::message(format!("{problem}; add a line for each{other}")))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_recording_without_a_line_is_named() {
-        let labels = PathBuf::from("x/labels.csv");
-        let row = |path: &str, line| {
-            let (path, cohort) = (path.into(), String::new());
-            (LabelledFile { path, line, task: None, outcome: Outcome::Success, cohort }, labels.as_path())
-        };
-        let rows = vec![row("x/a.mcap", 2), row("x/b.mcap", 3)];
-        let files = [labels.clone()];
-        assert_eq!(chosen(rows.clone(), vec!["x/b.mcap".into()], &files, false).unwrap(), [row("x/b.mcap", 3)]);
-        let message = chosen(rows, vec!["x/c.mcap".into()], &files, true).unwrap_err().to_string();
-        assert!(
-            message.contains("x/c.mcap is not listed in x/labels.csv") && message.contains("--outcome"),
-            "{message}"
-        );
-    }
-
-    fn listed(path: PathBuf, cohort: &str) -> LabelledFile {
-        LabelledFile { path, line: 2, task: None, outcome: Outcome::Success, cohort: cohort.into() }
-    }
-
-    #[test]
-    fn a_rosbag2_folder_is_listed_by_its_name_or_its_first_file() {
-        let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        for bag in ["one", "two", "three"] {
-            std::fs::create_dir(at(bag)).unwrap();
-            for file in [BAG_METADATA, "bag_0.mcap"] {
-                std::fs::write(at(bag).join(file), "").unwrap();
-            }
-        }
-        let file = at("labels.csv");
-        let rows = [("one", "a"), ("two/bag_0.mcap", "b"), ("three/bag_0.mcap", "c")];
-        let rows = rows.map(|(path, cohort)| (listed(at(path), cohort), file.as_path())).to_vec();
-        // The third has several parts, so it is pushed as a folder.
-        let recordings = vec![at("one/bag_0.mcap"), at("two/bag_0.mcap"), at("three")];
-        let found = chosen(rows, recordings.clone(), std::slice::from_ref(&file), true).unwrap();
-        let paired: Vec<(&PathBuf, &str)> = found.iter().map(|(row, _)| (&row.path, row.cohort.as_str())).collect();
-        assert_eq!(paired, recordings.iter().zip(["a", "b", "c"]).collect::<Vec<_>>());
-    }
-
-    #[test]
-    fn every_recording_without_a_line_is_named_at_once() {
-        let file = PathBuf::from("labels.csv");
-        let recordings = vec!["a.mcap".into(), "b.mcap".into(), "c.mcap".into()];
-        let rows = vec![(listed("b.mcap".into(), ""), file.as_path())];
-        let problem = chosen(rows, recordings, std::slice::from_ref(&file), true).unwrap_err().to_string();
-        assert!(
-            problem.starts_with("a.mcap, c.mcap are not listed in labels.csv; add a line for each, or"),
-            "{problem}"
-        );
-    }
 
     #[test]
     fn an_unknown_task_names_its_line_and_the_remedy() {

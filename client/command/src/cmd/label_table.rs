@@ -1,0 +1,50 @@
+//! Options of a table of labels: which of its columns and words are those of labels.csv. Must not know a server.
+
+use std::path::Path;
+
+use clap::Args;
+use gleaner_client::{LabelTable, LabelledFile, read_table};
+
+use crate::failure::{Failure, Result};
+
+#[derive(Args, Clone, Debug, Default)]
+pub(super) struct LabelTableArgs {
+    /// Columns of a table of your own in place of those of labels.csv, such as file=recording,cohort=trouble.
+    #[arg(long, value_name = "file|task|outcome|cohort=COLUMN", value_delimiter = ',')]
+    label_columns: Vec<String>,
+    /// Word of a success in the outcomes of a table of your own, upper or lower case; may be repeated. Every other word is then a
+    /// failure, and an empty cell an unknown outcome. Default: the words are success, failure and unknown.
+    #[arg(long, value_name = "WORD")]
+    success_value: Vec<String>,
+}
+
+impl LabelTableArgs {
+    /// The rows of a labels file.
+    ///
+    /// # Errors
+    /// As [`LabelTable::new`] and [`read_table`].
+    pub(super) fn read(&self, file: &Path) -> Result<Vec<LabelledFile>> {
+        let table = LabelTable::new(&self.label_columns, self.success_value.clone());
+        let table = table.map_err(|problem| Failure::message(format!("--label-columns: {problem}")))?;
+        Ok(read_table(file, &table)?)
+    }
+
+    /// The flag that was given, if one was.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let columns = (!self.label_columns.is_empty()).then_some("--label-columns");
+        columns.or_else(|| (!self.success_value.is_empty()).then_some("--success-value"))
+    }
+
+    /// Refuses the options where there is no file of labels, rather than to ignore them. `flag` names such a file.
+    ///
+    /// # Errors
+    /// An option that was given.
+    pub(super) fn refuse(&self, flag: &str) -> Result<()> {
+        match self.given() {
+            None => Ok(()),
+            Some(given) => {
+                Err(Failure::message(format!("{given} applies to a file of labels, and there is none: add {flag}")))
+            }
+        }
+    }
+}

@@ -1,0 +1,193 @@
+//! The line of a labels file for each recording of a push, by its path or its name. Must not know a server.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use gleaner_client::{BAG_METADATA, LabelledFile};
+
+use crate::failure::{Failure, Result};
+use crate::words;
+
+/// A row, and its file.
+type Row<'a> = (LabelledFile, &'a Path);
+
+/// The rows of these recordings; each must have one. Where there is only one labels file, a row whose path does not exist
+/// names a recording wherever it is, such as `a` or `day/a.mcap` for `data/day/a.mcap`.
+pub(super) fn chosen<'a>(
+    rows: Vec<Row<'a>>,
+    recordings: Vec<PathBuf>,
+    files: &[PathBuf],
+    found: bool,
+) -> Result<Vec<Row<'a>>> {
+    let mut by_place: HashMap<PathBuf, Row> = rows.into_iter().map(|row| (place(&row.0.path), row)).collect();
+    let named: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
+    let named = named.join(", ");
+    let mut chosen: Vec<(PathBuf, Option<Row>)> = Vec::with_capacity(recordings.len());
+    for path in recordings {
+        let place = place(&path);
+        let part = || by_place.keys().find(|listed| listed.parent() == Some(&place)).cloned();
+        let key = [Some(place.clone()), folder(&path).map(self::place)].into_iter().flatten();
+        let key = key.into_iter().find(|key| by_place.contains_key(key)).or_else(part);
+        let row = key.and_then(|key| by_place.remove(&key));
+        chosen.push((path, row));
+    }
+    if files.len() == 1 {
+        let left = by_place.into_values().filter(|(row, _)| !row.path.exists()).collect();
+        by_name(&mut chosen, left).map_err(|problem| Failure::message(format!("{named}: {problem}")))?;
+    }
+    let (mut rows, mut missing) = (Vec::new(), Vec::new());
+    for (path, row) in chosen {
+        match row {
+            Some((row, file)) => rows.push((LabelledFile { path, ..row }, file)),
+            None => missing.push(path.display().to_string()),
+        }
+    }
+    if missing.is_empty() {
+        return Ok(rows);
+    }
+    let other = if found { ", or push with --outcome, which ignores the file" } else { "" };
+    let verb = if missing.len() == 1 { "is" } else { "are" };
+    let problem = format!("{} {verb} not listed in {named}", words::some(&missing));
+    Err(Failure::message(format!("{problem}; add a line for each{other}")))
+}
+
+fn place(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}
+
+/// The rosbag2 folder of a recording, which may be listed by its own name or by that of its first file, whatever their
+/// number.
+fn folder(path: &Path) -> Option<&Path> {
+    path.parent().filter(|folder| folder.join(BAG_METADATA).is_file())
+}
+
+/// Gives each recording without a row the one that ends its path.
+fn by_name<'a>(chosen: &mut [(PathBuf, Option<Row<'a>>)], left: Vec<Row<'a>>) -> std::result::Result<(), String> {
+    let mut left: Vec<Row> = left;
+    left.sort_by_key(|(row, _)| row.line);
+    for row in left {
+        let named = |path: &Path| {
+            let file = path.with_extension("");
+            [Some(path), Some(file.as_path()), folder(path)]
+                .into_iter()
+                .flatten()
+                .any(|path| path.ends_with(&row.0.listed))
+        };
+        let mut found: Vec<_> = chosen.iter_mut().filter(|(path, _)| named(path)).collect();
+        let line = format!("line {}: {}", row.0.line, row.0.listed.display());
+        match found.as_mut_slice() {
+            [] => {}
+            [(_, place @ None)] => *place = Some(row),
+            [(path, Some((other, _)))] => {
+                return Err(format!("{line} names {}, as line {} does; keep one", path.display(), other.line));
+            }
+            several => {
+                let paths: Vec<String> = several.iter().map(|(path, _)| path.display().to_string()).collect();
+                return Err(format!("{line} names {}; list each by its path", words::some(&paths)));
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use gleaner_proto::v1::Outcome;
+
+    use super::*;
+
+    #[test]
+    fn a_recording_without_a_line_is_named() {
+        let labels = PathBuf::from("x/labels.csv");
+        let row = |path: &str, line| (LabelledFile { line, ..listed(path.into(), "") }, labels.as_path());
+        let rows = vec![row("x/a.mcap", 2), row("x/b.mcap", 3)];
+        let files = [labels.clone()];
+        assert_eq!(chosen(rows.clone(), vec!["x/b.mcap".into()], &files, false).unwrap(), [row("x/b.mcap", 3)]);
+        let message = chosen(rows, vec!["x/c.mcap".into()], &files, true).unwrap_err().to_string();
+        assert!(
+            message.contains("x/c.mcap is not listed in x/labels.csv") && message.contains("--outcome"),
+            "{message}"
+        );
+    }
+
+    fn listed(path: PathBuf, cohort: &str) -> LabelledFile {
+        let (listed, cohort) = (path.clone(), cohort.into());
+        LabelledFile { path, listed, line: 2, task: None, outcome: Outcome::Success, cohort }
+    }
+
+    #[test]
+    fn a_rosbag2_folder_is_listed_by_its_name_or_its_first_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for bag in ["one", "two", "three"] {
+            std::fs::create_dir(at(bag)).unwrap();
+            for file in [BAG_METADATA, "bag_0.mcap"] {
+                std::fs::write(at(bag).join(file), "").unwrap();
+            }
+        }
+        let file = at("labels.csv");
+        let rows = [("one", "a"), ("two/bag_0.mcap", "b"), ("three/bag_0.mcap", "c")];
+        let rows = rows.map(|(path, cohort)| (listed(at(path), cohort), file.as_path())).to_vec();
+        // The third has several parts, so it is pushed as a folder.
+        let recordings = vec![at("one/bag_0.mcap"), at("two/bag_0.mcap"), at("three")];
+        let found = chosen(rows, recordings.clone(), std::slice::from_ref(&file), true).unwrap();
+        let paired: Vec<(&PathBuf, &str)> = found.iter().map(|(row, _)| (&row.path, row.cohort.as_str())).collect();
+        assert_eq!(paired, recordings.iter().zip(["a", "b", "c"]).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn every_recording_without_a_line_is_named_at_once() {
+        let file = PathBuf::from("labels.csv");
+        let recordings = vec!["a.mcap".into(), "b.mcap".into(), "c.mcap".into()];
+        let rows = vec![(listed("b.mcap".into(), ""), file.as_path())];
+        let problem = chosen(rows, recordings, std::slice::from_ref(&file), true).unwrap_err().to_string();
+        assert!(
+            problem.starts_with("a.mcap, c.mcap are not listed in labels.csv; add a line for each, or"),
+            "{problem}"
+        );
+    }
+
+    #[test]
+    fn a_table_elsewhere_names_recordings_without_their_folders() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for bag in ["bags/one", "bags/two", "bags/day"] {
+            std::fs::create_dir_all(at(bag)).unwrap();
+        }
+        for file in ["bags/one/metadata.yaml", "bags/one/one_0.mcap", "bags/two/b.c.mcap", "bags/day/d.mcap", "e.mcap"]
+        {
+            std::fs::write(at(file), "").unwrap();
+        }
+        let file = at("results.csv");
+        let row =
+            |line, name: &str| (LabelledFile { line, listed: name.into(), ..listed(at(name), name) }, file.as_path());
+        let files = [file.clone(), at("more.csv")];
+        let cohorts = |rows: &[(u64, &str)], recordings: &[&str], files: &[PathBuf]| {
+            let rows = rows.iter().map(|&(line, name)| row(line, name)).collect();
+            let recordings = recordings.iter().map(|name| at(name)).collect();
+            let found = chosen(rows, recordings, files, false).map_err(|error| error.to_string())?;
+            Ok::<_, String>(found.into_iter().map(|(row, _)| row.cohort).collect::<Vec<_>>())
+        };
+        let all = ["bags/one/one_0.mcap", "bags/two/b.c.mcap", "bags/day/d.mcap"];
+        let names = [(2, "one"), (3, "b.c"), (4, "day/d.mcap"), (5, "other")];
+        assert_eq!(cohorts(&names, &all, &files[..1]).unwrap(), ["one", "b.c", "day/d.mcap"]);
+        // One folder's file does not label the recordings of another.
+        assert!(cohorts(&names, &all, &files).unwrap_err().contains("are not listed"));
+        // A path that exists is that recording only.
+        std::fs::write(at("bags/e.mcap"), "").unwrap();
+        assert!(cohorts(&[(2, "e.mcap")], &["bags/e.mcap"], &files[..1]).unwrap_err().contains("is not listed"));
+        assert_eq!(cohorts(&[(2, "e.mcap")], &["e.mcap"], &files[..1]).unwrap(), ["e.mcap"]);
+        for (rows, part) in [
+            (&[(2, "d"), (3, "day/d")][..], "day/d.mcap, as line 2 does; keep one"),
+            (&[(2, "b.c"), (9, "d")], "one_0.mcap is not listed"),
+        ] {
+            let refused = cohorts(rows, &all, &files[..1]).unwrap_err();
+            assert!(refused.contains(part), "{refused}");
+        }
+        let twice = cohorts(&[(7, "d.mcap")], &["bags/two/d.mcap", "bags/day/d.mcap"], &files[..1]).unwrap_err();
+        assert!(
+            twice.contains("results.csv: line 7: d.mcap names ") && twice.ends_with("list each by its path"),
+            "{twice}"
+        );
+    }
+}
