@@ -121,8 +121,9 @@ fn tenths(job: &Job) -> u64 {
 fn unfollowed(share: f64) -> Option<String> {
     (share < 0.5).then(|| {
         format!(
-            "at {:.0} % only of the steps at which experts switch a binary action value, the policy switches too, so it may \
-             never do so: train it longer, and leave out of the task what follows that action, such as the joint of a finger",
+            "at {:.0} % only of the steps at which experts switch a binary action value, the policy switches at that step \
+             too: it may switch a little later, or never. Try whether it does; if not, train it longer, or leave out of the \
+             task what follows that action, such as the joint of a finger",
             share * 100.0
         )
     })

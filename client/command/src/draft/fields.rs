@@ -256,8 +256,14 @@ pub(super) fn bound(
         set_range(spec, 0.0, 1.0);
         reasons.push(format!("{observed}, as of a command between 0 and 1."));
     } else {
+        let each = if spec.size > 1 {
+            " They are limits of every value: where values have limits of their own, make each a field, in the mapping too \
+             (size = 1; the path with its place, such as data[0])."
+        } else {
+            ""
+        };
         reasons.push(format!(
-            "{observed}. If the robot has limits, write them and delete the #, so that policies stay within them."
+            "{observed}. If the robot has limits, write them and delete the #, so that policies stay within them.{each}"
         ));
         return Some(all);
     }
