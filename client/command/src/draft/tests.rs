@@ -240,7 +240,7 @@ fn values_of_an_action_that_are_always_0_are_left_out() {
     assert_eq!(spec.mappings[0].fields[0].paths, ["twist.linear.x", "twist.linear.z"]);
     assert_eq!((spec.action[0].size, spec.action[0].unit.as_str()), (2, "m/s"));
     let text = draft.to_string();
-    for part in ["twist.angular.z are always 0", "\n#minimum = -0.25\n#maximum = 0.5\n"] {
+    for part in ["twist.angular.z are always 0", "\n#minimum = -0.25\n#maximum = 0.5\n", "such as data[0]"] {
         assert!(text.contains(part), "{part}: {text}");
     }
     // Its limits are used by deleting the signs.
