@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use gleaner_proto::v1::Outcome;
 
 use crate::error::{ClientError, Result};
-use crate::rows::{header, rows};
+use crate::rows::rows;
 
 /// One row of a labels.csv: `file,task,outcome,cohort`. Other columns are ignored.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -82,12 +82,6 @@ impl LabelTable {
         Ok(Self { columns, successes })
     }
 
-    /// Whether it is that of labels.csv.
-    #[must_use]
-    pub fn is_default(&self) -> bool {
-        *self == Self::default()
-    }
-
     fn named(&self, column: LabelColumn) -> Option<&str> {
         self.columns.iter().find(|(given, _)| *given == column).map(|(_, name)| name.as_str())
     }
@@ -102,9 +96,7 @@ impl LabelTable {
 
     fn outcome(&self, word: &str) -> std::result::Result<Outcome, String> {
         if self.successes.is_empty() {
-            return outcome_from_word(word).map_err(|problem| {
-                format!("{problem}; --success-value names the word of a success in a table of your own")
-            });
+            return outcome_from_word(word);
         }
         let is = |known: &str| known.trim().eq_ignore_ascii_case(word);
         Ok(match word {
@@ -157,12 +149,10 @@ pub fn read_table(csv_path: &Path, table: &LabelTable) -> Result<Vec<LabelledFil
     let text = std::fs::read_to_string(csv_path).map_err(ClientError::io(csv_path))?;
     let folder = csv_path.parent().unwrap_or_else(|| Path::new(""));
     let wrong = |problem: String| ClientError::Invalid(format!("{}: {problem}", csv_path.display()));
-    let form = "file,task,outcome,cohort (task and cohort may be left out), or --label-columns must name others, such as \
-                file=recording";
+    let form = "file,task,outcome,cohort (task and cohort may be left out)";
     let mut needed = vec![table.name(LabelColumn::File), table.name(LabelColumn::Outcome)];
     needed.extend([LabelColumn::Task, LabelColumn::Cohort].into_iter().filter_map(|column| table.named(column)));
-    header(&text, &needed, form).map_err(wrong)?;
-    let rows = rows::<HashMap<String, String>>(&text, &[], form).map_err(wrong)?;
+    let rows = rows::<HashMap<String, String>>(&text, &needed, form).map_err(wrong)?;
     if let Some(problem) = table.without_success(&rows) {
         return Err(wrong(problem));
     }
@@ -282,7 +272,6 @@ mod tests {
             (refused(&["file=run", "outcome=end"], &[]), "column \"end\" is missing among run"),
             (refused(&["file=run", "outcome=result", "cohort=kind"], &["Stamped"]), "column \"kind\" is missing"),
             (refused(columns, &[]), "line 2: outcome \"Stamped\": unknown value"),
-            (refused(columns, &[]), "--success-value"),
             (refused(columns, &["inked"]), "column \"result\" has no \"inked\", but \"\", \"Stamped\", \"no good\""),
         ] {
             assert!(message.contains(part), "{message}");

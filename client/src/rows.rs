@@ -31,7 +31,7 @@ pub fn rows<T: DeserializeOwned>(text: &str, needed: &[&str], form: &str) -> Res
 ///
 /// # Errors
 /// As [`rows`].
-pub(crate) fn header(text: &str, needed: &[&str], form: &str) -> Result<csv::StringRecord, String> {
+fn header(text: &str, needed: &[&str], form: &str) -> Result<csv::StringRecord, String> {
     let headers = reader(plain(text)).headers().map_err(|error| error.to_string())?.clone();
     for needed in needed {
         if !headers.iter().any(|header| header == *needed) {

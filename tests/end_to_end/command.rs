@@ -90,12 +90,13 @@ async fn a_table_of_a_labs_own_labels_recordings_and_stored_episodes() {
 
     // Without a file of labels, and without the words of the table.
     for (words, part) in [
-        (own(&["push", &recordings]), "--label-columns applies to a file of labels, and there is none: add --labels"),
+        (own(&["push", &recordings]), "--label-columns applies only to a file of labels: add --labels"),
         (own(&["label", "a.mcap", "--outcome", "success"]), "add --from"),
         (["push", &recordings, "--labels", &table].map(str::to_owned).to_vec(), "missing among run, by, end, trouble"),
     ] {
         let refused = gleaner(url, &words).await;
         assert!(!refused.success && refused.errors.contains(part), "{part}: {}", refused.text());
+        assert!(refused.errors.contains("--label-columns"), "{}", refused.text());
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::Args;
-use gleaner_client::{LabelTable, LabelledFile, read_table};
+use gleaner_client::{ClientError, LabelTable, LabelledFile, read_table};
 
 use crate::failure::{Failure, Result};
 
@@ -12,8 +12,8 @@ pub(super) struct LabelTableArgs {
     /// Columns of a table of your own in place of those of labels.csv, such as file=recording,cohort=trouble.
     #[arg(long, value_name = "file|task|outcome|cohort=COLUMN", value_delimiter = ',')]
     label_columns: Vec<String>,
-    /// Word of a success in the outcomes of a table of your own, upper or lower case; may be repeated. Every other word is then a
-    /// failure, and an empty cell an unknown outcome. Default: the words are success, failure and unknown.
+    /// Word of a success in the outcomes of a table of your own, upper or lower case; may be repeated. Every other word is
+    /// then a failure, and an empty cell an unknown outcome. Default: the words are success, failure and unknown.
     #[arg(long, value_name = "WORD")]
     success_value: Vec<String>,
 }
@@ -26,7 +26,13 @@ impl LabelTableArgs {
     pub(super) fn read(&self, file: &Path) -> Result<Vec<LabelledFile>> {
         let table = LabelTable::new(&self.label_columns, self.success_value.clone());
         let table = table.map_err(|problem| Failure::message(format!("--label-columns: {problem}")))?;
-        Ok(read_table(file, &table)?)
+        read_table(file, &table).map_err(|error| match (error, self.given()) {
+            (ClientError::Invalid(problem), None) => Failure::message(format!(
+                "{problem}. For a table with other columns or words: --label-columns file=COLUMN,outcome=COLUMN and \
+                 --success-value WORD"
+            )),
+            (error, _) => error.into(),
+        })
     }
 
     /// The flag that was given, if one was.
@@ -42,9 +48,7 @@ impl LabelTableArgs {
     pub(super) fn refuse(&self, flag: &str) -> Result<()> {
         match self.given() {
             None => Ok(()),
-            Some(given) => {
-                Err(Failure::message(format!("{given} applies to a file of labels, and there is none: add {flag}")))
-            }
+            Some(given) => Err(Failure::message(format!("{given} applies only to a file of labels: add {flag}"))),
         }
     }
 }

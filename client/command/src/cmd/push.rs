@@ -66,9 +66,9 @@ pub(crate) struct PushArgs {
     /// above 0. Default: next.success of LeRobot's datasets; robomimic's rewards where they are 0 and 1.
     #[arg(long, value_name = "NAME", conflicts_with = "outcome")]
     success_column: Option<String>,
-    /// CSV file with the columns file,task,outcome,cohort that labels each recording, by its path from the file, or by its name
-    /// or that of its rosbag2 folder where no other has it. A cohort can name the kind of a failure. Default: the labels.csv in each folder given, unless
-    /// --outcome or --cohort is given.
+    /// CSV file with the columns file,task,outcome,cohort that labels each recording, by its path from the file, or by its
+    /// name or that of its rosbag2 folder where no other has it. A cohort can name the kind of a failure. Default: the
+    /// labels.csv in each folder given, unless --outcome or --cohort is given.
     #[arg(long, value_name = "CSV", conflicts_with_all = ["outcome", "cohort"])]
     labels: Option<PathBuf>,
     #[command(flatten)]

@@ -67,11 +67,9 @@ fn by_name<'a>(chosen: &mut [(PathBuf, Option<Row<'a>>)], left: Vec<Row<'a>>) ->
     left.sort_by_key(|(row, _)| row.line);
     for row in left {
         let named = |path: &Path| {
-            let file = path.with_extension("");
-            [Some(path), Some(file.as_path()), folder(path)]
-                .into_iter()
-                .flatten()
-                .any(|path| path.ends_with(&row.0.listed))
+            let recording = path.extension().is_some_and(|ending| ending == "mcap");
+            let stem = recording.then(|| path.with_extension(""));
+            [Some(path), stem.as_deref(), folder(path)].into_iter().flatten().any(|path| path.ends_with(&row.0.listed))
         };
         let mut found: Vec<_> = chosen.iter_mut().filter(|(path, _)| named(path)).collect();
         let line = format!("line {}: {}", row.0.line, row.0.listed.display());
@@ -184,6 +182,8 @@ mod tests {
             let refused = cohorts(rows, &all, &files[..1]).unwrap_err();
             assert!(refused.contains(part), "{refused}");
         }
+        // The name of a folder has no ending.
+        assert!(cohorts(&[(2, "run")], &["bags/run.1"], &files[..1]).unwrap_err().contains("run.1 is not listed"));
         let twice = cohorts(&[(7, "d.mcap")], &["bags/two/d.mcap", "bags/day/d.mcap"], &files[..1]).unwrap_err();
         assert!(
             twice.contains("results.csv: line 7: d.mcap names ") && twice.ends_with("list each by its path"),

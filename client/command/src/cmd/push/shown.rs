@@ -136,7 +136,8 @@ mod tests {
             summary(&pushed(), &[]),
             "1 recordings pushed (1 as success), 1 already stored (1 as unknown), 1 rejected; 3.0 MB in 0.5 s (6.0 MB/s)\n2 warnings; gleaner \
              episode ID shows them\n1 episode has an unknown outcome, which no pretraining uses: `gleaner label --from \
-             labels.csv` labels stored episodes from a file (columns file, outcome; others by --label-columns)\nrejected: c.mcap: not an MCAP file"
+             labels.csv` labels stored episodes from a file (columns file, outcome; others by \
+             --label-columns)\nrejected: c.mcap: not an MCAP file"
         );
     }
 
