@@ -19,20 +19,24 @@ const RESAMPLING_SEED: u64 = 0;
 /// The simulator's own verdict on an attempt, which learning must not know.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Mark {
-    /// The first step at which it did other than the expert would; `None` when it never did.
+    /// The first step after a false start; `None` if it began as the expert would.
+    pub(crate) went_right: Option<u32>,
+    /// The first step, after a false start, at which it did other than the expert would; `None` when it never did.
     pub(crate) went_wrong: Option<u32>,
 }
 
 impl Mark {
-    /// Whether the segment that ends at a step is bad: every segment from the first wrong step on. The only definition.
+    /// Whether the segment that ends at a step is bad: every segment of a false start, and from the first wrong step on. The
+    /// only definition.
     pub(crate) fn is_bad(&self, end_step: usize) -> bool {
-        self.went_wrong.is_some_and(|wrong| end_step >= usize::try_from(wrong).unwrap_or(usize::MAX))
+        let end_step = u32::try_from(end_step).unwrap_or(u32::MAX);
+        self.went_right.is_some_and(|right| end_step < right) || self.went_wrong.is_some_and(|wrong| end_step >= wrong)
     }
 }
 
 impl From<&RecordedEpisode> for Mark {
     fn from(episode: &RecordedEpisode) -> Self {
-        Self { went_wrong: episode.went_wrong }
+        Self { went_right: episode.went_right, went_wrong: episode.went_wrong }
     }
 }
 
@@ -203,7 +207,7 @@ mod tests {
                 places: Vec::new(),
             },
             success: went_wrong.is_none(),
-            mark: Mark { went_wrong },
+            mark: Mark { went_right: None, went_wrong },
         };
         vec![
             episode("freeze", Some(2), &[1.0, 0.75, 0.25, 0.0]),

@@ -10,7 +10,7 @@ use std::path::Path;
 use glam::Vec2;
 use gleaner_recording::{EpisodeWriter, StepRef};
 
-use crate::agent::{AgentKind, AgentSpec, Expert, Fault, Rehearsal};
+use crate::agent::{AgentKind, AgentSpec, Expert, FalseStart, Fault, Rehearsal};
 use crate::config::SimConfig;
 use crate::error::SimError;
 use crate::sim::{Observation, Sim, Stream, random};
@@ -39,7 +39,9 @@ pub struct Demonstration {
     pub actions: Vec<[f32; ACTION_SIZE]>,
     /// Whether the task succeeded.
     pub success: bool,
-    /// The mark: the first step whose action differs from the expert's in the same state.
+    /// The end of a false start: the first step that follows the script. `None` without one.
+    pub went_right: Option<u32>,
+    /// The mark: the first step, after a false start, whose action differs from the expert's in the same state.
     pub went_wrong: Option<u32>,
     /// The distance of each action from the expert's in the same state, in action units, 0 to 2: the largest difference of
     /// a displacement or rotation, or 2 if the gripper commands differ. After a fault the expert's action is the recovery.
@@ -50,6 +52,7 @@ pub struct Demonstration {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Ending {
     pub(crate) success: bool,
+    pub(crate) went_right: Option<u32>,
     pub(crate) went_wrong: Option<u32>,
     pub(crate) departure: Vec<f32>,
 }
@@ -72,6 +75,7 @@ pub fn demonstrate(task: Task, config: SimConfig, agent: AgentSpec, seed: u64) -
         observations,
         actions,
         success: ending.success,
+        went_right: ending.went_right,
         went_wrong: ending.went_wrong,
         departure: ending.departure,
     }
@@ -86,6 +90,8 @@ pub(crate) fn attempt(
 ) -> Ending {
     // The expert's action in each state, with the random habits of the agent's script.
     let mut expert = Expert::new(sim.task(), random(seed, Stream::Expert));
+    let mut false_start = agent.false_start().then(|| FalseStart::new(random(seed, Stream::FalseStart)));
+    let went_right = false_start.as_ref().map(FalseStart::steps);
     let mut fault = match agent.kind() {
         AgentKind::Expert => None,
         AgentKind::MissedGrasp
@@ -96,7 +102,7 @@ pub(crate) fn attempt(
         | AgentKind::Noise => Some(Fault::new(
             sim.task(),
             agent,
-            rehearse(sim.clone(), expert.clone()),
+            rehearse(sim.clone(), expert.clone(), false_start.clone()),
             random(seed, Stream::Expert),
             random(seed, Stream::Fault),
         )),
@@ -106,18 +112,22 @@ pub(crate) fn attempt(
     while !sim.done() {
         let step = sim.steps();
         let expected = expert.act(sim.world());
-        let action = match &mut fault {
+        let mut action = match &mut fault {
             Some(fault) => fault.act(step, sim.world()),
             None => expected,
         };
-        if went_wrong.is_none() && action != expected {
+        if let Some(false_start) = &mut false_start {
+            false_start.divert(step, sim.world(), &mut action);
+        }
+        let follows = went_right.is_none_or(|from| step >= from);
+        if went_wrong.is_none() && follows && action != expected {
             went_wrong = Some(step);
         }
         departures.push(departure(&action, &expected));
         on_step(&sim, &action);
         sim.step(&action);
     }
-    Ending { success: sim.success(), went_wrong, departure: departures }
+    Ending { success: sim.success(), went_right, went_wrong, departure: departures }
 }
 
 /// The distance of two actions, as in [`Demonstration::departure`].
@@ -128,12 +138,16 @@ fn departure(action: &[f32; ACTION_SIZE], expected: &[f32; ACTION_SIZE]) -> f32 
     action[..6].iter().zip(&expected[..6]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
-/// Runs the expert's own attempt.
-fn rehearse(mut sim: Sim, mut expert: Expert) -> Rehearsal {
+/// Runs the expert's own attempt, after the false start if there is one.
+fn rehearse(mut sim: Sim, mut expert: Expert, mut false_start: Option<FalseStart>) -> Rehearsal {
+    let begin = false_start.as_ref().map_or(0, FalseStart::steps);
     let place = (sim.task().rules().place)(sim.world(), Vec2::ZERO).truncate();
     let (mut carry, mut carry_end) = (None, None);
     while !sim.done() {
-        let action = expert.act(sim.world());
+        let mut action = expert.act(sim.world());
+        if let Some(false_start) = &mut false_start {
+            false_start.divert(sim.steps(), sim.world(), &mut action);
+        }
         if expert.carries() {
             carry.get_or_insert(sim.steps());
             carry_end = Some(sim.steps() + 1);
@@ -141,7 +155,13 @@ fn rehearse(mut sim: Sim, mut expert: Expert) -> Rehearsal {
         sim.step(&action);
     }
     let steps = sim.steps();
-    Rehearsal { steps, carry: carry.unwrap_or(steps), carry_end: carry_end.unwrap_or(steps), place }
+    Rehearsal {
+        begin: begin.min(steps),
+        steps,
+        carry: carry.unwrap_or(steps),
+        carry_end: carry_end.unwrap_or(steps),
+        place,
+    }
 }
 
 impl Demonstration {
@@ -151,10 +171,12 @@ impl Demonstration {
         self.actions.len()
     }
 
-    /// For each step, whether it is at or after the mark. A step after the mark is not necessarily bad.
+    /// For each step, whether it is in a false start, or at or after the mark. A step after the mark is not necessarily bad.
     #[must_use]
     pub fn mark(&self) -> Vec<bool> {
-        (0_u32..).zip(&self.actions).map(|(step, _)| self.went_wrong.is_some_and(|from| step >= from)).collect()
+        let early = |step| self.went_right.is_some_and(|from| step < from);
+        let late = |step| self.went_wrong.is_some_and(|from| step >= from);
+        (0_u32..).zip(&self.actions).map(|(step, _)| early(step) || late(step)).collect()
     }
 
     /// Writes the recording; returns the writer.
@@ -191,8 +213,10 @@ impl Demonstration {
             ("success", self.success.to_string()),
             ("went_wrong", mark.unwrap_or_default()),
         ]
+        .into_iter()
+        .chain(self.went_right.map(|step| ("went_right", step.to_string())))
         .map(|(key, value)| (key.to_owned(), value))
-        .into()
+        .collect()
     }
 }
 

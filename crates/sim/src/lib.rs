@@ -50,6 +50,10 @@
 //! | `wander` | from a random step, every 7 steps, moves towards a random point with a probability of the grade | 92 / 91 | 66 / 72 | 36 / 42 | 0 / 0 | 0.18 / 0.20 |
 //! | `noise` | from a random step adds uniform noise of half-width 2.4 × grade to every delta | 91 / 90 | 30 / 40 | 3 / 18 | 0 / 8 | 0.12 / 0.13 |
 //!
+//! With `+false_start`, as in `noise:1+false_start`, an agent moves towards random points for its first 8 to 20 steps, and
+//! then follows its script from where it is; [`Demonstration::went_right`] is the first of these steps, and its fault comes
+//! later.
+//!
 //! [`Demonstration::departure`] is the distance of each action from the expert's in the same state. The example `measure`
 //! produced these numbers; the example `contact_sheet` draws an attempt.
 

@@ -14,8 +14,8 @@ use crate::task::Task;
 
 /// File name of the labels: file, task, outcome, cohort. Learning uses them.
 pub const LABELS: &str = "labels.csv";
-/// File name of the marks: file, agent, grade, seed, success, went_wrong, and the departures of all steps separated by
-/// spaces. Learning must never use them.
+/// File name of the marks: file, agent, grade, seed, success, went_right, went_wrong, and the departures of all steps
+/// separated by spaces. Learning must never use them.
 pub const MARKS: &str = "marks.csv";
 
 /// A number of attempts of one agent, with a name.
@@ -51,6 +51,8 @@ pub struct RecordedEpisode {
     pub steps: usize,
     /// Whether the task succeeded.
     pub success: bool,
+    /// The end of a false start, as in [`Demonstration::went_right`].
+    pub went_right: Option<u32>,
     /// The mark, as in [`Demonstration::went_wrong`].
     pub went_wrong: Option<u32>,
     /// The distance of each step from the expert's, as in [`Demonstration::departure`].
@@ -74,6 +76,7 @@ struct Mark<'a> {
     grade: f64,
     seed: u64,
     success: bool,
+    went_right: Option<u32>,
     went_wrong: Option<u32>,
     departure: String,
 }
@@ -116,6 +119,7 @@ pub fn record_set<C: Clone + Into<Cohort>>(
             seed,
             steps: demonstration.steps(),
             success: demonstration.success,
+            went_right: demonstration.went_right,
             went_wrong: demonstration.went_wrong,
             departure: demonstration.departure,
         });
@@ -152,6 +156,7 @@ fn mark<'a>(demonstration: &Demonstration, file: &'a str) -> Mark<'a> {
         grade: demonstration.agent.grade(),
         seed: demonstration.seed,
         success: demonstration.success,
+        went_right: demonstration.went_right,
         went_wrong: demonstration.went_wrong,
         departure: spaced(&demonstration.departure),
     }
@@ -212,10 +217,10 @@ mod tests {
              pick_cube-freeze-000032.mcap,pick_cube,failure,freeze\n"
         );
         let marks: Vec<String> = read(MARKS).lines().map(str::to_owned).collect();
-        assert_eq!(marks[0], "file,agent,grade,seed,success,went_wrong,departure");
-        assert_eq!(marks[1], format!("pick_cube-expert-000030.mcap,expert,0.0,30,true,,{}", zeros(episodes[0].steps)));
+        assert_eq!(marks[0], "file,agent,grade,seed,success,went_right,went_wrong,departure");
+        assert_eq!(marks[1], format!("pick_cube-expert-000030.mcap,expert,0.0,30,true,,,{}", zeros(episodes[0].steps)));
         let (freeze, mark) = (&episodes[2], episodes[2].went_wrong.unwrap());
-        let row = format!("pick_cube-freeze-000032.mcap,freeze,1.0,32,false,{mark},");
+        let row = format!("pick_cube-freeze-000032.mcap,freeze,1.0,32,false,,{mark},");
         let departures: Vec<f32> =
             marks[3].strip_prefix(&row).unwrap().split(' ').map(|number| number.parse().unwrap()).collect();
         assert_eq!(departures.len(), freeze.steps);

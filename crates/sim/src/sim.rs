@@ -25,6 +25,8 @@ pub(crate) enum Stream {
     Expert,
     /// The fault of an imperfect agent.
     Fault,
+    /// The false start of an agent.
+    FalseStart,
 }
 
 /// The random numbers of one stream of a seed.
@@ -34,6 +36,7 @@ pub(crate) fn random(seed: u64, stream: Stream) -> ChaCha8Rng {
         Stream::World => 0,
         Stream::Expert => 1,
         Stream::Fault => 2,
+        Stream::FalseStart => 3,
     });
     random
 }

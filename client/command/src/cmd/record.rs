@@ -15,7 +15,7 @@ use crate::words;
 /// Evaluation jobs try seed s on the simulator's attempts 2³² · (s + 1) and on.
 const EVALUATED: u64 = 1 << 32;
 
-/// An agent and how many episodes it records: `[NAME=]KIND[:GRADE]:COUNT`.
+/// An agent and how many episodes it records: `[NAME=]KIND[:GRADE][+false_start]:COUNT`.
 #[derive(Clone, Debug)]
 pub(crate) struct CohortArg(Cohort);
 
@@ -25,7 +25,9 @@ impl FromStr for CohortArg {
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let (name, rest) = text.split_once('=').map_or((None, text), |(name, rest)| (Some(name), rest));
         let (agent, count) = rest.rsplit_once(':').ok_or_else(|| {
-            format!("{text:?}: expected [NAME=]KIND[:GRADE]:COUNT, such as expert:40 or weak=noise:0.5:20")
+            format!(
+                "{text:?}: expected [NAME=]KIND[:GRADE][+false_start]:COUNT, such as expert:40 or weak=noise:0.5:20"
+            )
         })?;
         let agent = agent.parse::<AgentSpec>().map_err(|error| error.to_string())?;
         let count = count.parse().map_err(|_| format!("{text:?}: the count must be a whole number"))?;
@@ -46,8 +48,9 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Agent and number of episodes, such as expert:40 or weak=early_release:0.5:20; can be repeated. The name is the
-    /// cohort of the episodes. Default: the kind of the agent.
-    #[arg(long = "agent", required = true, value_name = "[NAME=]KIND[:GRADE]:COUNT")]
+    /// cohort of the episodes. Default: the kind of the agent. With +false_start it moves elsewhere for its first 8 to 20
+    /// steps.
+    #[arg(long = "agent", required = true, value_name = "[NAME=]KIND[:GRADE][+false_start]:COUNT")]
     agents: Vec<CohortArg>,
     /// Seed of the first recording; each further one adds 1.
     #[arg(long, default_value_t = 0)]
@@ -143,6 +146,7 @@ fn document(folder: &Path, recorded: &[RecordedEpisode]) -> Value {
             "seed": episode.seed,
             "steps": episode.steps,
             "success": episode.success,
+            "went_right": episode.went_right,
             "went_wrong": episode.went_wrong,
         })
     };
@@ -188,6 +192,6 @@ mod tests {
         let weak = cohort("weak=noise:0.5:20");
         assert_eq!((weak.name.as_str(), weak.agent.grade(), weak.count), ("weak", 0.5, 20));
         assert_eq!(cohort("expert:40").name, "expert");
-        assert!("expert".parse::<CohortArg>().unwrap_err().contains("[NAME=]KIND[:GRADE]:COUNT"));
+        assert!("expert".parse::<CohortArg>().unwrap_err().contains("[NAME=]KIND[:GRADE][+false_start]:COUNT"));
     }
 }

@@ -1,4 +1,4 @@
-//! Files of marks: from which step on recordings went wrong, as `gleaner record` writes them or a person noted them.
+//! Files of marks: from which step on recordings went right and wrong, as `gleaner record` writes them or a person noted them.
 //!
 //! Reads the file system; must not know a server.
 
@@ -14,12 +14,15 @@ use crate::quality::Mark;
 
 /// The column that every file of marks has.
 const WENT_WRONG: &str = "went_wrong";
+/// The column of recordings that begin badly.
+const WENT_RIGHT: &str = "went_right";
 
 /// The cells of a row; further columns have no effect.
 #[derive(Debug, Deserialize)]
 struct Cells {
     episode: Option<String>,
     file: Option<String>,
+    went_right: Option<String>,
     went_wrong: String,
 }
 
@@ -47,11 +50,14 @@ pub(super) fn read(path: &Path) -> Result<Vec<MarkRow>> {
 fn rows(text: &str) -> std::result::Result<Vec<MarkRow>, String> {
     let form = "file,went_wrong or episode,went_wrong";
     let read = |(line, cells): (u64, Cells)| {
-        let Cells { episode, file, went_wrong } = cells;
-        let step = if went_wrong.is_empty() { Ok(None) } else { went_wrong.parse::<u32>().map(Some) };
-        let step = step
-            .map_err(|_| format!("line {line}: {WENT_WRONG}: expected a step or an empty cell, got {went_wrong:?}"))?;
-        Ok(MarkRow { line, episode, file, mark: Mark { went_wrong: step } })
+        let Cells { episode, file, went_right, went_wrong } = cells;
+        let step = |column: &str, cell: &str| {
+            let step = if cell.is_empty() { Ok(None) } else { cell.parse::<u32>().map(Some) };
+            step.map_err(|_| format!("line {line}: {column}: expected a step or an empty cell, got {cell:?}"))
+        };
+        let went_right = step(WENT_RIGHT, &went_right.unwrap_or_default())?;
+        let went_wrong = step(WENT_WRONG, &went_wrong)?;
+        Ok(MarkRow { line, episode, file, mark: Mark { went_right, went_wrong } })
     };
     gleaner_client::rows::<Cells>(text, &[WENT_WRONG], form)?.into_iter().map(read).collect()
 }
@@ -119,6 +125,17 @@ mod tests {
         let windows = rows("file,went_wrong\r\n\r\na.mcap,3\r\n\r\nb.mcap,late\r\n").unwrap_err();
         assert_eq!(windows, "line 5: went_wrong: expected a step or an empty cell, got \"late\"");
         assert!(rows("file,went_wrong\n\n\na.mcap\n").unwrap_err().starts_with("line 4: has 1 cells"));
+        let early = rows("file,went_right,went_wrong\na.mcap,early,3\n").unwrap_err();
+        assert_eq!(early, "line 2: went_right: expected a step or an empty cell, got \"early\"");
+    }
+
+    #[test]
+    fn segments_of_a_false_start_are_bad() {
+        let rows = rows("file,went_right,went_wrong\na.mcap,2,4\nb.mcap,,\nc.mcap,2,\n").unwrap();
+        let bad = |row: usize| (0..6).map(|step| rows[row].mark.is_bad(step)).collect::<Vec<_>>();
+        assert_eq!(bad(0), [true, true, false, false, true, true]);
+        assert_eq!(bad(1), [false; 6]);
+        assert_eq!(bad(2), [true, true, false, false, false, false]);
     }
 
     #[test]

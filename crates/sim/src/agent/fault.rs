@@ -7,9 +7,9 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::expert::{Aim, Expert};
-use super::{AgentKind, AgentSpec};
+use super::{AgentKind, AgentSpec, drift};
 use crate::task::{ACTION_SIZE, Task};
-use crate::world::{STEP_REACH, World};
+use crate::world::World;
 
 /// The error of a grasp point at grade 1, in metres.
 const GRASP_OFF: std::ops::Range<f32> = 0.032..0.048;
@@ -17,14 +17,14 @@ const GRASP_OFF: std::ops::Range<f32> = 0.032..0.048;
 const GOAL_OFF: std::ops::Range<f32> = 0.15..0.22;
 /// The largest coordinate of a wrong target along either axis, in metres: within the reach of the hand.
 const GOAL_REACH: f32 = 0.18;
-/// Steps that a wandering agent moves towards one point.
-const LEG: u32 = 7;
 /// Half-width of the noise at grade 1, in action units.
 const NOISE: f32 = 2.4;
 
 /// The times of events in the expert's run of the same attempt.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rehearsal {
+    /// The first step of its script: 0 without a false start.
+    pub(crate) begin: u32,
     /// Steps of the whole attempt.
     pub(crate) steps: u32,
     /// The step at which the carry begins.
@@ -61,8 +61,8 @@ impl Fault {
         let mut aim = Aim::default();
         let heading = Vec2::from_angle(random.random_range(0.0..std::f32::consts::TAU));
         let part: f32 = random.random_range(0.0..1.0);
-        let steps = rehearsal.steps as f32;
-        let mut from = 0.0;
+        let (begin, steps) = (rehearsal.begin as f32, (rehearsal.steps - rehearsal.begin) as f32);
+        let mut from = begin;
         match agent.kind() {
             AgentKind::Expert => {}
             AgentKind::MissedGrasp => {
@@ -79,8 +79,8 @@ impl Fault {
                 from = if grade > 0.0 { begin } else { f32::INFINITY };
                 aim.recovers = grade == 0.0;
             }
-            AgentKind::Freeze | AgentKind::Wander => from = steps * (0.1 + 0.7 * part),
-            AgentKind::Noise => from = steps * 0.6 * part,
+            AgentKind::Freeze | AgentKind::Wander => from = begin + steps * (0.1 + 0.7 * part),
+            AgentKind::Noise => from = begin + steps * 0.6 * part,
         }
         let script = Expert::aiming(task, aim, habits);
         Self { script, kind: agent.kind(), grade, from: whole(from), leg: None, random }
@@ -115,17 +115,13 @@ impl Fault {
 
     /// In each leg, moves towards a random point with a probability of the grade; the gripper follows the script.
     fn wander(&mut self, step: u32, world: &World, action: &mut [f32; ACTION_SIZE]) {
-        if (step - self.from).is_multiple_of(LEG) {
-            let x = self.random.random_range(-0.18..0.18);
-            let y = self.random.random_range(-0.18..0.18);
-            let z = self.random.random_range(0.05..0.22);
+        if (step - self.from).is_multiple_of(drift::LEG) {
+            let point = drift::point(&mut self.random);
             let strays = self.random.random_range(0.0..1.0) < self.grade;
-            self.leg = strays.then(|| Vec3::new(x, y, z));
+            self.leg = strays.then_some(point);
         }
         if let Some(point) = self.leg {
-            let delta = ((point - world.tool.position) / STEP_REACH * 0.6).clamp_length_max(0.9);
-            action[..3].copy_from_slice(&delta.to_array());
-            action[5] = 0.0;
+            drift::towards(point, world, action);
         }
     }
 }
@@ -162,7 +158,7 @@ mod tests {
     fn equals_the_expert_after_a_miss(task: Task, agent: AgentSpec, seed: u64) -> bool {
         let mut world = (task.rules().begin)(&mut random(seed, Stream::World));
         let (habits, place) = (random(seed, Stream::Expert), (task.rules().place)(&world, Vec2::ZERO).truncate());
-        let rehearsal = Rehearsal { steps: 60, carry: 10, carry_end: 20, place };
+        let rehearsal = Rehearsal { begin: 0, steps: 60, carry: 10, carry_end: 20, place };
         let mut expert = Expert::new(task, habits.clone());
         let mut fault = Fault::new(task, agent, rehearsal, habits, random(seed, Stream::Fault));
         let mut missed = false;
@@ -190,7 +186,7 @@ mod tests {
     #[test]
     fn fingers_that_release_at_grade_0_never_open_early() {
         let agent = AgentSpec::new(AgentKind::EarlyRelease, 0.0).unwrap();
-        let rehearsal = Rehearsal { steps: 60, carry: 10, carry_end: 20, place: Vec2::ZERO };
+        let rehearsal = Rehearsal { begin: 0, steps: 60, carry: 10, carry_end: 20, place: Vec2::ZERO };
         for seed in 0..5_000 {
             let [habits, draw] = [Stream::Expert, Stream::Fault].map(|stream| random(seed, stream));
             let fault = Fault::new(Task::PickCube, agent, rehearsal, habits, draw);

@@ -2,6 +2,7 @@
 //!
 //! Agents read the true state of the world. They do not depend on images or files.
 
+mod drift;
 mod expert;
 mod fault;
 
@@ -12,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::SimError;
 
+pub(crate) use drift::FalseStart;
 pub(crate) use expert::Expert;
 pub(crate) use fault::{Fault, Rehearsal};
 
@@ -61,16 +63,21 @@ impl fmt::Display for AgentKind {
     }
 }
 
-/// An agent: its fault and the grade of the fault. Written `kind` or `kind:grade`, as in `early_release:0.8`.
+/// The end of the text of an agent with a false start.
+const FALSE_START: &str = "+false_start";
+
+/// An agent: its fault, the grade of the fault, and whether it begins with a false start. Written `kind` or `kind:grade`,
+/// as in `early_release:0.8`, and with a false start `early_release:0.8+false_start`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AgentSpec {
     kind: AgentKind,
     grade: f64,
+    false_start: bool,
 }
 
 impl AgentSpec {
     /// The expert.
-    pub const EXPERT: Self = Self { kind: AgentKind::Expert, grade: 0.0 };
+    pub const EXPERT: Self = Self { kind: AgentKind::Expert, grade: 0.0, false_start: false };
 
     /// An agent of this kind and grade: 0 equals the expert, 1 fails in nearly every attempt. The expert has grade 0.
     ///
@@ -84,7 +91,19 @@ impl AgentSpec {
         if !(0.0..=1.0).contains(&grade) {
             return wrong("the grade must lie between 0 and 1");
         }
-        Ok(Self { kind, grade })
+        Ok(Self { kind, grade, false_start: false })
+    }
+
+    /// The same agent, but for its first 8 to 20 steps it moves towards random points before it follows its script.
+    #[must_use]
+    pub fn with_false_start(self) -> Self {
+        Self { false_start: true, ..self }
+    }
+
+    /// Whether it begins with a false start.
+    #[must_use]
+    pub fn false_start(&self) -> bool {
+        self.false_start
     }
 
     /// The fault.
@@ -103,26 +122,28 @@ impl AgentSpec {
 impl fmt::Display for AgentSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.kind {
-            AgentKind::Expert => f.write_str(self.kind.name()),
+            AgentKind::Expert => f.write_str(self.kind.name())?,
             AgentKind::MissedGrasp
             | AgentKind::EarlyRelease
             | AgentKind::WrongGoal
             | AgentKind::Freeze
             | AgentKind::Wander
-            | AgentKind::Noise => write!(f, "{}:{}", self.kind, self.grade),
+            | AgentKind::Noise => write!(f, "{}:{}", self.kind, self.grade)?,
         }
+        f.write_str(if self.false_start { FALSE_START } else { "" })
     }
 }
 
 impl FromStr for AgentSpec {
     type Err = SimError;
 
-    /// Parses `kind` or `kind:grade`; the default grade of an imperfect agent is 1.
+    /// Parses `kind` or `kind:grade`, either with `+false_start`; the default grade of an imperfect agent is 1.
     fn from_str(text: &str) -> Result<Self, SimError> {
         let wrong = |detail: String| SimError::Agent { text: text.to_owned(), detail };
-        let (name, grade) = match text.split_once(':') {
+        let (agent, false_start) = text.strip_suffix(FALSE_START).map_or((text, false), |agent| (agent, true));
+        let (name, grade) = match agent.split_once(':') {
             Some((name, grade)) => (name, Some(grade)),
-            None => (text, None),
+            None => (agent, None),
         };
         let kind = AgentKind::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
             let names = AgentKind::ALL.map(AgentKind::name).join(", ");
@@ -135,7 +156,7 @@ impl FromStr for AgentSpec {
             None if kind == AgentKind::Expert => 0.0,
             None => 1.0,
         };
-        Self::new(kind, grade)
+        Ok(Self { false_start, ..Self::new(kind, grade)? })
     }
 }
 
@@ -145,7 +166,7 @@ mod tests {
 
     #[test]
     fn agent_parses_as_it_is_written() {
-        for text in ["expert", "early_release:0.8", "noise:1"] {
+        for text in ["expert", "early_release:0.8", "noise:1", "noise:1+false_start", "expert+false_start"] {
             assert_eq!(text.parse::<AgentSpec>().unwrap().to_string(), text);
         }
         assert_eq!("freeze".parse::<AgentSpec>().unwrap().grade(), 1.0);
@@ -154,6 +175,7 @@ mod tests {
     #[test]
     fn error_of_an_invalid_agent_names_the_fix() {
         let error = |text: &str| text.parse::<AgentSpec>().unwrap_err().to_string();
+        assert!(error("noise:1+late_start").contains("\"1+late_start\" is not a number"));
         assert!(error("sleep:1").contains("use one of expert, missed_grasp"));
         assert!(error("noise:much").contains("is not a number"));
         assert!(error("noise:1.5").contains("between 0 and 1"));

@@ -89,12 +89,44 @@ fn marks_differ_between_attempts() {
 }
 
 #[test]
+fn false_start_comes_before_the_script_and_its_fault() {
+    for ((task, kind), seed) in imperfect().flat_map(|it| (0..30).map(move |seed| (it, seed))) {
+        let (plain, _) = play(task, &format!("{kind}:1"), seed);
+        let (actions, ending) = play(task, &format!("{kind}:1+false_start"), seed);
+        let (begin, mark) = (ending.went_right.unwrap() as usize, ending.went_wrong.unwrap() as usize);
+        assert!((8..=20).contains(&begin) && begin <= mark, "{task} {kind}, seed {seed}: {begin}, {mark}");
+        let departure = &ending.departure;
+        assert!(departure[..begin].iter().all(|&by| by > 0.0), "{task} {kind}, seed {seed}: {departure:?}");
+        assert!(departure[begin..mark].iter().all(|&by| by == 0.0) && departure[mark] > 0.0);
+        assert_ne!(actions[0], plain[0]);
+        // The gripper follows the script.
+        assert_eq!(actions[0][6], plain[0][6]);
+    }
+}
+
+#[test]
+fn expert_recovers_from_a_false_start_and_a_fault_does_not() {
+    for task in Task::ALL {
+        let succeeded = successes(task, "expert+false_start", 100);
+        assert!(succeeded >= 95, "{task}: {succeeded} of 100");
+        let (_, ending) = play(task, "expert+false_start", 0);
+        assert_eq!((ending.went_right.is_some(), ending.went_wrong), (true, None));
+    }
+    for (task, kind) in imperfect() {
+        let succeeded = successes(task, &format!("{kind}:1+false_start"), 60);
+        assert!(succeeded <= 6, "{task} {kind}: {succeeded} of 60");
+    }
+}
+
+#[test]
 fn expert_has_no_mark() {
     let mut demonstration = short("expert");
     assert_eq!(demonstration.went_wrong, None);
     assert!(demonstration.mark().iter().all(|wrong| !wrong));
     demonstration.went_wrong = Some(2);
     assert_eq!(demonstration.mark()[..4], [false, false, true, true]);
+    demonstration.went_right = Some(1);
+    assert_eq!(demonstration.mark()[..4], [true, false, true, true]);
     assert_eq!(demonstration.mark().len(), demonstration.steps());
 }
 

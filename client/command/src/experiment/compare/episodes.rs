@@ -94,7 +94,7 @@ mod tests {
             steps,
             mark,
         };
-        let mark = Some(Mark { went_wrong: Some(1) });
+        let mark = Some(Mark { went_right: None, went_wrong: Some(1) });
         let imperfect = vec![known("a", 60, None), known("b", 20, mark), known("c", 60, mark), known("d", 30, None)];
         let episodes = Episodes::new(imperfect, Vec::new(), 2);
         let ids: Vec<&str> = episodes.imperfect.iter().map(|episode| episode.id.as_str()).collect();

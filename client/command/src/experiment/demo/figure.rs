@@ -35,8 +35,8 @@ fn curve(body: &mut String, episode: &MarkedEpisode, top: f64, height: f64) {
     let points: Vec<String> = (0..).zip(&episode.scores.q).map(point).collect();
     let _ = writeln!(body, r#"<polyline fill="none" stroke="{GOOD}" stroke-width="2" points="{}"/>"#, points.join(" "));
     let _ = writeln!(body, r##"<path d="M{EDGE} {floor}H{:.1}" stroke="#999"/>"##, WIDTH - EDGE);
-    if let Some(wrong) = episode.mark.went_wrong {
-        let at = x(wrong.min(last));
+    for step in [episode.mark.went_right, episode.mark.went_wrong].into_iter().flatten() {
+        let at = x(step.min(last));
         let _ = writeln!(
             body,
             r#"<path d="M{at:.1} {floor}V{:.1}" stroke="{WRONG}" stroke-dasharray="4 3"/>"#,
@@ -77,7 +77,7 @@ mod tests {
                 places: Vec::new(),
             },
             success: went_wrong.is_none(),
-            mark: Mark { went_wrong },
+            mark: Mark { went_right: None, went_wrong },
         };
         let drawn = curves(&[episode("freeze", Some(1)), episode("freeze", Some(2)), episode("noise", None)]);
         assert!(curves(&[episode("a<b&c", None)]).contains(">a&lt;b&amp;c ("));

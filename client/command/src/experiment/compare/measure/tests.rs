@@ -18,7 +18,7 @@ fn known(cohort: &str, outcome: &str, steps: u64, mark: Option<Mark>) -> Known {
 
 fn episodes(marked: bool) -> Episodes {
     let imperfect = IMPERFECT.map(|(cohort, outcome, went_wrong, q)| {
-        known(cohort, outcome, q.len() as u64, marked.then_some(Mark { went_wrong }))
+        known(cohort, outcome, q.len() as u64, marked.then_some(Mark { went_right: None, went_wrong }))
     });
     let experts = [3, 5, 9].map(|steps| known("expert", "success", steps, None));
     Episodes::new(imperfect.into(), experts.into(), 2)
@@ -34,7 +34,7 @@ fn run(id: &str, change: impl Fn(f32) -> f32) -> Run {
             places: Vec::new(),
         },
         success: outcome == "success",
-        mark: Mark { went_wrong },
+        mark: Mark { went_right: None, went_wrong },
     };
     let experts = vec![Some(0.9), Some(0.8), Some(0.7)];
     Run { id: id.into(), imperfect: IMPERFECT.map(episode).into(), experts }
