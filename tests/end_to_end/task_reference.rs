@@ -102,6 +102,7 @@ fn table(items: &[Item], of: &str, heading: &str, path: &str, text: &mut String)
         let word = match (kind.as_str(), choice) {
             ("String", _) => "text".to_owned(),
             ("f64" | "f32", _) => "number".to_owned(),
+            ("Bound", _) => "number, or list of numbers".to_owned(),
             ("u32", _) => "whole number".to_owned(),
             ("bool", _) => "true or false".to_owned(),
             (_, Some(choice)) => words(choice),

@@ -14,7 +14,7 @@ from google.protobuf.json_format import MessageToDict
 
 import gleaner
 from gleaner._messages import build
-from gleaner._proto.v1 import episode_pb2, job_pb2
+from gleaner._proto.v1 import episode_pb2, job_pb2, task_pb2
 from gleaner._proto.v1.score_pb2 import ScoreRecordingRequest
 from gleaner.scoring import Scoring
 
@@ -124,3 +124,9 @@ def test_settings_may_be_numbers_of_numpy() -> None:
     assert MessageToDict(spec.train.settings) == {"seed": 3.0, "rate": 0.5, "seeds": [0.0, 1.0], "flag": True}
     with pytest.raises(gleaner.InvalidArgument, match=r"train\.settings\.seed: <object .* is no number, text, flag"):
         build(job_pb2.JobSpec, {"train": {"settings": {"seed": object()}}})
+
+
+def test_limits_of_an_action_are_a_number_or_a_list() -> None:
+    field = build(task_pb2.FieldSpec, {"name": "joints", "size": 2, "minimum": [-1.0, -0.5], "maximum": 1.0})
+    assert list(field.minimum_each) == [-1.0, -0.5] and not field.HasField("minimum")
+    assert field.maximum == 1.0 and not field.maximum_each

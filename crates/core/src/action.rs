@@ -5,6 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::bound::Bound;
 use crate::task_spec::FieldSpec;
 
 /// The values that one number of an action may take.
@@ -42,6 +43,13 @@ impl ActionRange {
         }
     }
 
+    /// The ranges of a field's values, in their order.
+    pub fn of_values(field: &FieldSpec) -> impl Iterator<Item = Self> {
+        let of = |bound: &Option<Bound>, index| bound.as_ref().and_then(|bound| bound.of(index));
+        let FieldSpec { minimum, maximum, binary, .. } = field;
+        (0..field.size as usize).map(move |index| Self::new(of(minimum, index), of(maximum, index), *binary))
+    }
+
     /// Its bounds, and whether it is binary: the inverse of [`ActionRange::new`].
     #[must_use]
     pub fn bounds(self) -> (Option<f32>, Option<f32>, bool) {
@@ -76,8 +84,7 @@ impl ActionRanges {
     /// The ranges of an action with these fields.
     #[must_use]
     pub fn of(fields: &[FieldSpec]) -> Self {
-        let range = |field: &FieldSpec| ActionRange::new(field.minimum, field.maximum, field.binary);
-        fields.iter().flat_map(|field| std::iter::repeat_n(range(field), field.size as usize)).collect()
+        fields.iter().flat_map(ActionRange::of_values).collect()
     }
 
     /// The range of each value; none if every value is free.
@@ -114,10 +121,15 @@ mod tests {
     #[test]
     fn each_value_becomes_the_nearest_allowed_one() {
         let fields = [
-            FieldSpec { minimum: Some(-1.0), maximum: Some(1.0), ..FieldSpec::new("move", 2) },
-            FieldSpec { minimum: Some(-1.0), maximum: Some(1.0), binary: true, ..FieldSpec::new("gripper", 1) },
-            FieldSpec { minimum: Some(0.0), ..FieldSpec::new("force", 1) },
-            FieldSpec { maximum: Some(5.0), ..FieldSpec::new("speed", 1) },
+            FieldSpec { minimum: Some(Bound::All(-1.0)), maximum: Some(Bound::All(1.0)), ..FieldSpec::new("move", 2) },
+            FieldSpec {
+                minimum: Some(Bound::All(-1.0)),
+                maximum: Some(Bound::All(1.0)),
+                binary: true,
+                ..FieldSpec::new("gripper", 1)
+            },
+            FieldSpec { minimum: Some(Bound::All(0.0)), ..FieldSpec::new("force", 1) },
+            FieldSpec { maximum: Some(Bound::All(5.0)), ..FieldSpec::new("speed", 1) },
             FieldSpec::new("free", 1),
         ];
         let ranges = ActionRanges::of(&fields);
@@ -132,6 +144,20 @@ mod tests {
             assert_eq!(ActionRange::new(minimum, maximum, binary), *range);
         }
         assert!(ranges.is_binary(2) && !ranges.is_binary(1) && !ranges.is_binary(6));
+    }
+
+    #[test]
+    fn values_have_bounds_of_their_own() {
+        let (minimum, maximum) = (Some(Bound::Each(vec![-0.5, 0.0])), Some(Bound::Each(vec![0.5, 3.0])));
+        let joints = FieldSpec { minimum, maximum, ..FieldSpec::new("joints", 2) };
+        let lift = FieldSpec { minimum: Some(Bound::Each(vec![1.0, 2.0])), ..FieldSpec::new("lift", 2) };
+        let ranges = ActionRanges::of(&[joints, lift]);
+        let mut action = [-1.0, -1.0, 0.0, 0.0];
+        ranges.apply(&mut action);
+        assert_eq!(action, [-0.5, 0.0, 1.0, 2.0]);
+        let mut action = [9.0, 9.0, 9.0, 9.0];
+        ranges.apply(&mut action);
+        assert_eq!(action, [0.5, 3.0, 9.0, 9.0]);
     }
 
     #[test]

@@ -190,6 +190,7 @@ impl Ensemble {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Bound;
     use crate::FieldSpec;
 
     /// The mean as the server and the robot client computed it apart from each other, before they shared this module.
@@ -239,7 +240,11 @@ mod tests {
 
     #[test]
     fn a_binary_value_is_never_averaged_and_a_bounded_one_stays_within() {
-        let bounded = |name| FieldSpec { minimum: Some(-1.0), maximum: Some(1.0), ..FieldSpec::new(name, 1) };
+        let bounded = |name| FieldSpec {
+            minimum: Some(Bound::All(-1.0)),
+            maximum: Some(Bound::All(1.0)),
+            ..FieldSpec::new(name, 1)
+        };
         let gripper = FieldSpec { binary: true, ..bounded("gripper") };
         let mut ensemble = Ensemble::new(1, ActionRanges::of(&[bounded("move"), gripper]));
         ensemble.push(0, vec![vec![1.0, -1.0]; 4]).unwrap();

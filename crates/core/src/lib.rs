@@ -33,6 +33,7 @@
 pub mod access;
 pub mod action;
 pub mod attempt;
+mod bound;
 pub mod client;
 pub mod curation;
 pub mod dataset;
@@ -82,6 +83,7 @@ pub mod arguments;
 #[cfg(feature = "proto")]
 pub mod proto;
 
+pub use bound::Bound;
 pub use error::{Error, Result};
 pub use picture_sizes::{Crop, PictureSizes, RecordedSize};
 pub use recording_summary::{InspectionEstimate, RecordingSummary};

@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
+use crate::bound::Bound;
 use crate::picture_sizes::{PictureSizes, RecordedSize};
 
 /// The content of a task's steps (cameras, proprioception, action, rate) and its place in recordings.
@@ -92,12 +93,12 @@ pub struct FieldSpec {
     /// converted. It can change at any time.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub unit: String,
-    /// In an action: the least value that the robot executes.
+    /// In an action: the least value that the robot executes; where values differ, a list with one for each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub minimum: Option<f32>,
-    /// In an action: the greatest value that the robot executes.
+    pub minimum: Option<Bound>,
+    /// In an action: the greatest value that the robot executes; where values differ, a list with one for each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub maximum: Option<f32>,
+    pub maximum: Option<Bound>,
     /// In an action: each value is `minimum` or `maximum` and nothing between, such as a gripper's command.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub binary: bool,

@@ -85,7 +85,7 @@ mod write;
 
 // What the functions here take and return.
 pub use gleaner_core::{
-    Alignment, CameraSource, CameraSpec, Crop, FieldKind, FieldSource, FieldSpec, Finding, FindingCode,
+    Alignment, Bound, CameraSource, CameraSpec, Crop, FieldKind, FieldSource, FieldSpec, Finding, FindingCode,
     InspectionEstimate, Mapping, PictureSizes, RecordedSize, RecordingSummary, Report, Severity, Survey,
     SurveyedCamera, SurveyedField, SurveyedTopic, TaskSpec, TopicReport, Transform, ValueRange,
 };

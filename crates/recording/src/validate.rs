@@ -10,6 +10,7 @@ use std::collections::BTreeSet;
 use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
 use crate::limits::Limits;
+use gleaner_core::action::ActionRange;
 use gleaner_core::{CameraSpec, FieldSpec, Mapping, TaskSpec};
 
 /// Most cameras, fields of one kind, and mappings.
@@ -168,24 +169,33 @@ fn check_fields(spec: &TaskSpec) -> Result<(), RecordingError> {
 
 fn check_range(field: &FieldSpec, kind: &str, i: usize) -> Result<(), RecordingError> {
     let at = |part: &str| format!("{kind}[{i}].{part}");
-    let FieldSpec { minimum, maximum, binary, .. } = *field;
-    if kind != "action" && (minimum.is_some() || maximum.is_some() || binary) {
+    let FieldSpec { size, minimum, maximum, binary, .. } = field;
+    if kind != "action" && (minimum.is_some() || maximum.is_some() || *binary) {
         return wrong(at("minimum"), "only fields of the action have `minimum`, `maximum` and `binary`; remove them");
     }
     for (part, bound) in [("minimum", minimum), ("maximum", maximum)] {
-        if bound.is_some_and(|bound| !bound.is_finite()) {
-            return wrong(at(part), "give a finite number, or leave it out");
+        let Some(bound) = bound else { continue };
+        if let Some(count) = bound.count().filter(|count| *count != *size as usize) {
+            let problem =
+                format!("has {count} numbers for {size} values; give one for each, or a single number for all");
+            return wrong(at(part), problem);
+        }
+        if (0..*size as usize).any(|index| bound.of(index).is_none_or(|bound| !bound.is_finite())) {
+            return wrong(at(part), "give finite numbers, or leave it out");
         }
     }
-    match (minimum, maximum) {
-        (Some(minimum), Some(maximum)) if minimum >= maximum => {
-            wrong(at("maximum"), format!("{maximum} is not above the minimum {minimum}"))
+    for (index, range) in ActionRange::of_values(field).enumerate() {
+        if let (Some(minimum), Some(maximum), _) = range.bounds()
+            && minimum >= maximum
+        {
+            let value = if *size > 1 { format!(" (value {index})") } else { String::new() };
+            return wrong(at("maximum"), format!("{maximum} is not above the minimum {minimum}{value}"));
         }
-        (None, _) | (_, None) if binary => {
-            wrong(at("binary"), "give the two values of a binary field as `minimum` and `maximum`")
-        }
-        _ => Ok(()),
     }
+    if *binary && (minimum.is_none() || maximum.is_none()) {
+        return wrong(at("binary"), "give the two values of a binary field as `minimum` and `maximum`");
+    }
+    Ok(())
 }
 
 fn check_mapping(spec: &TaskSpec, mapping: &Mapping, at: &str) -> Result<(), RecordingError> {

@@ -63,6 +63,10 @@ const CASES: &[Case] = &[
     ("spec.action[0].size: ", |s| s.action[0].size = 65_537),
     ("spec.action[0].minimum: ", |s| s.action[0].minimum = Some(f32::NEG_INFINITY)),
     ("spec.action[0].maximum: ", |s| s.action[0].maximum = s.action[0].minimum),
+    ("spec.action[0].minimum: ", |s| s.action[0].minimum_each = vec![-1.0; 2]),
+    ("spec.action[0].maximum: has 1 numbers", |s| {
+        (s.action[0].maximum, s.action[0].maximum_each) = (None, vec![1.0]);
+    }),
     ("spec.action[2].binary: ", |s| s.action[2].maximum = None),
     ("spec.proprioception[0].minimum: ", |s| s.proprioception[0].binary = true),
     ("spec.alignment: ", |s| s.alignment = 9),

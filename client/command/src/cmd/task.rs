@@ -220,27 +220,40 @@ pub(super) fn limits(action: &[FieldSpec]) -> String {
 
 /// The values that the robot executes, such as ` (-1 to 1)`.
 fn range(field: &FieldSpec) -> String {
-    match ActionRange::new(field.minimum, field.maximum, field.binary) {
-        ActionRange::Free => " (no limits)".to_owned(),
-        ActionRange::Within(minimum, maximum) => format!(" ({minimum} to {maximum})"),
-        ActionRange::AtLeast(minimum) => format!(" (at least {minimum})"),
-        ActionRange::AtMost(maximum) => format!(" (at most {maximum})"),
-        ActionRange::Binary(low, high) => format!(" ({low} or {high})"),
+    let shown = |range| match range {
+        ActionRange::Free => "no limits".to_owned(),
+        ActionRange::Within(minimum, maximum) => format!("{minimum} to {maximum}"),
+        ActionRange::AtLeast(minimum) => format!("at least {minimum}"),
+        ActionRange::AtMost(maximum) => format!("at most {maximum}"),
+        ActionRange::Binary(low, high) => format!("{low} or {high}"),
+    };
+    let each: Vec<ActionRange> = ActionRange::of_values(field).collect();
+    match each.as_slice() {
+        [first, rest @ ..] if rest.iter().all(|range| range == first) => format!(" ({})", shown(*first)),
+        each => format!(" ({})", each.iter().map(|range| shown(*range)).collect::<Vec<_>>().join("; ")),
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use gleaner_recording::Bound;
+
     use super::*;
 
     #[test]
     fn a_range_is_shown_with_its_field() {
-        let field = |minimum, maximum, binary| FieldSpec { minimum, maximum, binary, ..FieldSpec::new("gripper", 1) };
+        let field = |minimum: Option<f32>, maximum: Option<f32>, binary| {
+            let (minimum, maximum) = (minimum.map(Bound::All), maximum.map(Bound::All));
+            FieldSpec { minimum, maximum, binary, ..FieldSpec::new("gripper", 1) }
+        };
         assert_eq!(range(&field(Some(-1.0), Some(1.0), true)), " (-1 or 1)");
         assert_eq!(range(&field(Some(-1.0), Some(0.5), false)), " (-1 to 0.5)");
         assert_eq!(range(&field(Some(0.0), None, false)), " (at least 0)");
         assert_eq!(range(&field(None, Some(2.0), false)), " (at most 2)");
         assert_eq!(range(&field(None, None, false)), " (no limits)");
+        let each = Some(Bound::Each(vec![0.0, -1.0]));
+        let joints = FieldSpec { minimum: each, maximum: Some(Bound::All(2.0)), ..FieldSpec::new("joints", 2) };
+        assert_eq!(range(&joints), " (0 to 2; -1 to 2)");
         let action = vec![field(None, None, false), field(Some(0.0), Some(1.0), true)];
         assert_eq!(limits(&action), "gripper (no limits), gripper (0 or 1)");
         assert_eq!(unit(&field(None, None, false)), "");

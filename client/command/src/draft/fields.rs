@@ -2,11 +2,11 @@
 //!
 //! Works on candidates alone.
 
-use gleaner_recording::{FieldSource, FieldSpec, ValueRange};
+use gleaner_recording::{Bound, FieldSource, FieldSpec, ValueRange};
 
 use super::actions::Actions;
 use super::candidate::{Candidate, LeftOut, Order};
-use super::limits::short;
+use super::limits::{self, short};
 use super::still;
 use super::tokens;
 use super::units;
@@ -31,8 +31,9 @@ pub(super) struct Field {
     pub(super) meaning: Option<&'static str>,
     /// Whether the draft has it as a comment, so that it is no part of the task.
     pub(super) is_aside: bool,
-    /// The range of an action whose limits could not be guessed, which the draft has as a comment.
-    pub(super) observed: Option<ValueRange>,
+    /// The ranges of an action whose limits could not be guessed, which the draft has as a comment: of each value, or one of
+    /// all.
+    pub(super) observed: Vec<ValueRange>,
     pub(super) stamped: Vec<bool>,
     /// Its place in each way.
     pub(super) sources: Vec<FieldSource>,
@@ -204,12 +205,11 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
     let values = if known && values.len() <= 2 { values } else { Vec::new() };
     let mut spec = FieldSpec::new(name.clone(), u32::try_from(ranges.len()).unwrap_or(u32::MAX));
     let place = reasons.len();
-    let mut observed = None;
+    let mut observed = Vec::new();
     if action {
         reasons.extend(still::leave_out_zeros(&mut sources, &mut ranges));
         spec.size = u32::try_from(ranges.len()).unwrap_or(u32::MAX);
-        let all = ranges.iter().copied().reduce(ValueRange::with).unwrap_or(ValueRange::of(0.0));
-        observed = bound(&mut spec, all, &values, &mut reasons);
+        observed = bound(&mut spec, &ranges, &values, &mut reasons);
         reasons.extend(still::unchanged(&sources[0].paths, &ranges));
     } else if let [value] = values.as_slice() {
         reasons.push(format!("It is always {value} in these recordings; remove it if it never changes."));
@@ -235,13 +235,14 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
     }
 }
 
-/// Guesses the range of an action. Without a guess, returns the observed one.
+/// Guesses the range of an action whose values have these ranges, or one together. Without a guess, returns the ranges.
 pub(super) fn bound(
     spec: &mut FieldSpec,
-    all: ValueRange,
+    ranges: &[ValueRange],
     values: &[f64],
     reasons: &mut Vec<String>,
-) -> Option<ValueRange> {
+) -> Vec<ValueRange> {
+    let all = ranges.iter().copied().reduce(ValueRange::with).unwrap_or(ValueRange::of(0.0));
     let ValueRange { minimum, maximum } = all;
     let observed = format!("Its values are {} to {}", short(minimum), short(maximum));
     let within = |low: f64, high: f64| minimum >= low && maximum <= high;
@@ -256,23 +257,24 @@ pub(super) fn bound(
         set_range(spec, 0.0, 1.0);
         reasons.push(format!("{observed}, as of a command between 0 and 1."));
     } else {
-        let each = if spec.size > 1 {
-            " They are limits of every value: where values have limits of their own, make each a field, in the mapping too \
-             (size = 1; the path with its place, such as data[0])."
+        let each = if limits::are_listed(ranges) {
+            " They are listed in the order of the values."
+        } else if spec.size > 1 {
+            " They are limits of every value; where values differ, write a list with one for each, such as [-1.0, -0.5]."
         } else {
             ""
         };
         reasons.push(format!(
             "{observed}. If the robot has limits, write them and delete the #, so that policies stay within them.{each}"
         ));
-        return Some(all);
+        return ranges.to_vec();
     }
-    None
+    Vec::new()
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "steps hold 32-bit floats")]
 fn set_range(spec: &mut FieldSpec, minimum: f64, maximum: f64) {
-    (spec.minimum, spec.maximum) = (Some(minimum as f32), Some(maximum as f32));
+    (spec.minimum, spec.maximum) = (Some(Bound::All(minimum as f32)), Some(Bound::All(maximum as f32)));
 }
 
 fn shown_paths(order: &Order) -> String {

@@ -41,7 +41,8 @@ pub(crate) fn of_description(description: &Description, name: String) -> Draft {
         let mut reasons = vec![reason(origin)];
         let action = at >= states;
         let range = origin.range.filter(|_| action);
-        let observed = range.and_then(|range| fields::bound(field, range, &origin.values, &mut reasons));
+        let observed =
+            range.map(|range| fields::bound(field, &[range], &origin.values, &mut reasons)).unwrap_or_default();
         drafted.push(Field {
             spec: field.clone(),
             action,
@@ -93,7 +94,7 @@ fn sources(mapping: Option<&Mapping>, field: &str) -> Vec<FieldSource> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gleaner_recording::{CameraSpec, FieldSpec, TaskSpec, ValueRange, validate, written_mapping};
+    use gleaner_recording::{Bound, CameraSpec, FieldSpec, TaskSpec, ValueRange, validate, written_mapping};
 
     #[test]
     fn features_are_fields_with_their_names_and_ranges() {
@@ -128,7 +129,11 @@ mod tests {
         assert_eq!((camera.height, camera.width, camera.sizes().recorded()), (96, 128, (480, 640)));
         assert_eq!(
             draft.spec.action[0],
-            FieldSpec { minimum: Some(-1.0), maximum: Some(1.0), ..FieldSpec::new("action_pan", 1) }
+            FieldSpec {
+                minimum: Some(Bound::All(-1.0)),
+                maximum: Some(Bound::All(1.0)),
+                ..FieldSpec::new("action_pan", 1)
+            }
         );
         let text = draft.to_string();
         for part in

@@ -2,9 +2,28 @@
 
 use gleaner_recording::ValueRange;
 
-/// The least and the greatest of observed values, rounded outward to three significant digits, as numbers of TOML. `None`
-/// where they are equal, which are no limits.
-pub(super) fn outward(range: ValueRange) -> Option<[String; 2]> {
+/// The least and the greatest of observed values, rounded outward to three significant digits, as numbers or lists of TOML.
+/// `None` where nothing moves, which gives no limits.
+pub(super) fn written(ranges: &[ValueRange]) -> Option<[String; 2]> {
+    let [low, high] = if are_listed(ranges) {
+        let each: Vec<[String; 2]> = ranges.iter().copied().filter_map(outward).collect();
+        [0, 1].map(|bound| {
+            let texts: Vec<&str> = each.iter().map(|texts| texts[bound].as_str()).collect();
+            format!("[{}]", texts.join(", "))
+        })
+    } else {
+        outward(ranges.iter().copied().reduce(ValueRange::with)?)?
+    };
+    Some([low, high])
+}
+
+/// Whether each value gets limits of its own: all of them move, and not all alike.
+pub(super) fn are_listed(ranges: &[ValueRange]) -> bool {
+    let each: Vec<Option<[String; 2]>> = ranges.iter().copied().map(outward).collect();
+    each.iter().all(Option::is_some) && each.windows(2).any(|pair| pair[0] != pair[1])
+}
+
+fn outward(range: ValueRange) -> Option<[String; 2]> {
     let ValueRange { minimum, maximum } = range;
     (minimum < maximum).then(|| [shown(minimum, f64::floor), shown(maximum, f64::ceil)])
 }
@@ -27,6 +46,18 @@ fn shown(value: f64, round: impl Fn(f64) -> f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn values_that_differ_have_a_list() {
+        let range = |minimum, maximum| ValueRange { minimum, maximum };
+        let of = |ranges: &[ValueRange]| written(ranges).map(|[low, high]| format!("{low} {high}"));
+        assert_eq!(of(&[range(-0.5, 0.5), range(-0.2, 1.25)]).unwrap(), "[-0.5, -0.2] [0.5, 1.25]");
+        assert_eq!(of(&[range(-0.5, 0.5), range(-0.5, 0.5)]).unwrap(), "-0.5 0.5");
+        // A value that stays where it is has no limits of its own.
+        assert_eq!(of(&[range(-0.5, 0.5), range(0.1, 0.1)]).unwrap(), "-0.5 0.5");
+        assert_eq!(of(&[range(0.1, 0.1)]), None);
+        assert_eq!(of(&[]), None);
+    }
 
     #[test]
     fn limits_hold_the_observed_values() {

@@ -1,6 +1,6 @@
 //! Tests of drafts, with surveys that each test describes.
 
-use gleaner_recording::{FieldKind, SurveyedCamera, SurveyedField, SurveyedTopic, ValueRange};
+use gleaner_recording::{Bound, FieldKind, SurveyedCamera, SurveyedField, SurveyedTopic, ValueRange};
 
 use super::*;
 
@@ -91,8 +91,14 @@ fn a_draft_is_a_valid_task_with_its_reasons() {
     };
     assert_eq!(names(&spec.proprioception), ["qpos 2"]);
     assert_eq!(names(&spec.action), ["delta 2", "gripper 1"]);
-    assert_eq!((spec.action[0].minimum, spec.action[0].maximum, spec.action[0].binary), (Some(-1.0), Some(1.0), false));
-    assert_eq!((spec.action[1].minimum, spec.action[1].maximum, spec.action[1].binary), (Some(0.0), Some(1.0), true));
+    assert_eq!(
+        (spec.action[0].minimum.clone(), spec.action[0].maximum.clone(), spec.action[0].binary),
+        (Some(Bound::All(-1.0)), Some(Bound::All(1.0)), false)
+    );
+    assert_eq!(
+        (spec.action[1].minimum.clone(), spec.action[1].maximum.clone(), spec.action[1].binary),
+        (Some(Bound::All(0.0)), Some(Bound::All(1.0)), true)
+    );
     let text = draft.to_string();
     for part in [
         "from 2 recordings as `json`",
@@ -240,13 +246,19 @@ fn values_of_an_action_that_are_always_0_are_left_out() {
     assert_eq!(spec.mappings[0].fields[0].paths, ["twist.linear.x", "twist.linear.z"]);
     assert_eq!((spec.action[0].size, spec.action[0].unit.as_str()), (2, "m/s"));
     let text = draft.to_string();
-    for part in ["twist.angular.z are always 0", "\n#minimum = -0.25\n#maximum = 0.5\n", "such as data[0]"] {
+    for part in [
+        "twist.angular.z are always 0",
+        "\n#minimum = [-0.25, -0.1]\n#maximum = [0.5, 0.1]\n",
+        "in the order of the values",
+    ] {
         assert!(text.contains(part), "{part}: {text}");
     }
     // Its limits are used by deleting the signs.
     let with_limits = text.replace("#minimum", "minimum").replace("#maximum", "maximum");
     let limited: TaskSpec = toml::from_str(&with_limits).unwrap();
-    assert_eq!((limited.action[0].minimum, limited.action[0].maximum), (Some(-0.25), Some(0.5)));
+    let each = |bounds: &[f32]| Some(Bound::Each(bounds.to_vec()));
+    assert_eq!(limited.action[0].minimum, each(&[-0.25, -0.1]));
+    assert_eq!(limited.action[0].maximum, each(&[0.5, 0.1]));
     assert_eq!(of(&moves).spec.action[0].size, 6);
     let never = of(&|_: &str| range(0.0, 0.0));
     assert_eq!(never.spec.action[0].size, 6, "an action that never moves stays whole");

@@ -3,7 +3,7 @@
 use std::fmt::{self, Display, Formatter, Write};
 
 use gleaner_recording::printable;
-use gleaner_recording::{CameraSource, CameraSpec, FieldSource, FieldSpec, Transform};
+use gleaner_recording::{Bound, CameraSource, CameraSpec, FieldSource, FieldSpec, Transform};
 
 use super::Draft;
 use super::candidate::LeftOut;
@@ -37,7 +37,7 @@ impl Display for Draft {
                     commented(out, |text| field_spec(text, table, &field.spec))?;
                 } else {
                     field_spec(out, table, &field.spec)?;
-                    if let Some([minimum, maximum]) = field.observed.and_then(limits::outward) {
+                    if let Some([minimum, maximum]) = limits::written(&field.observed) {
                         commented(out, |text| writeln!(text, "minimum = {minimum}\nmaximum = {maximum}"))?;
                     }
                 }
@@ -121,10 +121,17 @@ fn field_spec(out: &mut impl Write, table: &str, field: &FieldSpec) -> fmt::Resu
     }
     for (key, bound) in [("minimum", minimum), ("maximum", maximum)] {
         if let Some(bound) = bound {
-            writeln!(out, "{key} = {bound:?}")?;
+            writeln!(out, "{key} = {}", number_or_list(bound))?;
         }
     }
     if *binary { writeln!(out, "binary = true") } else { Ok(()) }
+}
+
+fn number_or_list(bound: &Bound) -> String {
+    match bound {
+        Bound::All(bound) => format!("{bound:?}"),
+        Bound::Each(bounds) => format!("{bounds:?}"),
+    }
 }
 
 fn camera_source(out: &mut Formatter<'_>, source: &CameraSource) -> fmt::Result {

@@ -45,8 +45,11 @@ def _plain(descriptor: Any, values: Mapping[str, Any], path: str) -> dict[str, A
         field = descriptor.fields_by_name.get(name)
         if field is None:
             raise invalid(path + name, f"is unknown; supported: {', '.join(sorted(descriptor.fields_by_name))}")
+        if isinstance(value, (list, tuple)) and f"{name}_each" in descriptor.fields_by_name:
+            # One for each value, in place of one for all: the bounds of a task's action.
+            field = descriptor.fields_by_name[f"{name}_each"]
         if value is not None:
-            plain[name] = _value(field, value, path + name)
+            plain[field.name] = _value(field, value, path + name)
     return plain
 
 

@@ -5,8 +5,8 @@ use gleaner_proto::v1;
 use super::{field, page};
 use crate::task_spec::default_static_topic;
 use crate::{
-    Alignment, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Mapping, OpenpiKey, RecordedSize, TaskSpec,
-    Transform,
+    Alignment, Bound, CameraSource, CameraSpec, Crop, FieldSource, FieldSpec, Mapping, OpenpiKey, RecordedSize,
+    TaskSpec, Transform,
     error::{Error, Result},
     id::TaskId,
     page::Page,
@@ -28,7 +28,8 @@ pub fn list_request(request: v1::ListTasksRequest) -> Result<Page<TaskId>> {
 /// A specification from its message. Its rules are checked where tasks are created.
 ///
 /// # Errors
-/// Invalid under `spec.alignment` for an alignment that this build does not have.
+/// Invalid under `spec.alignment` for an alignment that this build does not have, and under a field with both forms of a
+/// bound.
 pub fn spec_from_proto(spec: v1::TaskSpec) -> Result<TaskSpec> {
     let v1::TaskSpec {
         name,
@@ -47,8 +48,8 @@ pub fn spec_from_proto(spec: v1::TaskSpec) -> Result<TaskSpec> {
         instruction,
         rate_hz,
         cameras: cameras.into_iter().map(camera_from).collect(),
-        proprioception: proprioception.into_iter().map(field_from).collect(),
-        action: action.into_iter().map(field_from).collect(),
+        proprioception: fields_from("spec.proprioception", proprioception)?,
+        action: fields_from("spec.action", action)?,
         alignment: alignment_from(alignment)?,
         tolerance: tolerance.unwrap_or(TOLERANCE),
         mappings: mappings.into_iter().map(mapping_from).collect(),
@@ -67,9 +68,30 @@ fn recorded_from(recorded: v1::RecordedSize) -> RecordedSize {
     RecordedSize { height, width, crop }
 }
 
-fn field_from(field: v1::FieldSpec) -> FieldSpec {
-    let v1::FieldSpec { name, size, unit, minimum, maximum, binary } = field;
-    FieldSpec { name, size, unit, minimum, maximum, binary }
+fn fields_from(list: &str, fields: Vec<v1::FieldSpec>) -> Result<Vec<FieldSpec>> {
+    let read = |(i, field): (usize, v1::FieldSpec)| {
+        let v1::FieldSpec { name, size, unit, minimum, maximum, binary, minimum_each, maximum_each } = field;
+        let minimum = bound_from(&format!("{list}[{i}].minimum"), minimum, minimum_each)?;
+        let maximum = bound_from(&format!("{list}[{i}].maximum"), maximum, maximum_each)?;
+        Ok(FieldSpec { name, size, unit, minimum, maximum, binary })
+    };
+    fields.into_iter().enumerate().map(read).collect()
+}
+
+fn bound_from(at: &str, all: Option<f32>, each: Vec<f32>) -> Result<Option<Bound>> {
+    match (all, each.is_empty()) {
+        (Some(_), false) => Err(Error::invalid(at, "give one number for all values or one for each, not both")),
+        (all, true) => Ok(all.map(Bound::All)),
+        (None, false) => Ok(Some(Bound::Each(each))),
+    }
+}
+
+fn bound_to(bound: Option<Bound>) -> (Option<f32>, Vec<f32>) {
+    match bound {
+        Some(Bound::All(bound)) => (Some(bound), Vec::new()),
+        Some(Bound::Each(bounds)) => (None, bounds),
+        None => (None, Vec::new()),
+    }
 }
 
 fn alignment_from(alignment: i32) -> Result<Alignment> {
@@ -166,7 +188,8 @@ fn recorded_to(recorded: RecordedSize) -> v1::RecordedSize {
 
 fn field_to(field: FieldSpec) -> v1::FieldSpec {
     let FieldSpec { name, size, unit, minimum, maximum, binary } = field;
-    v1::FieldSpec { name, size, unit, minimum, maximum, binary }
+    let ((minimum, minimum_each), (maximum, maximum_each)) = (bound_to(minimum), bound_to(maximum));
+    v1::FieldSpec { name, size, unit, minimum, maximum, binary, minimum_each, maximum_each }
 }
 
 fn mapping_to(mapping: Mapping) -> v1::Mapping {
@@ -224,8 +247,8 @@ pub(crate) mod tests {
             }],
             proprioception: vec![FieldSpec::new("joint_position", 2), FieldSpec::new("tool", Transform::SIZE)],
             action: vec![FieldSpec {
-                minimum: Some(-1.0),
-                maximum: Some(1.0),
+                minimum: Some(Bound::All(-1.0)),
+                maximum: Some(Bound::All(1.0)),
                 binary: true,
                 ..FieldSpec::new("target", 1)
             }],
@@ -243,6 +266,17 @@ pub(crate) mod tests {
     #[test]
     fn a_spec_survives_the_wire() {
         assert_eq!(spec_from_proto(spec_to_proto(spec())).unwrap(), spec());
+        let mut listed = spec();
+        (listed.action[0].size, listed.action[0].minimum) = (2, Some(Bound::Each(vec![-1.0, -0.5])));
+        assert_eq!(spec_from_proto(spec_to_proto(listed.clone())).unwrap(), listed);
+    }
+
+    #[test]
+    fn a_bound_in_both_forms_is_refused() {
+        let mut sent = spec_to_proto(spec());
+        sent.action[0].maximum_each = vec![1.0];
+        let error = spec_from_proto(sent).unwrap_err().to_string();
+        assert!(error.contains("spec.action[0].maximum") && error.contains("not both"), "{error}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Tests of the parent module.
 
 use super::*;
+use crate::Bound;
 use crate::testing::arm;
 
 fn problem(change: impl FnOnce(&mut TaskSpec)) -> String {
@@ -35,10 +36,12 @@ fn names_the_field_that_is_wrong() {
 
 #[test]
 fn ranges_are_of_actions_and_complete() {
-    let range = |minimum, maximum, binary| {
+    let range = |minimum: Option<f32>, maximum: Option<f32>, binary| {
+        let (minimum, maximum) = (minimum.map(Bound::All), maximum.map(Bound::All));
         move |spec: &mut TaskSpec| {
             let name = spec.action[0].name.clone();
-            spec.action[0] = FieldSpec { minimum, maximum, binary, ..FieldSpec::new(name, 2) };
+            spec.action[0] =
+                FieldSpec { minimum: minimum.clone(), maximum: maximum.clone(), binary, ..FieldSpec::new(name, 2) };
         }
     };
     for right in [range(Some(-1.0), Some(1.0), true), range(None, Some(1.0), false), range(Some(0.0), None, false)] {
@@ -50,7 +53,24 @@ fn ranges_are_of_actions_and_complete() {
     assert!(problem(range(Some(1.0), None, true)).contains("action[0].binary"));
     assert!(problem(range(None, None, true)).contains("action[0].binary"));
     assert!(problem(range(Some(f32::NAN), None, false)).contains("action[0].minimum"));
-    assert!(problem(|s| s.proprioception[0].maximum = Some(1.0)).contains("proprioception[0].minimum"));
+    assert!(problem(|s| s.proprioception[0].maximum = Some(Bound::All(1.0))).contains("proprioception[0].minimum"));
+    // The action has two values.
+    let each = |minimum: &[f32], maximum: &[f32]| {
+        let [minimum, maximum] = [minimum, maximum].map(|bounds| Some(Bound::Each(bounds.to_vec())));
+        move |spec: &mut TaskSpec| {
+            let name = spec.action[0].name.clone();
+            spec.action[0] =
+                FieldSpec { minimum: minimum.clone(), maximum: maximum.clone(), ..FieldSpec::new(name, 2) };
+        }
+    };
+    let mut spec = arm();
+    each(&[-1.0, -0.1], &[1.0, 0.1])(&mut spec);
+    validate(&spec).unwrap();
+    let few = problem(each(&[-1.0], &[1.0, 0.1]));
+    assert!(few.contains("action[0].minimum: has 1 numbers for 2 values; give one for each"), "{few}");
+    assert!(problem(each(&[], &[1.0, 0.1])).contains("action[0].minimum: has 0 numbers"));
+    assert!(problem(each(&[-1.0, -1.0], &[1.0, f32::INFINITY])).contains("action[0].maximum: give finite"));
+    assert!(problem(each(&[-1.0, 0.5], &[1.0, 0.1])).contains("0.1 is not above the minimum 0.5 (value 1)"));
 }
 
 #[test]

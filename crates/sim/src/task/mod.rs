@@ -11,7 +11,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use glam::{Vec2, Vec3};
-use gleaner_recording::{Alignment, CameraSpec, FieldSpec, TaskSpec, written_mapping};
+use gleaner_recording::{Alignment, Bound, CameraSpec, FieldSpec, TaskSpec, written_mapping};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
@@ -133,7 +133,12 @@ fn fields(list: Fields) -> impl Iterator<Item = FieldSpec> {
 }
 
 fn within_one(field: FieldSpec) -> FieldSpec {
-    FieldSpec { minimum: Some(-1.0), maximum: Some(1.0), binary: field.name == GRIPPER, ..field }
+    FieldSpec {
+        minimum: Some(Bound::All(-1.0)),
+        maximum: Some(Bound::All(1.0)),
+        binary: field.name == GRIPPER,
+        ..field
+    }
 }
 
 /// The proprioception vector of the world's present state.

@@ -88,7 +88,10 @@ fn a_switch_that_comes_as_often_as_the_commands_is_one() {
     };
     let (press, text) = of("/stamp/press", 20.2, &[0.0, 1.0]);
     let press = press.unwrap();
-    assert_eq!((press.minimum, press.maximum, press.binary), (Some(0.0), Some(1.0), true));
+    assert_eq!(
+        (press.minimum.clone(), press.maximum.clone(), press.binary),
+        (Some(Bound::All(0.0)), Some(Bound::All(1.0)), true)
+    );
     assert!(text.replace("\n# ", " ").contains("it is on or off and comes as often as /cmd_vel"), "{text}");
     for (name, rate, values) in [
         ("/stamp/press", 50.0, &[0.0, 1.0][..]),
