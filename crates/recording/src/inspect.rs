@@ -117,9 +117,10 @@ fn gaps(steps: &Steps<'_>, report: &mut Report) {
         };
         let count = distances.iter().filter(|distance| is_gap(distance)).count();
         let longest = distances.iter().max().copied().unwrap_or_default();
+        let steps = if count == 1 { "1 step".to_owned() } else { format!("{count} steps") };
         let detail = format!(
-            "no message for more than {GAP_PERIODS} periods at {count} steps, the longest gap is {:.0} ms; the last \
-             message was held. Look for a dropped connection, or leave these steps out",
+            "at {steps} the last message is more than {GAP_PERIODS} periods old, at most {:.0} ms, and was held. Single lost \
+             messages do little harm; look for a dropped connection if there are many, or leave these steps out",
             longest as f64 / 1e6
         );
         report.add(Severity::Warning, FindingCode::Gap, subject, Some(first as u64), detail);

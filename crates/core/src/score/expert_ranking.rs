@@ -49,7 +49,7 @@ impl ExpertRanking {
         let of_cohort = |(cohort, share): &(String, f64)| {
             let (these, their, them) = match cohort.as_str() {
                 "" => ("episodes without a cohort".to_owned(), "their", "them"),
-                named => (format!("cohort {named}"), "its", "its episodes"),
+                named => (format!("cohort {named:?}"), "its", "its episodes"),
             };
             // What to do where steps with a high q are bad.
             let remedy = match cohort.as_str() {
@@ -128,8 +128,8 @@ mod tests {
         assert!(ranking(0.7, &[("a", 0.6), ("b", 0.99)]).warnings().is_empty());
         assert!(ExpertRanking::default().warnings().is_empty());
         let warnings = ranking(0.6, &[("a", 0.48), ("b", 0.52), ("c", 0.9)]).warnings();
-        assert!(warnings[0].contains("favour cohort a over experts (48 % of pairs)"), "{warnings:?}");
-        assert!(warnings[1].contains("hardly tell cohort b from experts (52 % of pairs)"), "{warnings:?}");
+        assert!(warnings[0].contains("favour cohort \"a\" over experts (48 % of pairs)"), "{warnings:?}");
+        assert!(warnings[1].contains("hardly tell cohort \"b\" from experts (52 % of pairs)"), "{warnings:?}");
         assert!(
             warnings[1].ends_with("leave it out: name the other cohorts, by --expert-cohort and --imperfect-cohort")
         );

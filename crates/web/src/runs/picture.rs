@@ -232,6 +232,6 @@ mod tests {
         let shown = ranking(0.63, &[("", 0.7), ("wrong", 0.56)]);
         assert!(shown.contains("by cohort: none 70\u{a0}%, wrong"), "{shown}");
         assert!(ranking(0.49, &[("late", 0.49)]).contains("favour imperfect episodes"));
-        assert!(ranking(0.6, &[("late", 0.7), ("wrong", 0.5)]).contains("hardly tell cohort wrong"));
+        assert!(ranking(0.6, &[("late", 0.7), ("wrong", 0.5)]).contains("hardly tell cohort &quot;wrong&quot;"));
     }
 }
