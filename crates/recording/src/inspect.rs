@@ -16,6 +16,8 @@ pub(crate) use video::key_frames;
 
 /// Periods without a message that make a gap.
 const GAP_PERIODS: f64 = 2.5;
+/// A stream of fewer messages than one in this many steps is meant to be as fast as that.
+const SLOWEST: i64 = 4;
 /// Fewest steps from which a joint or a camera can be called frozen.
 const FROZEN_STEPS: usize = 20;
 /// A value has moved when it spans more than this (radians or metres).
@@ -108,9 +110,10 @@ fn late_start(steps: &Steps<'_>, report: &mut Report) {
     report.add(Severity::Warning, FindingCode::LateStart, &last.topic, Some(0), detail);
 }
 
+/// Steps that hold a message of more than so many periods of its stream, which may be slower than the steps.
 fn gaps(steps: &Steps<'_>, report: &mut Report) {
-    let limit = steps.rule.period as f64 * GAP_PERIODS;
-    let mut note = |subject: &str, distances: Vec<i64>| {
+    let mut note = |subject: &str, period: i64, distances: Vec<i64>| {
+        let limit = period as f64 * GAP_PERIODS;
         let is_gap = |distance: &i64| *distance as f64 > limit;
         let Some(first) = distances.iter().position(is_gap) else {
             return;
@@ -119,20 +122,23 @@ fn gaps(steps: &Steps<'_>, report: &mut Report) {
         let longest = distances.iter().max().copied().unwrap_or_default();
         let steps = if count == 1 { "1 step".to_owned() } else { format!("{count} steps") };
         let detail = format!(
-            "at {steps} the last message is more than {GAP_PERIODS} periods old, at most {:.0} ms, and was held. Single lost \
-             messages do little harm; look for a dropped connection if there are many, or leave these steps out",
+            "at {steps} the last message is more than {GAP_PERIODS} periods of {:.0} ms old, at most {:.0} ms, and was held. \
+             A few lost messages do little harm; look for a dropped connection if there are many, or leave these steps out",
+            period as f64 / 1e6,
             longest as f64 / 1e6
         );
         report.add(Severity::Warning, FindingCode::Gap, subject, Some(first as u64), detail);
     };
     let between = steps.stamps.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
-    note("clock", std::iter::once(0).chain(between).collect());
+    let period = steps.rule.period;
+    note("clock", period, std::iter::once(0).chain(between).collect());
     for (stream, picks) in steps.streams.iter().zip(&steps.picks) {
         let line = &stream.timeline;
         // A single message is meant to be held, such as a goal.
         if line.stamps.len() > 1 {
             let ages = steps.stamps.iter().zip(picks).map(|(stamp, &at)| stamp.saturating_sub(line.stamps[at]));
-            note(&stream.topic, ages.collect());
+            let own = line.median_interval(&(0..line.stamps.len()).collect::<Vec<_>>());
+            note(&stream.topic, own.clamp(period, period.saturating_mul(SLOWEST)), ages.collect());
         }
     }
 }

@@ -52,7 +52,7 @@ impl PoliciesArgs {
 pub(crate) struct DeployArgs {
     /// Name of the deployment, such as pick_cube@prod; created if missing.
     name: String,
-    /// Id of the policy.
+    /// Id of the policy, or latest: the newest one.
     #[arg(long)]
     policy: String,
     /// Score run of the same task, by which sessions are scored while they run.

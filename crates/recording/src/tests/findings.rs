@@ -83,6 +83,16 @@ fn gaps_of_the_clock_and_of_a_stream_are_findings() {
     let stream = Scene::steps(12).change("/tool", |at, _, _| !(4..8).contains(&at));
     let finding = check(&stream.report(&numbers_only()), Severity::Warning, FindingCode::Gap, "/tool");
     assert_eq!(finding.first_step, Some(6));
+    // A stream of half the rate that loses one message, and three.
+    let slow = |lost: &'static [usize]| {
+        Scene::steps(24).change("/tool", move |at, _, _| at % 2 == 0 && !lost.contains(&at)).report(&numbers_only())
+    };
+    assert_eq!(slow(&[8]).findings, []);
+    let finding = check(&slow(&[8, 10, 12]), Severity::Warning, FindingCode::Gap, "/tool");
+    assert!(finding.detail.contains("2.5 periods of 200 ms old, at most 700 ms"), "{}", finding.detail);
+    // One of a tenth of the rate was meant to be faster.
+    let rare = Scene::steps(24).change("/tool", |at, _, _| at % 12 == 0);
+    check(&rare.report(&numbers_only()), Severity::Warning, FindingCode::Gap, "/tool");
     let held = Scene::steps(12).change("/tool", |at, _, _| at == 0);
     assert_eq!(held.report(&numbers_only()).findings, []);
 }

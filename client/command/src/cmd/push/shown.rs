@@ -26,7 +26,10 @@ pub(super) fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
         words::rate(pushed.sent_bytes(), pushed.wall)
     )];
     if warnings > 0 {
-        lines.push(format!("{}; gleaner episode ID shows them", words::counted(warnings, "warning", "warnings")));
+        lines.push(format!(
+            "{} about what was recorded, as in `gleaner task check`; gleaner episode ID shows them",
+            words::counted(warnings, "warning", "warnings")
+        ));
     }
     let unknown = pushed.uploaded().filter(|uploaded| uploaded.episode.outcome() == Outcome::Unknown).count();
     if unknown > 0 {
@@ -134,8 +137,8 @@ mod tests {
     fn the_summary_counts_and_names_rejected_recordings() {
         assert_eq!(
             summary(&pushed(), &[]),
-            "1 recordings pushed (1 as success), 1 already stored (1 as unknown), 1 rejected; 3.0 MB in 0.5 s (6.0 MB/s)\n2 warnings; gleaner \
-             episode ID shows them\n1 episode has an unknown outcome, which no pretraining uses: `gleaner label --from \
+            "1 recordings pushed (1 as success), 1 already stored (1 as unknown), 1 rejected; 3.0 MB in 0.5 s (6.0 MB/s)\n2 warnings about \
+             what was recorded, as in `gleaner task check`; gleaner episode ID shows them\n1 episode has an unknown outcome, which no pretraining uses: `gleaner label --from \
              labels.csv` labels stored episodes from a file (columns file, outcome; others by \
              --label-columns)\nrejected: c.mcap: not an MCAP file"
         );

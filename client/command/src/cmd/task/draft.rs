@@ -101,16 +101,27 @@ fn beside(recording: &Path) -> Option<&Path> {
     Some(if outer.as_os_str().is_empty() { Path::new(".") } else { outer })
 }
 
-/// The name that labels beside the recordings have for their task, or else that of their folder.
+/// The name that labels beside the recordings have for their task, or else that of their folder; of a folder named after
+/// what it holds, such as `recordings`, the name of the folder above.
 fn name_beside(recordings: &[PathBuf]) -> Option<String> {
     let parents = recordings.iter().filter_map(|path| beside(path)).collect::<BTreeSet<&Path>>();
     let tasks = parents.iter().filter_map(|folder| read_labels(&folder.join(LABELS)).ok()).flatten();
     let tasks: BTreeSet<String> = tasks.filter_map(|row| row.task).collect();
     let folder = parents.first().and_then(|folder| folder.canonicalize().ok());
-    let folder = folder.and_then(|folder| Some(folder.file_name()?.to_string_lossy().into_owned()));
+    let names = folder.iter().flat_map(|folder| folder.ancestors()).filter_map(Path::file_name);
+    let mut names = names.map(|name| name.to_string_lossy().into_owned());
+    let own = names.next();
+    let folder = if own.as_deref().is_some_and(is_general) { names.next().or(own) } else { own };
     let name = if tasks.len() == 1 { tasks.into_iter().next() } else { folder };
     let plain = |c: char| if c.is_ascii_alphanumeric() || "_-.".contains(c) { c } else { '_' };
     name.map(|name| name.chars().take(100).map(plain).collect::<String>()).filter(|name| !name.is_empty())
+}
+
+/// Whether the name of a folder tells nothing of a task.
+fn is_general(name: &str) -> bool {
+    const GENERAL: [&str; 10] =
+        ["bags", "data", "dataset", "demonstrations", "demos", "episodes", "mcap", "raw", "recordings", "rosbags"];
+    GENERAL.contains(&name.to_lowercase().as_str())
 }
 
 #[cfg(test)]
@@ -128,6 +139,9 @@ mod tests {
         std::fs::create_dir(&runs).unwrap();
         let recordings = [runs.join("a.mcap")];
         assert_eq!(name_beside(&recordings).unwrap(), "pick_up");
+        let within = runs.join("Recordings");
+        std::fs::create_dir(&within).unwrap();
+        assert_eq!(name_beside(&[within.join("a.mcap")]).unwrap(), "pick_up", "not that of the folder inside");
         std::fs::write(runs.join(LABELS), "file,task,outcome\na.mcap,PickCube-v0,success\n").unwrap();
         assert_eq!(name_beside(&recordings).unwrap(), "PickCube-v0");
         let bag = recordings[0].parent().unwrap().join("run_1");
