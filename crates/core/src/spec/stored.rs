@@ -67,8 +67,9 @@ pub(super) fn score(mut values: Values) -> Values {
     }
     // The only one of versions that stored none.
     values.entry("normaliser").or_insert_with(|| "minmax".into());
-    // Similarity alone, in versions without this setting.
+    // Similarity alone, in versions without these settings.
     values.entry("lookahead").or_insert(json!(0.0));
+    values.entry("lead_in").or_insert(json!(0.0));
     // One of them joined `raw` with `progress`, and like this one neither scored live nor was extended.
     if values.get(Family::Scorer.as_str()).is_some_and(|word| word == "blend") {
         values.insert(Family::Scorer.as_str().to_owned(), "progress".into());

@@ -1,6 +1,8 @@
 //! The comparison of segments with those of experts: its features, its similarity and its scales.
 
-use gleaner_core::schema::Shape;
+use gleaner_core::schema::{Shape, number_in};
+
+use super::ahead::Ahead;
 
 gleaner_core::words! {
     /// Similarity of the features of two segments.
@@ -46,6 +48,10 @@ gleaner_core::settings! {
         pub(super) scale: [f64; 3] = [1.0; 3], Shape::Numbers {
             names: ["image", "proprioception", "action"].map(str::to_owned).to_vec(), least: 0.0, most: 1e6
         };
+        /// Share of a mean expert episode within which a segment is as good as the best one that it leads to: the way back
+        /// to what experts do then counts as good. A larger share finds longer ways back and locates the end of a bad
+        /// beginning less precisely; 0: its own steps alone, as in the paper.
+        pub(super) lead_in: f64 = 0.0, number_in(0.0, 1.0);
     }
 }
 
@@ -79,21 +85,21 @@ pub(crate) struct Comparison {
     pub(super) local_scale: bool,
     /// Factors of the distances of o, m and a.
     pub(super) scale: [f64; 3],
-    /// Share of a mean expert episode within which later matches count as progress; 0: similarity alone.
-    pub(super) lookahead: f64,
+    /// How far later steps count.
+    pub(super) ahead: Ahead,
 }
 
 impl Comparison {
     pub(super) fn new(
         source: Source,
         (similarity, lookahead): (Similarity, f64),
-        NearestSpec { local_scale, scale }: NearestSpec,
+        NearestSpec { local_scale, scale, lead_in }: NearestSpec,
     ) -> Self {
-        Self { source, similarity, local_scale, scale, lookahead }
+        Self { source, similarity, local_scale, scale, ahead: Ahead { lookahead, lead_in } }
     }
 
     /// Whether q depends on how experts compare with each other, so that a single one is scored otherwise.
     pub(super) fn scaled_by_experts(&self) -> bool {
-        self.local_scale || self.lookahead > 0.0
+        self.local_scale || self.ahead.counts()
     }
 }

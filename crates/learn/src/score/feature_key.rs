@@ -19,7 +19,7 @@ pub fn features_kind(spec: &ScoreSpec) -> Result<Option<String>, LearnError> {
     // All fields, so that a new one is not overlooked; features do not depend on the comparison.
     let ScoreSpec { scorer, normaliser: _, device, threads } = spec;
     let scorer = scorer::open(scorer)?;
-    let Some(Comparison { source: Source::Features(scale), similarity, local_scale: _, scale: _, lookahead: _ }) =
+    let Some(Comparison { source: Source::Features(scale), similarity, local_scale: _, scale: _, ahead: _ }) =
         scorer.comparison()
     else {
         return Ok(None);

@@ -116,7 +116,7 @@ impl LiveScorer {
                     |(expert, matches): (&Expert, Vec<Match>)| described((&expert.id, Role::Expert), &places, &matches);
                 alone = placed(&places, known.iter().zip(matches).map(of).collect());
             }
-            let measure = Measure::new(local, (experts, comparison.lookahead), &alone);
+            let measure = Measure::new(local, (experts, comparison.ahead), &alone);
             Ok(Self { opened, comparison, index, copies, places, experts: known, measure, normaliser })
         })
     }

@@ -3,6 +3,7 @@
 //! w(τ_imp) = max over τ_exp ∈ D_e of sim(τ_imp, τ_exp), q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1]. The paper leaves norm
 //! open; [`local`] defines the scale of similarities, and [`measure`] the value that norm is applied to.
 
+mod ahead;
 mod alike;
 mod base;
 mod comparison;
@@ -185,8 +186,8 @@ impl Call<'_> {
                 }
             };
             let Some(Found { mut imperfect, mut experts, local }) = found else { return Ok(None) };
-            let lookahead = self.scorer.comparison().map_or(0.0, |comparison| comparison.lookahead);
-            let measure = Measure::new(local, (self.inputs.experts, lookahead), &experts);
+            let ahead = self.scorer.comparison().map(|comparison| comparison.ahead).unwrap_or_default();
+            let measure = Measure::new(local, (self.inputs.experts, ahead), &experts);
             let normaliser = match base {
                 Some(base) => base.normaliser.clone(),
                 None => self.normaliser(&imperfect, &experts, &measure)?,

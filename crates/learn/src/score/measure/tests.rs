@@ -24,6 +24,36 @@ fn a_gain_is_the_most_within_reach_and_rises_at_an_expert_s_pace_after_the_end()
     assert_eq!(gains(&[], 3, pace), Vec::<f64>::new());
 }
 
+fn looking(lookahead: f64) -> Ahead {
+    Ahead { lookahead, lead_in: 0.0 }
+}
+
+#[test]
+fn a_segment_is_as_good_as_the_best_one_that_it_leads_to() {
+    let experts = toy::experts(2, 8);
+    let of = |w: &[f64]| EpisodeScores { w: w.to_vec(), ..scores("a", 0, vec![0; w.len()], 0.0) };
+    let alone = [of(&[-3.0, -1.0, -2.0, -4.0, -2.0, -1.0, -3.0, -5.0])];
+    // L is two steps.
+    let measure = Measure::new(None, (&experts, Ahead { lookahead: 0.0, lead_in: 0.25 }), &alone);
+    let back = of(&[-9.0, -9.0, -8.0, -1.0, -9.0, -9.0]);
+    assert_eq!(
+        measure.of(&back),
+        [-8.0, -1.0, -1.0, -1.0, -9.0, -9.0],
+        "before the way back and after it nothing changes"
+    );
+    assert_eq!(measure.of(&of(&[])), Vec::<f64>::new());
+    // Experts are measured alike, so a half of them stays above a half.
+    let led = measure.of(&alone[0]);
+    assert_eq!(led, [-1.0, -1.0, -2.0, -1.0, -1.0, -1.0, -3.0, -5.0]);
+    let scale = Normaliser::fit(NormaliserKind::Calibrated, led);
+    // A live segment, whose later steps are unknown, is as good among experts as its similarity.
+    for (w, own) in [(-1.0, 1.0), (-2.0, 0.75), (-3.0, 0.45), (-9.0, 0.0)] {
+        let q = scale.q(measure.now(w, (0, 3)));
+        assert!((q - own).abs() < 0.3, "{w}: {q}");
+    }
+    assert_eq!([-1.0, -9.0].map(|w| scale.q(measure.now(w, (0, 3)))), [1.0, 0.0]);
+}
+
 #[test]
 fn progress_does_not_make_up_for_an_outlier() {
     assert_eq!([blend(0.05, 1.0), blend(0.5, 0.5), blend(1.0, 0.0)], [0.525, 0.5, 0.5]);
@@ -49,7 +79,7 @@ fn an_episode_that_stands_still_has_half_the_measure_of_one_that_advances() {
     let forward: Vec<u32> = (0..8).collect();
     let alone = [scores("a", 1, forward.clone(), -1.0), scores("b", 0, forward.clone(), -1.0)];
     // Δ is two steps.
-    let measure = Measure::new(None, (&experts, 0.25), &alone);
+    let measure = Measure::new(None, (&experts, looking(0.25)), &alone);
     let advances = measure.of(&scores("good", 0, forward, -1.0));
     let stands = measure.of(&scores("frozen", 0, vec![3; 8], -1.0));
     assert_eq!(advances, vec![1.0; 8], "to its very end");
@@ -57,7 +87,7 @@ fn an_episode_that_stands_still_has_half_the_measure_of_one_that_advances() {
     assert_eq!(stands[7], 1.0, "its recording ends, so nothing is known of what came next");
     // Later steps are unknown, so the similarity decides.
     assert_eq!([-1.0, -2.0].map(|w| measure.now(w, (0, 3))), [1.0, 0.0]);
-    let without = Measure::new(None, (&experts, 0.0), &alone);
+    let without = Measure::new(None, (&experts, Ahead::default()), &alone);
     assert_eq!((without.of(&alone[0]), without.now(-2.0, (0, 3))), (vec![-1.0; 8], -2.0));
 }
 
@@ -108,8 +138,8 @@ fn later_steps_change_q_and_neither_w_nor_matches() {
 fn progress_is_a_share_of_the_matched_expert_s_own_episode() {
     let experts = [toy::episode("b", 1, 4, true), toy::episode("a", 2, 8, true)];
     let alone = [scores("b", 1, vec![0, 2, 4, 6], -1.0), scores("a", 0, vec![0, 0, 1, 1, 2, 2, 3, 3], -1.0)];
-    let measure = Measure::new(None, (&experts, 0.34), &alone);
-    let progress = &measure.outlook.as_ref().unwrap().progress;
+    let measure = Measure::new(None, (&experts, looking(0.34)), &alone);
+    let (progress, _) = measure.outlook.as_ref().unwrap().ahead.as_ref().unwrap();
     assert_eq!((progress.delta, &progress.lengths), (2, &vec![4, 8]));
     assert_eq!(progress.gains(&alone[0])[..2], [0.5, 0.5], "four of eight steps");
     assert_eq!(progress.gains(&alone[1])[..2], [0.25, 0.25], "one of four");
@@ -133,7 +163,7 @@ fn a_live_segment_is_as_good_among_experts_as_its_similarity() {
     let lone = run(&spec(0.0, NormaliserKind::Calibrated));
     let whole = run(&spec(0.5, NormaliserKind::Calibrated));
     // Unscaled, so that w alone decides.
-    let plain = Measure::new(None, (&experts, 0.5), &whole.experts);
+    let plain = Measure::new(None, (&experts, looking(0.5)), &whole.experts);
     let near = Normaliser::fit(NormaliserKind::Calibrated, lone.experts.iter().flat_map(|e| e.w.clone()).collect());
     let both = Normaliser::fit(NormaliserKind::Calibrated, whole.experts.iter().flat_map(|e| plain.of(e)).collect());
     let mut below = 0;
@@ -180,4 +210,32 @@ fn experts_of_different_lengths_in_any_order_are_measured_alike() {
     for (one, other) in whole.imperfect.iter().zip(&other.imperfect) {
         assert_eq!(one.q, other.q);
     }
+}
+
+#[test]
+fn the_way_back_to_what_experts_do_counts_as_good() {
+    let (experts, mut imperfect) = episodes();
+    // A failure that begins as none of the experts does and becomes one of them.
+    let joined = imperfect[1].clone().changed(|arrays| {
+        let (frame, widths) = (arrays.frames.len() / 14, [arrays.proprioception.len() / 14, arrays.action.len() / 14]);
+        arrays.frames[..4 * frame].fill(0);
+        arrays.proprioception[..4 * widths[0]].fill(9.0);
+        arrays.action[..4 * widths[1]].fill(-9.0);
+    });
+    imperfect.push(Trajectory { id: "joined".into(), ..joined });
+    let of = |lead_in: f64| {
+        let spec = spec_of("raw", &[("lookahead", 0.0.into()), ("lead_in", lead_in.into())]);
+        let spec = ScoreSpec { normaliser: NormaliserKind::Calibrated, ..spec };
+        let scores = score_anew(&experts, &imperfect, &spec, &mut Silent).unwrap();
+        let live = LiveScorer::load(&encoder(), &experts, &spec, scores.normaliser.clone()).unwrap();
+        assert_eq!(live.score_episode(&imperfect[3]).unwrap(), scores.imperfect[3], "a stored run and a live one");
+        scores.imperfect[3].clone()
+    };
+    let (without, with) = (of(0.0), of(0.2));
+    assert_eq!((&with.w, &with.match_step), (&without.w, &without.match_step), "neither w nor matches change");
+    // L is two steps of a mean expert's 10.6.
+    let begins = |scores: &EpisodeScores| scores.q.iter().position(|q| *q > 0.5).unwrap();
+    assert!(begins(&without) > 4, "a beginning unlike the experts: {:?}", without.q);
+    assert_eq!(begins(&with) + 2, begins(&without), "its last steps lead to what experts do: {:?}", with.q);
+    assert_eq!(with.q[..3], [0.0; 3], "and its first do not");
 }

@@ -1,0 +1,17 @@
+//! How far later steps count for a segment. Plain values; the measure gives them their meaning.
+
+/// Shares of a mean expert episode; 0: later steps do not count.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Ahead {
+    /// Δ, within which later matches count as progress.
+    pub(super) lookahead: f64,
+    /// L, within which a segment is as good as the best one that it leads to.
+    pub(super) lead_in: f64,
+}
+
+impl Ahead {
+    /// Whether a later step counts.
+    pub(super) fn counts(self) -> bool {
+        self.lookahead > 0.0 || self.lead_in > 0.0
+    }
+}
