@@ -49,7 +49,7 @@ async fn evaluation_whose_process_ends_or_hangs_is_repeated_with_the_same_result
     let (server, mut api, _) = lab::with_episodes(&flags).await;
     let policy = api.train_policy(3).await.1;
     // Attempts of this many steps take seconds.
-    let steps = 600;
+    let steps = 200;
     let job = api.succeed(lab::TASK, evaluate(&policy, steps)).await;
     assert_eq!(job.attempt, 1);
     let expected = results(&mut api, &job).await;

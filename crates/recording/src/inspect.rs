@@ -110,7 +110,7 @@ fn late_start(steps: &Steps<'_>, report: &mut Report) {
     report.add(Severity::Warning, FindingCode::LateStart, &last.topic, Some(0), detail);
 }
 
-/// Steps that hold a message of more than so many periods of its stream, which may be slower than the steps.
+/// Steps that hold a message of more than 2.5 periods of its stream, which may be slower than the steps.
 fn gaps(steps: &Steps<'_>, report: &mut Report) {
     let mut note = |subject: &str, period: i64, distances: Vec<i64>| {
         let limit = period as f64 * GAP_PERIODS;

@@ -99,7 +99,7 @@ impl CreateArgs {
             .output
             .result(|| json::value(&created), || format!("task {} created ({})", specification.name, task.id))?;
         context.output.next(format_args!(
-            "gleaner push RECORDINGS --task {} (with the labels.csv in the folder, if it has one)",
+            "gleaner push RECORDINGS --task {} (with the labels.csv in the folder, or a table by --labels)",
             specification.name
         ));
         Ok(())

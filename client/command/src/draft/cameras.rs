@@ -134,7 +134,7 @@ fn camera_of(name: String, same: &[Found<'_>]) -> Camera {
     if recorded.is_some() {
         let (height, width) = step;
         reasons.push(format!(
-            "Models read {height}×{width} of it; a larger picture shows more and takes longer to train."
+            "Models read it scaled to {height}×{width}; a larger picture shows more and takes longer to train."
         ));
     }
     if !depth && same.iter().any(|found| found.depth.is_some()) {

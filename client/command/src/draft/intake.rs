@@ -26,7 +26,7 @@ pub(crate) fn of_description(description: &Description, name: String) -> Draft {
         if (camera.height, camera.width) != (height, width) {
             camera.recorded = Some(RecordedSize { height, width, crop: None });
             reasons.push(format!(
-                "Models read {}×{} of it; a larger picture shows more and takes longer to train.",
+                "Models read it scaled to {}×{}; a larger picture shows more and takes longer to train.",
                 camera.height, camera.width
             ));
         }
