@@ -239,6 +239,9 @@ fn keyed(work: &Work) -> Work {
     if let Work::Train { settings } = &mut keyed {
         settings.retain(|name, value| name != "hidden_history" || *value != "steps");
     }
+    if let Work::Score { settings } = &mut keyed {
+        settings.retain(|name, value| name != "lead_in" || value.as_f64() != Some(0.0));
+    }
     keyed
 }
 
