@@ -128,5 +128,5 @@ def test_settings_may_be_numbers_of_numpy() -> None:
 
 def test_limits_of_an_action_are_a_number_or_a_list() -> None:
     field = build(task_pb2.FieldSpec, {"name": "joints", "size": 2, "minimum": [-1.0, -0.5], "maximum": 1.0})
-    assert list(field.minimum_each) == [-1.0, -0.5] and not field.HasField("minimum")
-    assert field.maximum == 1.0 and not field.maximum_each
+    assert (list(field.minimum_each), field.HasField("minimum")) == ([-1.0, -0.5], False)
+    assert (field.maximum, list(field.maximum_each)) == (1.0, [])
