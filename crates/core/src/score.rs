@@ -68,7 +68,8 @@ pub struct EpisodeScores<Id = EpisodeId> {
     /// The highest similarity to an expert segment, at most 0; the classifier's log p; the information of `deminf`;
     /// the gain of `progress`; the share of `vote`; the imported q before it was rounded.
     pub w: Vec<f64>,
-    /// w, with a lookahead also the progress of later matches, normalised to [0, 1].
+    /// w, with a lookahead also the progress of later matches, and with a lead-in the best of those of the next segments,
+    /// normalised to [0, 1].
     pub q: Vec<f32>,
     /// Index into the run's `expert_ids`.
     pub match_episode: Vec<u32>,

@@ -7,7 +7,7 @@ use gleaner_core::NormaliserKind;
 const QUANTILES: usize = 1001;
 
 /// q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1], frozen with a score run, so that later segments have the same scale. With a
-/// local scale ρ, w here is w / ρ, and with a lookahead it is the measure that joins it with progress.
+/// local scale ρ, w here is w / ρ, and where later steps count it is the measure that joins it with them.
 ///
 /// `minmax`: q = (w − lo) / (hi − lo), clamped to 0 … 1. `quantile`: the share of the run's imperfect segments with a
 /// smaller w. `calibrated`: the share of the run's expert segments, each compared with the other experts, with a w at
