@@ -133,9 +133,7 @@ fn camera_of(name: String, same: &[Found<'_>]) -> Camera {
     }
     if recorded.is_some() {
         let (height, width) = step;
-        reasons.push(format!(
-            "Models read it scaled to {height}×{width}; a larger picture shows more and takes longer to train."
-        ));
+        reasons.push(format!("Models read it scaled to {height}×{width}; larger ones show more and train slower."));
     }
     if !depth && same.iter().any(|found| found.depth.is_some()) {
         reasons.push("Its depth is left out, because not every way of recording has it.".to_owned());

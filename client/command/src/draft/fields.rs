@@ -7,6 +7,7 @@ use gleaner_recording::{Bound, FieldSource, FieldSpec, ValueRange};
 use super::actions::Actions;
 use super::candidate::{Candidate, LeftOut, Order};
 use super::limits::{self, short};
+use super::orders;
 use super::still;
 use super::tokens;
 use super::units;
@@ -44,11 +45,8 @@ pub(super) struct Field {
 /// The like of a candidate in another way.
 struct Like {
     candidate: Candidate,
-    /// The orders in which both agree best: its own, and that of the other.
-    own: usize,
-    its: usize,
-    /// Whether their ranges fit; else their names do, or both are the only ones of their size.
-    fits: bool,
+    /// Whether both are alike only in that nothing else has their size.
+    by_size: bool,
 }
 
 /// The fields that all ways have: those of the first way, each with its like in the others.
@@ -84,72 +82,38 @@ pub(super) fn fields(
     fields
 }
 
-/// For each candidate the like of another way, taken from there, with the orders in which both agree best.
+/// For each candidate the like of another way, taken from there.
 fn pairs(first: &[Candidate], others: &mut Vec<Candidate>, actions: &Actions<'_>) -> Vec<Option<Like>> {
     let mut scored = Vec::new();
     for (at, one) in first.iter().enumerate() {
         for (number, other) in others.iter().enumerate().filter(|(_, other)| actions.has(one) == actions.has(other)) {
-            if let Some((fit, own, its)) = best_orders(one, other) {
+            if let Some(fit) = orders::best(one, other) {
                 let names = tokens::likeness(&one.name, &other.name).max(tokens::likeness(&one.topic, &other.topic));
-                scored.push((names + fit, at, number, own, its, fit >= FITS));
+                scored.push((names + fit, at, number));
             }
         }
     }
     scored.sort_by(|one, other| other.0.total_cmp(&one.0));
-    let mut chosen: Vec<Option<(usize, usize, usize, bool)>> = vec![None; first.len()];
+    let mut chosen: Vec<Option<(usize, bool)>> = vec![None; first.len()];
     let mut used = vec![false; others.len()];
-    for &(score, at, number, own, its, fits) in &scored {
+    for &(score, at, number) in &scored {
         if score >= SAME && chosen[at].is_none() && !used[number] {
             used[number] = true;
-            chosen[at] = Some((number, own, its, fits));
+            chosen[at] = Some((number, false));
         }
     }
     // What is left on both sides is the same if nothing else has its size.
-    let left: Vec<_> = scored.iter().filter(|(_, at, number, ..)| chosen[*at].is_none() && !used[*number]).collect();
-    for &&(_, at, number, own, its, _) in &left {
-        if left.iter().filter(|(_, one, other, ..)| *one == at || *other == number).count() == 1 {
-            chosen[at] = Some((number, own, its, false));
+    let left: Vec<_> = scored.iter().filter(|(_, at, number)| chosen[*at].is_none() && !used[*number]).collect();
+    for &&(_, at, number) in &left {
+        if left.iter().filter(|(_, one, other)| *one == at || *other == number).count() == 1 {
+            chosen[at] = Some((number, true));
         }
     }
     let mut left: Vec<Option<Candidate>> = others.drain(..).map(Some).collect();
-    let mut take = |(number, own, its, fits): (usize, usize, usize, bool)| {
-        Some(Like { candidate: left[number].take()?, own, its, fits })
-    };
+    let mut take = |(number, by_size): (usize, bool)| Some(Like { candidate: left[number].take()?, by_size });
     let pairs = chosen.into_iter().map(|chosen| chosen.and_then(&mut take)).collect();
     others.extend(left.into_iter().flatten());
     pairs
-}
-
-/// The orders of two candidates whose ranges fit best, and how well, from 0 to 1; `None` if their sizes differ.
-fn best_orders(one: &Candidate, other: &Candidate) -> Option<(f64, usize, usize)> {
-    let mut best: Option<(f64, usize, usize)> = None;
-    for (own, order) in one.orders.iter().enumerate() {
-        for (its, theirs) in other.orders.iter().enumerate() {
-            if order.ranges.len() != theirs.ranges.len() {
-                continue;
-            }
-            // Names that both have are the same joints.
-            let named = !order.names.is_empty() && !theirs.names.is_empty();
-            let fit = if named { f64::from(u8::from(order.names == theirs.names)) } else { fit(order, theirs) };
-            // Of equal fits the likelier orders.
-            if best.is_none_or(|(known, ..)| fit > known + 1e-6) {
-                best = Some((fit, own, its));
-            }
-        }
-    }
-    best
-}
-
-/// How much the ranges of two orders overlap, from 0 to 1.
-#[expect(clippy::cast_precision_loss, reason = "a field has few values")]
-fn fit(one: &Order, other: &Order) -> f64 {
-    let overlap = |(one, other): (&ValueRange, &ValueRange)| {
-        let apart = (one.minimum - other.minimum).abs() + (one.maximum - other.maximum).abs();
-        let span = (one.maximum - one.minimum) + (other.maximum - other.minimum);
-        (1.0 - apart / (span + 1e-2)).max(0.0)
-    };
-    let sum: f64 = one.ranges.iter().zip(&other.ranges).map(overlap).sum();
-    sum / one.ranges.len().max(1) as f64
 }
 
 /// A name that no other field has.
@@ -169,7 +133,8 @@ fn unique(candidate: &Candidate, fields: &[Field]) -> String {
 
 fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>, ways: &[Way]) -> Field {
     let action = actions.has(first);
-    let own = alike.first().map_or(0, |like| like.own);
+    let others: Vec<&Candidate> = alike.iter().map(|like| &like.candidate).collect();
+    let (own, theirs) = orders::agreed(first, &others);
     let order = &first.orders[own];
     let mut reasons = Vec::new();
     let mut ranges = order.ranges.clone();
@@ -184,15 +149,16 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
     let mut sources = vec![source(first, order)];
     reasons.push(format!("{} {}{}.", first.topic, shown_paths(order), shown_order(first, own)));
     reasons.push(actions.reason(first));
-    for (Like { candidate, its, fits, .. }, way) in alike.iter().zip(ways.iter().skip(1)) {
-        let reason = if *fits { "its ranges fit" } else { "but its ranges do not fit, so compare their meaning" };
-        let theirs = &candidate.orders[*its];
+    for ((Like { candidate, by_size }, (its, fit)), way) in alike.iter().zip(theirs).zip(ways.iter().skip(1)) {
+        let fits = fit >= FITS && !by_size;
+        let reason = if fits { "its ranges fit" } else { "but its ranges do not fit, so compare their meaning" };
+        let theirs = &candidate.orders[its];
         reasons.push(format!(
             "In {} it is {} {}{}: {reason}.",
             way.name,
             candidate.topic,
             shown_paths(theirs),
-            shown_order(candidate, *its)
+            shown_order(candidate, its)
         ));
         sources.push(source(candidate, theirs));
         for (range, other) in ranges.iter_mut().zip(&theirs.ranges) {
@@ -219,7 +185,7 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
         && let Some(unit) = units::of_paths(&first.schema, &sources[0].paths)
     {
         spec.unit = unit;
-        reasons.insert(place, format!("Its unit is that of {} by the conventions of ROS.", first.schema));
+        reasons.insert(place, "Its unit is by the conventions of ROS.".to_owned());
     }
     let stamped = std::iter::once(first.stamped).chain(alike.iter().map(|like| like.candidate.stamped));
     Field {
@@ -258,7 +224,7 @@ pub(super) fn bound(
         reasons.push(format!("{observed}, as of a command between 0 and 1."));
     } else {
         let each = if limits::are_listed(ranges) {
-            " They are listed in the order of the values."
+            " They are in the order of its paths below."
         } else if spec.size > 1 {
             " They are limits of every value; where values differ, write a list with one for each, such as [-1.0, -0.5]."
         } else {

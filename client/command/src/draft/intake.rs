@@ -26,7 +26,7 @@ pub(crate) fn of_description(description: &Description, name: String) -> Draft {
         if (camera.height, camera.width) != (height, width) {
             camera.recorded = Some(RecordedSize { height, width, crop: None });
             reasons.push(format!(
-                "Models read it scaled to {}×{}; a larger picture shows more and takes longer to train.",
+                "Models read it scaled to {}×{}; larger ones show more and train slower.",
                 camera.height, camera.width
             ));
         }

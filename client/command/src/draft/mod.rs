@@ -9,6 +9,7 @@ mod fields;
 mod intake;
 mod limits;
 mod measured;
+mod orders;
 mod repeats;
 mod role;
 mod still;
@@ -21,7 +22,7 @@ mod write;
 
 use gleaner_recording::{Mapping, Survey, TaskSpec, rounded_rate};
 
-use crate::words::counted;
+use crate::words::{counted, some};
 
 pub(crate) use intake::of_description;
 
@@ -126,6 +127,18 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
 }
 
 impl Draft {
+    /// What a reader has to decide, because recordings do not show it.
+    fn decisions(&self) -> Vec<String> {
+        let taken = self.fields.iter().filter(|field| !field.is_aside);
+        let unlimited = taken.filter(|field| field.action && !field.observed.is_empty());
+        let unlimited: Vec<String> = unlimited.map(|field| field.spec.name.clone()).collect();
+        let limits = (!unlimited.is_empty()).then(|| format!("the limits of {}", some(&unlimited)));
+        let scaled = self.cameras.iter().any(|camera| camera.spec.recorded.is_some());
+        let sizes = scaled.then(|| "the size of pictures".to_owned());
+        let decisions = [Some("the name".to_owned()), limits, sizes, Some("what a policy observes".to_owned())];
+        decisions.into_iter().flatten().collect()
+    }
+
     /// What a reader should not overlook, as sentences.
     pub(crate) fn doubts(&self) -> Vec<String> {
         let mut doubts = Vec::new();
@@ -222,8 +235,9 @@ fn pace(ways: &[Way], cameras: &[Camera], fields: &[Field]) -> Pace {
         (Some(commands), Some(pictures)) if commands > pictures * NOTED => (
             rounded_rate(commands),
             format!(
-                "Commands come at {commands:.1} Hz: a step for each. The slowest camera has {pictures:.1} Hz, so a picture \
-                 serves several steps; for a step for each picture, take {:?} here and {} as `clock`.",
+                "Commands come at {commands:.1} Hz: a step for each, so that a policy commands as often. The slowest camera \
+                 has {pictures:.1} Hz, so a picture serves several steps. For a step for each picture, which trains faster \
+                 and commands less often, take {:?} here and {} as `clock`.",
                 rounded_rate(pictures),
                 topics_of(ways, |at, way| slowest(way, cameras, at).map(|(topic, _)| topic.to_owned())),
             ),

@@ -82,7 +82,7 @@ pub(super) fn set_torques_aside(fields: &mut [Field]) {
         field.is_aside = true;
         field.reasons.push(format!(
             "Commented out, because {positions} has the same joints, and torques show the command of the moment, which a \
-             policy may repeat instead of reading the pictures. Delete the # here and in the mappings to take it."
+             policy may repeat. To take it, delete the # here and in the mappings."
         ));
     }
 }

@@ -4,6 +4,7 @@ use gleaner_recording::{Bound, FieldKind, SurveyedCamera, SurveyedField, Surveye
 
 use super::*;
 
+mod orders;
 mod repeats;
 mod roles;
 mod still;
@@ -227,7 +228,7 @@ fn steps_follow_commands_that_are_little_faster_than_a_camera() {
     let spec = written(&draft);
     assert_eq!((spec.rate_hz, spec.mappings[0].clock.as_deref()), (20.0, Some("/cmd")));
     let reason = draft.to_string().replace("\n# ", " ");
-    assert!(reason.contains("for a step for each picture, take 12.0 here and /front/image as `clock`"), "{reason}");
+    assert!(reason.contains("commands less often, take 12.0 here and /front/image as `clock`"), "{reason}");
 }
 
 #[test]
@@ -251,8 +252,8 @@ fn transforms_of_frames_are_left_out_with_the_way_to_take_one() {
     survey.topics.push(SurveyedTopic { schema: "sensor_msgs/msg/JointState".into(), ..joints });
     survey.topics.push(topic("/action", "cdr", vec![numbers("data", &[ValueRange::of(0.25); 2])]));
     let draft = draft([&survey], &Known::default()).unwrap();
-    assert!(draft.to_string().contains("Its unit is that of sensor_msgs/msg/JointState"), "{draft}");
-    assert!(draft.to_string().contains("size = 2\nunit = \"rad (m where a joint slides)\"\n"), "{draft}");
+    assert!(draft.to_string().contains("Its unit is by the conventions of ROS."), "{draft}");
+    assert!(draft.to_string().contains("size = 2\nunit = \"rad or m\"\n"), "{draft}");
     let spec: TaskSpec = toml::from_str(&draft.to_string()).unwrap();
     assert_eq!(spec.proprioception[0].unit, draft.spec.proprioception[0].unit);
     let left: Vec<String> = draft.left_out.iter().map(|left| format!("{}: {}", left.what, left.reason)).collect();

@@ -8,12 +8,12 @@ const UNITS: &[(&[&str], &[Unit])] = &[
     (
         &["JointState", "JointTrajectory", "JointTrajectoryPoint"],
         &[
-            ("position", "rad (m where a joint slides)"),
-            ("positions", "rad (m where a joint slides)"),
-            ("velocity", "rad/s (m/s where a joint slides)"),
-            ("velocities", "rad/s (m/s where a joint slides)"),
-            ("accelerations", "rad/s² (m/s² where a joint slides)"),
-            ("effort", "N m (N where a joint slides)"),
+            ("position", "rad or m"),
+            ("positions", "rad or m"),
+            ("velocity", "rad/s or m/s"),
+            ("velocities", "rad/s or m/s"),
+            ("accelerations", "rad/s² or m/s²"),
+            ("effort", "N m or N"),
         ],
     ),
     (&["Twist", "TwistStamped", "TwistWithCovarianceStamped"], &[("linear", "m/s"), ("angular", "rad/s")]),
@@ -68,9 +68,9 @@ mod tests {
     #[test]
     fn units_are_those_of_the_conventions() {
         for (schema, path, unit) in [
-            ("sensor_msgs/msg/JointState", "position", "rad (m where a joint slides)"),
-            ("sensor_msgs/JointState", "effort", "N m (N where a joint slides)"),
-            ("trajectory_msgs/msg/JointTrajectory", "points[0].velocities", "rad/s (m/s where a joint slides)"),
+            ("sensor_msgs/msg/JointState", "position", "rad or m"),
+            ("sensor_msgs/JointState", "effort", "N m or N"),
+            ("trajectory_msgs/msg/JointTrajectory", "points[0].velocities", "rad/s or m/s"),
             ("geometry_msgs/msg/TwistStamped", "twist.angular.z", "rad/s"),
             ("nav_msgs/msg/Odometry", "twist.twist.linear.x", "m/s"),
             ("sensor_msgs/msg/Imu", "linear_acceleration.y", "m/s²"),

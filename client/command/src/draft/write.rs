@@ -15,6 +15,8 @@ const WIDTH: usize = 118;
 impl Display for Draft {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
         comment(out, &format!("Drafted by `gleaner task draft` from {}.", self.origin))?;
+        let decide = self.decisions().join(", ");
+        comment(out, &format!("To decide: {decide}. The mappings below the line rarely need a change."))?;
         comment(out, "Each guess has its reason; `gleaner help task` explains every key.")?;
         writeln!(out, "name = {}\n", text(&self.spec.name))?;
         if !self.spec.instruction.is_empty() {
