@@ -131,6 +131,40 @@ async fn recordings_are_inspected_without_a_server_and_damage_is_named() {
 }
 
 #[tokio::test]
+async fn labels_are_checked_with_the_recordings_without_a_server() {
+    let folder = tempfile::tempdir().unwrap();
+    copied(folder.path(), &["pick_cube_foxglove.mcap", "pick_cube_ros2.mcap"]);
+    let task = folder.path().join("task.toml");
+    drafted(&[folder.path()], &task).await;
+    let labels = |name: &str, lines: &str| {
+        let file = folder.path().join(name);
+        std::fs::write(&file, lines).unwrap();
+        file
+    };
+    let check = ["task", "check", text(&task), text(folder.path())];
+
+    labels("labels.csv", "file,outcome\npick_cube_ros2.mcap,success\n");
+    let missing = gleaner(NOWHERE, &check).await;
+    let problem = "pick_cube_foxglove.mcap is not listed in";
+    assert!(!missing.success && missing.errors.contains(problem), "{}", missing.text());
+
+    let own = labels("trials.csv", "run;verdict;trouble\npick_cube_ros2;solved;\npick_cube_foxglove;bad;dropped\n");
+    let columns = ["--labels", text(&own), "--label-columns", "file=run,outcome=verdict,cohort=trouble"];
+    let named = [&check[..], &columns, &["--success-value", "solved"]].concat();
+    let checked = gleaner(NOWHERE, &named).await;
+    let line = format!("labels of {}: 1 success, 1 failure (1 \"dropped\")", own.display());
+    assert!(checked.success && checked.out.contains(&line), "{}", checked.text());
+    assert!(checked.out.contains("warning: scores need at least two successes"), "{}", checked.out);
+    let found = json(NOWHERE, &named).await;
+    let label = |name: &str| {
+        let rows = found["recordings"].as_array().unwrap().iter();
+        rows.clone().find(|row| row["file"].as_str().unwrap().ends_with(name)).unwrap()["label"].clone()
+    };
+    assert_eq!(label("foxglove.mcap"), serde_json::json!({ "outcome": "failure", "cohort": "dropped" }));
+    assert_eq!(label("ros2.mcap")["outcome"], "success");
+}
+
+#[tokio::test]
 async fn a_wrong_topic_is_refused_once_with_the_nearest_one() {
     let folder = tempfile::tempdir().unwrap();
     copied(folder.path(), &["pick_cube_ros2.mcap"]);

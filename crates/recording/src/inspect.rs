@@ -103,8 +103,8 @@ fn late_start(steps: &Steps<'_>, report: &mut Report) {
         return;
     }
     let detail = format!(
-        "its first message is late: {:.2} s at the beginning of the recording are no steps. Start the recording once every \
-         topic has messages",
+        "its first message is late: {:.2} s at the beginning of the recording are no steps. If the robot was commanded by \
+         then, start the recording once every topic has messages",
         lost as f64 / 1e9
     );
     report.add(Severity::Warning, FindingCode::LateStart, &last.topic, Some(0), detail);

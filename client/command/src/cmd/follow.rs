@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use gleaner_client::{Client, ClientError};
-use gleaner_proto::v1::{Job, JobState, WatchJobResponse};
+use gleaner_proto::v1::{GetTaskRequest, Job, JobState, WatchJobResponse};
+
+use super::training_warnings;
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
@@ -73,10 +75,10 @@ impl View {
         Some(format!("{} {}: {} of {}{loss}, {left}", job.id, job.message, job.done, job.total))
     }
 
-    /// Ends the bar, and returns what the metrics of the job warn of.
-    pub(crate) fn end(self) -> Option<String> {
+    /// Ends the bar, and returns the latest metrics.
+    pub(crate) fn end(self) -> BTreeMap<String, f64> {
         self.bar.finish_and_clear();
-        unfollowed(*self.metrics.get("switches_followed")?)
+        self.metrics
     }
 }
 
@@ -91,6 +93,8 @@ struct Pace {
 
 /// Shortest time between two lines.
 const QUIET: Duration = Duration::from_secs(15);
+/// Longest time without a line, whatever has been done since.
+const SILENT: Duration = Duration::from_secs(60);
 
 impl Pace {
     fn at(job: &Job, now: Instant) -> Self {
@@ -103,7 +107,8 @@ impl Pace {
             *self = Self::at(job, now);
         }
         let done = job.done.saturating_sub(self.begun.1);
-        if done == 0 || tenths(job) <= self.noted.1 || now - self.noted.0 < QUIET {
+        let quiet = now - self.noted.0;
+        if done == 0 || quiet < QUIET || (tenths(job) <= self.noted.1 && quiet < SILENT) {
             return None;
         }
         self.noted = (now, tenths(job));
@@ -115,18 +120,6 @@ impl Pace {
 /// The tenths of its work that a job has done.
 fn tenths(job: &Job) -> u64 {
     (job.done.saturating_mul(10)).checked_div(job.total).unwrap_or(0)
-}
-
-/// The warning of a policy that gives the new binary value at this share only of the steps at which experts change one.
-fn unfollowed(share: f64) -> Option<String> {
-    (share < 0.5).then(|| {
-        format!(
-            "at {:.0} % only of the steps at which experts switch a binary action value, the policy switches at that step \
-             too: it may switch a little later, or never. Try whether it does; if not, train it longer, or leave out of the \
-             task what follows that action, such as the joint of a finger",
-            share * 100.0
-        )
-    })
 }
 
 // The few that fit on a line: the loss as a whole before its parts, then by name.
@@ -149,10 +142,16 @@ pub(crate) async fn to_success(context: &Context, client: &Client, job_id: &str)
 pub(crate) async fn to_end(context: &Context, client: &Client, job_id: &str) -> Result<Job> {
     let mut view = View::new(context, job_id);
     let ended = client.watch(job_id, |event| view.event(event)).await;
-    let warning = view.end();
+    let metrics = view.end();
     let job = ended?;
-    if let Some(warning) = warning {
-        context.output.note(format_args!("warning: {warning}"));
+    if training_warnings::has(&metrics) {
+        let request = GetTaskRequest { task: job.task_id.clone() };
+        let task = client.tasks().get_task(request).await?.into_inner().task;
+        let cameras = task.and_then(|task| task.spec).map(|spec| spec.cameras).unwrap_or_default();
+        let cameras: Vec<String> = cameras.into_iter().map(|camera| camera.name).collect();
+        for warning in training_warnings::all(&metrics, &cameras) {
+            context.output.note(format_args!("warning: {warning}"));
+        }
     }
     Ok(job)
 }
@@ -169,13 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_policy_that_follows_few_switches_is_a_warning() {
-        assert_eq!(unfollowed(0.5), None);
-        assert!(unfollowed(0.06).unwrap().starts_with("at 6 % only of the steps"));
-    }
-
-    #[test]
-    fn without_a_bar_each_tenth_is_a_line_unless_the_last_is_recent() {
+    fn without_a_bar_each_tenth_and_each_minute_is_a_line_unless_the_last_is_recent() {
         let bar = Bar::hidden();
         let mut view =
             View { bar, log: None, state: None, pace: None, metrics: BTreeMap::from([("loss".into(), 0.5)]) };
@@ -191,6 +184,7 @@ mod tests {
         assert_eq!(line, "job_1 training: 30 of 100, loss 0.5000, about 1 min 10 s left");
         assert_eq!(at(140, "training", 39), None, "the same tenth");
         assert!(at(150, "training", 40).unwrap().ends_with("about 2 min 00 s left"));
-        assert!(at(210, "training", 100).unwrap().ends_with("100 of 100, loss 0.5000, almost done"));
+        assert!(at(210, "training", 41).unwrap().contains(": 41 of 100"), "a minute has gone by");
+        assert!(at(230, "training", 100).unwrap().ends_with("100 of 100, loss 0.5000, almost done"));
     }
 }

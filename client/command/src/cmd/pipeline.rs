@@ -55,13 +55,17 @@ const UNREAD: [(&str, u32); 2] = [("steps", 1), ("batch", 32)];
 impl PipelineArgs {
     pub(crate) fn spec(&self) -> PipelineSpec {
         let mut settings = self.settings.clone();
-        let is_unread = !self.reads_encoder() && !settings.values.contains_key("steps");
-        let unread = if is_unread { &UNREAD[..] } else { &[] };
+        let unread = if self.is_unread() { &UNREAD[..] } else { &[] };
         let quick = if self.quick { &QUICK[..] } else { &[] };
         for (name, value) in unread.iter().chain(quick) {
             settings.values.entry(*name).or_insert_with(|| (*value).into());
         }
         Self { settings, ..self.clone() }.completed()
+    }
+
+    /// Whether the encoder is trained for its name and its sizes alone.
+    fn is_unread(&self) -> bool {
+        !self.reads_encoder() && !self.settings.values.contains_key("steps")
     }
 
     /// The pipeline of these settings.
@@ -165,6 +169,11 @@ impl PipelineCommand {
             key: self.key.clone(),
         };
         let mut reply = queued(context, &self.key, client.submit_pipeline(request).await)?;
+        if self.pipeline.is_unread() {
+            context
+                .output
+                .note("the encoder is trained for one step, because neither the scorer nor the policy reads it");
+        }
         if self.submit.wait {
             for job in &mut reply.jobs {
                 *job = follow::to_success(context, &client, &job.id).await?;

@@ -5,7 +5,6 @@ mod cut;
 mod datasets;
 mod items;
 mod join;
-mod listed;
 mod shown;
 
 use std::path::{Path, PathBuf};

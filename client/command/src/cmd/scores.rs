@@ -110,12 +110,26 @@ fn drawing(what: &str, scores: &EpisodeScores, beta: f64, width: usize) -> Strin
     #[expect(clippy::cast_precision_loss, reason = "an episode's steps are far below 2^52")]
     let mean = sum / q.len().max(1) as f64;
     let spread = if q.is_empty() { "no steps".into() } else { format!("mean {mean:.3}, min {low:.3}, max {high:.3}") };
+    let stretches = stretches(q, beta);
+    let stretches = if stretches.is_empty() { String::new() } else { format!(" (at {})", words::some(&stretches)) };
     format!(
-        "q of {what}, {}: {spread}; {} above β = {beta}\n{}",
+        "q of {what}, {}: {spread}; {} above β = {beta}{stretches}\n{}",
         words::counted(q.len(), "step", "steps"),
         words::counted(kept, "step", "steps"),
         chart::curve(q, width, CHART_ROWS, Some(beta))
     )
+}
+
+/// The steps above β as stretches, such as `3 to 9`; a step alone is its number.
+fn stretches(q: &[f32], beta: f64) -> Vec<String> {
+    let kept: Vec<bool> = q.iter().map(|&q| Filter::Above(beta).keeps(0.0, q)).collect();
+    let mut first = 0;
+    let runs = kept.chunk_by(|one, next| one == next).map(|run| {
+        first += run.len();
+        (run[0], first - run.len(), first - 1)
+    });
+    let shown = |(first, last)| if first == last { format!("{first}") } else { format!("{first} to {last}") };
+    runs.filter(|(kept, ..)| *kept).map(|(_, first, last)| shown((first, last))).collect()
 }
 
 /// Each step with its nearest expert step.
@@ -189,9 +203,17 @@ mod tests {
         let first = drawn.lines().next();
         assert_eq!(
             first,
-            Some("q of ep_7 (imperfect), 2 steps: mean 0.750, min 0.500, max 1.000; 1 step above β = 0.9")
+            Some("q of ep_7 (imperfect), 2 steps: mean 0.750, min 0.500, max 1.000; 1 step above β = 0.9 (at 0)")
         );
         assert_eq!(drawn.lines().count(), 1 + CHART_ROWS + 2);
+    }
+
+    #[test]
+    fn steps_above_the_threshold_are_stretches() {
+        let of = |q: &[f32]| stretches(q, 0.5);
+        assert_eq!(of(&[0.9, 0.5, 0.6, 0.7, 0.1, 0.8]), ["0", "2 to 3", "5"]);
+        assert_eq!(of(&[0.6, 0.6]), ["0 to 1"]);
+        assert!(of(&[0.5]).is_empty() && of(&[]).is_empty());
     }
 
     #[test]

@@ -6,12 +6,10 @@ use std::path::{Path, PathBuf};
 use gleaner_client::{Client, PushItem, Skipped, UploadLabel, find_recordings};
 use gleaner_proto::v1::Outcome;
 
-use super::{PushArgs, join, listed};
+use super::{PushArgs, join};
+use crate::cmd::labelled::Labels;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
-
-/// The labels file that is looked for in folders.
-const LABELS: &str = "labels.csv";
 
 /// The recordings to send, and what was skipped.
 pub(super) async fn items(
@@ -25,11 +23,7 @@ pub(super) async fn items(
         task,
         label: UploadLabel { outcome, cohort, author: context.connection.author() },
     };
-    let files = labels_files(args);
-    if files.is_empty() {
-        args.table.refuse("--labels")?;
-    }
-    if files.is_empty() {
+    let Some(labels) = labels(args).some()? else {
         let task = known_task(client, context.task(client, args.task.as_deref()).await?, None).await?;
         let outcome = args.outcome.unwrap_or(Outcome::Unknown);
         let cohort = args.cohort.clone().unwrap_or_default();
@@ -40,23 +34,13 @@ pub(super) async fn items(
         let found = find_recordings(&args.paths)?;
         let items = found.recordings.into_iter().map(|path| item(path, task.clone(), outcome, cohort.clone()));
         return Ok((items.collect(), found.skipped));
-    }
-    let mut rows = Vec::new();
-    for file in &files {
-        rows.extend(args.table.read(file)?.into_iter().map(|row| (row, file.as_path())));
-    }
-    let mut skipped = Vec::new();
-    if !args.paths.is_empty() {
-        let found = find_recordings(&args.paths)?;
-        rows = listed::chosen(rows, found.recordings, &files, args.labels.is_none())?;
-        skipped = found.skipped;
-    }
-    if rows.is_empty() {
-        return Err(Failure::message(format!("{} lists no recordings", files[0].display())));
-    }
-    if args.labels.is_none() {
-        let named: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
-        context.output.note(format_args!("labels from {}", named.join(", ")));
+    };
+    let found = (!args.paths.is_empty()).then(|| find_recordings(&args.paths)).transpose()?;
+    let (recordings, skipped) = found.map(|found| (found.recordings, found.skipped)).unzip();
+    let rows = labels.rows(recordings)?;
+    let skipped = skipped.unwrap_or_default();
+    if let Some(found) = labels.found() {
+        context.output.note(format_args!("labels from {found}"));
     }
     let mut tasks: HashMap<Option<String>, String> = HashMap::new();
     let mut items = Vec::with_capacity(rows.len());
@@ -78,14 +62,11 @@ pub(super) async fn items(
 }
 
 /// The labels file that was named, or those in the folders to push, unless a label was given.
-fn labels_files(args: &PushArgs) -> Vec<PathBuf> {
-    if let Some(labels) = &args.labels {
-        return vec![labels.clone()];
+fn labels(args: &PushArgs) -> Labels<'_> {
+    if args.labels.is_none() && (args.join || args.outcome.is_some() || args.cohort.is_some()) {
+        return Labels::none(&args.table);
     }
-    if args.join || args.outcome.is_some() || args.cohort.is_some() {
-        return Vec::new();
-    }
-    args.paths.iter().map(|path| path.join(LABELS)).filter(|labels| labels.is_file()).collect()
+    Labels::of(args.labels.as_deref(), &args.paths, &args.table)
 }
 
 /// The task, if the server has it: once, before the first byte, rather than as the same failure of each file.

@@ -4,12 +4,15 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
+use gleaner_client::LabelledFile;
 use gleaner_inspector::Assumed;
 use gleaner_recording::{FindingCode, Report, Severity, TaskSpec, printable, rate_corrections};
 use serde_json::{Value, json};
 
 use super::{pace, read_spec};
 use crate::alike::Alike;
+use crate::cmd::label_table::LabelTableArgs;
+use crate::cmd::labelled::Labels;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::inspector::{Inspected, Inspector};
@@ -28,6 +31,12 @@ pub(crate) struct CheckArgs {
     /// Steps per second of a dataset of another program that does not state them. Default: 20.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
+    /// CSV file with the columns file,task,outcome,cohort that labels each recording, as of a push. Default: the labels.csv
+    /// in each folder given.
+    #[arg(long, value_name = "CSV", requires = "recordings")]
+    labels: Option<PathBuf>,
+    #[command(flatten)]
+    table: LabelTableArgs,
 }
 
 impl CheckArgs {
@@ -35,12 +44,19 @@ impl CheckArgs {
         let spec = read_spec(&self.spec)?;
         gleaner_recording::validate(&spec)?;
         let (datasets, others) = intake::split(&self.recordings);
+        let labels = Labels::of(self.labels.as_deref(), &others, &self.table).some()?;
+        if let (Some(dataset), true, true) = (datasets.first(), others.is_empty(), labels.is_some()) {
+            let path = dataset.path.display();
+            let problem = format!("--labels does not apply to {path}, a dataset of another program");
+            return Err(Failure::message(format!("{problem}, which states its own outcomes")));
+        }
         let assumed = Assumed { rate_hz: self.rate, ..Assumed::default() };
         intake::expect_datasets(&datasets, &assumed)?;
         let recordings = match others.as_slice() {
             [] => Vec::new(),
             paths => intake::recordings(context, paths)?,
         };
+        let labelled = labels.as_ref().map(|labels| labels.rows(Some(recordings.clone()))).transpose();
         let inspector = Inspector::find()?;
         let mut reports = inspector.check(&recordings, &spec).await?;
         let Opened { intakes, skipped, refused } = Intake::open_all(context, &datasets, &assumed).await?;
@@ -58,10 +74,18 @@ impl CheckArgs {
                 }
             }
         }
-        context.output.result(|| Ok(document(&reports)), || shown(&spec, &reports))?;
+        let rows: Vec<&LabelledFile> = labelled.iter().flatten().flatten().map(|(row, _)| row).collect();
+        let text = || {
+            let counted = labels.as_ref().filter(|_| !rows.is_empty()).map(|labels| labels.summary(&rows));
+            let lines = counted.into_iter().flatten().map(|line| printable::field(&line).into_owned());
+            std::iter::once(shown(&spec, &reports)).chain(lines).collect::<Vec<_>>().join("\n")
+        };
+        context.output.result(|| Ok(document(&reports, &rows)), text)?;
         let refused = reports.iter().filter(|(_, report)| report.is_err()).count();
-        if refused > 0 {
-            return Err(Failure::message(format!("{refused} of {} recordings would be rejected", reports.len())));
+        let rejected = (refused > 0).then(|| format!("{refused} of {} recordings would be rejected", reports.len()));
+        let problems: Vec<String> = rejected.into_iter().chain(labelled.err().map(|error| error.to_string())).collect();
+        if !problems.is_empty() {
+            return Err(Failure::message(problems.join("; ")));
         }
         let file = self.spec.display().to_string();
         let correction = pace::next(&spec, &file, &accepted(&reports));
@@ -74,12 +98,14 @@ fn accepted(reports: &[Inspected<Report>]) -> Vec<&Report> {
     reports.iter().filter_map(|(_, report)| report.as_ref().ok()).collect()
 }
 
-fn document(reports: &[Inspected<Report>]) -> Value {
+fn document(reports: &[Inspected<Report>], labelled: &[&LabelledFile]) -> Value {
     let rows = reports.iter().map(|(path, report)| {
+        let label = labelled.iter().find(|row| row.path == *path);
+        let label = label.map(|row| json!({ "outcome": words::outcome(row.outcome), "cohort": row.cohort }));
         let file = path.display().to_string();
         match report {
-            Ok(report) => json!({ "file": file, "report": report }),
-            Err(error) => json!({ "file": file, "error": error }),
+            Ok(report) => json!({ "file": file, "report": report, "label": label }),
+            Err(error) => json!({ "file": file, "error": error, "label": label }),
         }
     });
     json!({ "recordings": rows.collect::<Vec<_>>() })
