@@ -98,6 +98,52 @@ def test_adapter_of_a_simulator_takes_twenty_lines(
     ]
 
 
+class OwnSimulator:
+    """Not Gymnasium's; solved on the fourth step of an even seed."""
+
+    def __init__(self, spec: gleaner.types.TaskSpec) -> None:
+        self.sizes = {field.name: field.size for field in spec.proprioception}
+        self.actions = size(spec.action)
+
+    def start(self, seed: int) -> None:
+        self.seed, self.steps = seed, 0
+
+    @property
+    def solved(self) -> bool:
+        return self.seed % 2 == 0 and self.steps == 4
+
+    @property
+    def over(self) -> bool:
+        return self.solved or self.steps == 6
+
+    def picture(self, name: str) -> NDArray[np.uint8]:
+        assert name
+        return np.full((IMAGE, IMAGE, 3), self.steps, np.uint8)
+
+    def depth(self, name: str) -> NDArray[np.uint16]:
+        assert name
+        return np.full((IMAGE, IMAGE), 500, np.uint16)
+
+    def measured(self, name: str) -> NDArray[np.float64]:
+        return np.full(self.sizes[name], 0.1)
+
+    def apply(self, action: NDArray[np.float32]) -> None:
+        assert action.shape == (self.actions,)
+        self.steps += 1
+
+
+def test_simulator_that_is_not_of_gymnasium_needs_a_loop_only(
+    client: gleaner.Client, server: str, deployment: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with gleaner.Policy(client, deployment) as policy:
+        simulator = OwnSimulator(policy.spec)
+    code = block("def observed", server, deployment).replace("150", "102")
+    exec(code, {"gleaner": gleaner, "simulator": simulator})
+    kept = {seed: client.episodes.get(name) for seed, name in re.findall(r"(\d+) (ep_\w+)", capsys.readouterr().out)}
+    found = {seed: (gleaner.word(one, "outcome"), one.steps) for seed, one in kept.items()}
+    assert found == {"100": ("success", 4), "101": ("failure", 6)}
+
+
 def test_pipeline_of_the_readme_runs_and_is_scheduled(
     client: gleaner.Client, lab: Lab, server: str, deployment: str
 ) -> None:
