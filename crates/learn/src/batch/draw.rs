@@ -57,6 +57,11 @@ impl Segments {
         Self::from_ends(data.iter().map(|trajectory| Ends::Every(trajectory.steps())))
     }
 
+    /// Every segment of every episode, with the weight of each step.
+    pub(crate) fn weighted(weights: impl IntoIterator<Item = Vec<f32>>) -> Self {
+        Self::from_ends(weights.into_iter().map(|weights| Ends::Kept((0..).zip(weights).collect())))
+    }
+
     /// The kept segments with their weights.
     pub(crate) fn kept(kept: &[WeightedSegments]) -> Self {
         Self::from_ends(kept.iter().map(|episode| {

@@ -10,7 +10,7 @@ use super::find;
 use super::kind::{PolicyInit, PolicyModel, Pretrained};
 use super::shares::shares;
 use super::source::{Assembled, Assembly, Draw, Source, mean_loss};
-use super::switching::{SWITCHES_FOLLOWED, switches_followed};
+use super::switching::{self, SWITCHES_FOLLOWED, switches_followed};
 use crate::batch::Segments;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
@@ -82,7 +82,7 @@ pub fn train_policy_with(
         segments.validate(shape)?;
     }
     guard(|| {
-        let sources = Sources::new(experts, kept, spec)?;
+        let sources = Sources::new(shape, (experts, kept), spec)?;
         let sample = sources.sample();
         let device = device::open(spec.run.device, spec.threads)?;
         let from = PolicyInit { shape, pretrained, sample: &sample, spec, device };
@@ -132,13 +132,17 @@ const EXPERT: [Purpose; 3] = [Purpose::Batch, Purpose::Augmentation, Purpose::St
 const KEPT: [Purpose; 3] = [Purpose::KeptBatch, Purpose::KeptAugmentation, Purpose::KeptStyle];
 
 impl<'a> Sources<'a> {
-    fn new(experts: &'a [Trajectory], kept: &'a [WeightedSegments], spec: &TrainSpec) -> Result<Self, LearnError> {
+    fn new(
+        shape: &TaskShape,
+        (experts, kept): (&'a [Trajectory], &'a [WeightedSegments]),
+        spec: &TrainSpec,
+    ) -> Result<Self, LearnError> {
         let weighting = weighting::open(&spec.weighting)?;
         let share = (spec.validation_share, spec.run.seed);
         let (experts, held_out) = validation::split(experts, share, (spec.optim.finished_weights, "experts"))?;
         let kept = if weighting.ignores_segments() { &[] } else { kept };
         Ok(Self {
-            experts: Source { segments: Segments::every(&experts), data: experts },
+            experts: Source { segments: switching::weighted(shape, &experts, spec.switch_weight)?, data: experts },
             held_out: Source { segments: Segments::every(&held_out), data: held_out },
             kept: Source {
                 data: kept.iter().map(|segments| &segments.trajectory).collect(),
