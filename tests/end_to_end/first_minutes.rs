@@ -150,11 +150,16 @@ async fn labels_are_checked_with_the_recordings_without_a_server() {
 
     let own = labels("trials.csv", "run;verdict;trouble\npick_cube_ros2;solved;\npick_cube_foxglove;bad;dropped\n");
     let columns = ["--labels", text(&own), "--label-columns", "file=run,outcome=verdict,cohort=trouble"];
+    let suggested = drafted(&[folder.path()], &task).await.errors;
+    let part = format!("{} {} --success-value WORD", text(folder.path()), columns.join(" "));
+    assert!(suggested.contains(&part) && suggested.contains("of bad, solved"), "{part}: {suggested}");
     let named = [&check[..], &columns, &["--success-value", "solved"]].concat();
     let checked = gleaner(NOWHERE, &named).await;
     let line = format!("labels of {}: 1 success, 1 failure (1 \"dropped\")", own.display());
     assert!(checked.success && checked.out.contains(&line), "{}", checked.text());
     assert!(checked.out.contains("warning: scores need at least two successes"), "{}", checked.out);
+    let push = format!("gleaner push {} {} --success-value solved", text(folder.path()), columns.join(" "));
+    assert!(checked.errors.contains(&push), "{push}: {}", checked.errors);
     let found = json(NOWHERE, &named).await;
     let label = |name: &str| {
         let rows = found["recordings"].as_array().unwrap().iter();

@@ -41,6 +41,15 @@ pub(crate) fn some(names: &[String]) -> String {
     }
 }
 
+/// A word of a command, quoted if a shell would change it.
+pub(crate) fn shell_word(word: &str) -> String {
+    let is_plain = |character: char| character.is_alphanumeric() || "-_./:=,+@%".contains(character);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
 /// Local time to the minute; `-` when unset.
 pub(crate) fn moment(time: Option<&prost_types::Timestamp>) -> String {
     let local = timestamp(time).map(|time| time.to_zoned(TimeZone::system()));

@@ -6,6 +6,7 @@ use clap::Args;
 use gleaner_client::{ClientError, LabelTable, LabelledFile, read_table};
 
 use crate::failure::{Failure, Result};
+use crate::words;
 
 #[derive(Args, Clone, Debug, Default)]
 pub(super) struct LabelTableArgs {
@@ -33,6 +34,14 @@ impl LabelTableArgs {
             )),
             (error, _) => error.into(),
         })
+    }
+
+    /// The options as they were typed, each after a space.
+    pub(super) fn typed(&self) -> String {
+        let columns = (!self.label_columns.is_empty()).then(|| self.label_columns.join(","));
+        let columns = columns.map(|columns| format!(" --label-columns {}", words::shell_word(&columns)));
+        let successes = self.success_value.iter().map(|word| format!(" --success-value {}", words::shell_word(word)));
+        columns.into_iter().chain(successes).collect()
     }
 
     /// The flag that was given, if one was.

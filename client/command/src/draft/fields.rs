@@ -20,6 +20,8 @@ const FITS: f64 = 0.3;
 /// The greatest value of a command that is normalised to one, as far as it is reached.
 const ONE: f64 = 1.0001;
 const REACHED: f64 = 0.9;
+/// Most values whose paths a comment names one by one.
+const MOST_NAMED: usize = 8;
 
 /// A field of the draft.
 #[derive(Debug)]
@@ -176,7 +178,11 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
         reasons.extend(still::leave_out_zeros(&mut sources, &mut ranges));
         spec.size = u32::try_from(ranges.len()).unwrap_or(u32::MAX);
         observed = bound(&mut spec, &ranges, &values, &mut reasons);
-        reasons.extend(still::unchanged(&sources[0].paths, &ranges));
+        let paths = &sources[0].paths;
+        if (2..=MOST_NAMED).contains(&paths.len()) && limits::are_listed(&observed) {
+            reasons.push(format!("They are in the order {}.", paths.join(", ")));
+        }
+        reasons.extend(still::unchanged(paths, &ranges));
     } else if let [value] = values.as_slice() {
         reasons.push(format!("It is always {value} in these recordings; remove it if it never changes."));
     }
@@ -223,15 +229,17 @@ pub(super) fn bound(
         set_range(spec, 0.0, 1.0);
         reasons.push(format!("{observed}, as of a command between 0 and 1."));
     } else {
-        let each = if limits::are_listed(ranges) {
-            " They are in the order of its paths below."
+        let (observed, each) = if limits::are_listed(ranges) {
+            ("The limits below are those of the recordings.".to_owned(), "")
         } else if spec.size > 1 {
-            " They are limits of every value; where values differ, write a list with one for each, such as [-1.0, -0.5]."
+            let each = " They are limits of every value; where values differ, write a list with one for each, such as \
+                        [-1.0, -0.5].";
+            (format!("{observed}."), each)
         } else {
-            ""
+            (format!("{observed}."), "")
         };
         reasons.push(format!(
-            "{observed}. If the robot has limits, write them and delete the #, so that policies stay within them.{each}"
+            "{observed} If the robot has limits, write them and delete the #, so that policies stay within them.{each}"
         ));
         return ranges.to_vec();
     }

@@ -9,14 +9,17 @@ use super::candidate::{Candidate, Order};
 /// Fits that differ by less are equal, and the likelier order is taken.
 const EQUAL: f64 = 1e-6;
 
+/// The place of one of a candidate's orders, and how well it fits.
+type Fit = (usize, f64);
+
 /// How well two candidates fit in their best orders, from 0 to 1; `None` if they have no orders of the same size.
 pub(super) fn best(one: &Candidate, other: &Candidate) -> Option<f64> {
     one.orders.iter().filter_map(|order| like(order, other)).map(|(_, fit)| fit).reduce(f64::max)
 }
 
 /// The order of `one` that fits those of all `others` best together, and for each of these its own order and its fit.
-pub(super) fn agreed(one: &Candidate, others: &[&Candidate]) -> (usize, Vec<(usize, f64)>) {
-    let mut best: Option<(f64, usize, Vec<(usize, f64)>)> = None;
+pub(super) fn agreed(one: &Candidate, others: &[&Candidate]) -> (usize, Vec<Fit>) {
+    let mut best: Option<(f64, usize, Vec<Fit>)> = None;
     for (own, order) in one.orders.iter().enumerate() {
         let theirs: Vec<_> = others.iter().map(|other| like(order, other).unwrap_or_default()).collect();
         let fit = theirs.iter().map(|(_, fit)| fit).sum();
@@ -28,8 +31,8 @@ pub(super) fn agreed(one: &Candidate, others: &[&Candidate]) -> (usize, Vec<(usi
 }
 
 /// The order of a candidate that fits this one best, and how well; `None` if none has its size.
-fn like(order: &Order, candidate: &Candidate) -> Option<(usize, f64)> {
-    let mut best: Option<(usize, f64)> = None;
+fn like(order: &Order, candidate: &Candidate) -> Option<Fit> {
+    let mut best: Option<Fit> = None;
     for (at, theirs) in candidate.orders.iter().enumerate() {
         if order.ranges.len() != theirs.ranges.len() {
             continue;

@@ -55,6 +55,7 @@ use gleaner_client::ClientError;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::interrupt::unless_interrupted;
+use crate::words;
 use course::Course;
 use file::Experiment;
 use gleaner_core::{Device, Words as _};
@@ -149,7 +150,7 @@ impl ExperimentArgs {
     fn command(&self, experiment: &Experiment, out: &Path) -> String {
         let device = self.device.filter(|device| *device != experiment.device);
         let device = device.map(|device| format!(" --device {}", device.as_str())).unwrap_or_default();
-        let path = |path: &Path| shell_word(&path.display().to_string());
+        let path = |path: &Path| words::shell_word(&path.display().to_string());
         let recordings = self.recordings.as_ref().map(|folder| format!(" --recordings {}", path(folder)));
         let recordings = recordings.unwrap_or_default();
         let scale = if self.scale { " --scale" } else { "" };
@@ -169,15 +170,6 @@ impl ExperimentArgs {
             beside.display()
         )))
     }
-}
-
-/// A word of a command, quoted if a shell would change it.
-fn shell_word(word: &str) -> String {
-    let is_plain = |character: char| character.is_alphanumeric() || "-_./:=,+@%".contains(character);
-    if !word.is_empty() && word.chars().all(is_plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', r"'\''"))
 }
 
 #[cfg(test)]

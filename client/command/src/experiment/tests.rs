@@ -40,11 +40,11 @@ fn the_command_names_a_device_other_than_the_files() {
 #[test]
 fn words_that_a_shell_would_change_are_quoted() {
     for word in ["raw", "train.steps=5", "results/a-1", "λ=0.3"] {
-        assert_eq!(shell_word(word), word);
+        assert_eq!(words::shell_word(word), word);
     }
-    assert_eq!(shell_word("raw local_scale=false"), "'raw local_scale=false'");
-    assert_eq!(shell_word("objectives=[\"tr\"]"), "'objectives=[\"tr\"]'");
-    assert_eq!(shell_word("a'b$c"), r"'a'\''b$c'");
-    assert_eq!(shell_word(""), "''");
+    assert_eq!(words::shell_word("raw local_scale=false"), "'raw local_scale=false'");
+    assert_eq!(words::shell_word("objectives=[\"tr\"]"), "'objectives=[\"tr\"]'");
+    assert_eq!(words::shell_word("a'b$c"), r"'a'\''b$c'");
+    assert_eq!(words::shell_word(""), "''");
     assert_eq!(run("--out a(b").1, "gleaner experiment x.toml --out 'a(b'");
 }

@@ -89,7 +89,14 @@ impl CheckArgs {
         }
         let file = self.spec.display().to_string();
         let correction = pace::next(&spec, &file, &accepted(&reports));
-        context.output.next(correction.unwrap_or_else(|| format!("gleaner task create {file}")));
+        let typed = self.labels.as_ref().map(|labels| {
+            let paths: Vec<String> =
+                self.recordings.iter().map(|path| words::shell_word(&path.display().to_string())).collect();
+            let labels = words::shell_word(&labels.display().to_string());
+            format!("; gleaner push {} --labels {labels}{}", paths.join(" "), self.table.typed())
+        });
+        let create = format!("gleaner task create {}{}", words::shell_word(&file), typed.unwrap_or_default());
+        context.output.next(correction.unwrap_or(create));
         Ok(())
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gleaner_client::{BAG_METADATA, read_labels};
+use gleaner_client::{BAG_METADATA, TableGuess, guess_table, read_labels};
 use gleaner_inspector::Assumed;
 use serde_json::json;
 
@@ -13,6 +13,7 @@ use crate::draft::{Draft, Known, draft, of_description};
 use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
 use crate::intake::{self, Intake};
+use crate::words;
 
 /// The labels file beside recordings.
 const LABELS: &str = "labels.csv";
@@ -72,11 +73,13 @@ impl DraftArgs {
         if unread == surveys.len() {
             return Err(Failure::message("none of the recordings can be read"));
         }
+        let labels = table_beside(&recordings).map(|guess| labels_of(&guess)).unwrap_or_default();
+        let paths: Vec<String> = self.paths.iter().map(|path| words::shell_word(&path.display().to_string())).collect();
         let name = self.name.clone().or_else(|| name_beside(&recordings));
         let known = Known { name: name.unwrap_or_else(|| "my_task".to_owned()), action: self.action };
         let read = surveys.iter().filter_map(|(_, survey)| survey.as_ref().ok());
         let draft = draft(read, &known).map_err(Failure::message)?;
-        show(context, &draft, "RECORDINGS")
+        show(context, &draft, &format!("{}{labels}", paths.join(" ")))
     }
 }
 
@@ -99,6 +102,36 @@ fn beside(recording: &Path) -> Option<&Path> {
     }
     let outer = folder.parent()?;
     Some(if outer.as_os_str().is_empty() { Path::new(".") } else { outer })
+}
+
+/// The only table beside the recordings that may have their labels.
+fn table_beside(recordings: &[PathBuf]) -> Option<TableGuess> {
+    let name = |recording: &PathBuf| {
+        let folder = recording.parent().filter(|folder| folder.join(BAG_METADATA).is_file());
+        let name = if let Some(folder) = folder { folder.file_name() } else { recording.file_stem() };
+        Some(name?.to_string_lossy().into_owned())
+    };
+    let names: BTreeSet<String> = recordings.iter().filter_map(name).collect();
+    let folders: BTreeSet<&Path> = recordings.iter().filter_map(|path| beside(path)).collect();
+    let places = folders.into_iter().flat_map(|folder| folder.ancestors().take(2)).collect::<BTreeSet<_>>();
+    let mut found = places.into_iter().filter_map(|folder| {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        guess_table(folder, &names)
+    });
+    found.next().filter(|_| found.next().is_none())
+}
+
+/// The options that read the labels of a table, and what to decide about them.
+fn labels_of(guess: &TableGuess) -> String {
+    let TableGuess { table, file, outcome, cohort, words } = guess;
+    let cohort = cohort.as_ref().map(|cohort| format!(",cohort={cohort}")).unwrap_or_default();
+    let columns = words::shell_word(&format!("file={file},outcome={outcome}{cohort}"));
+    format!(
+        " --labels {} --label-columns {columns} --success-value WORD (its labels, if that is the table: WORD is what \
+         {outcome} has for a success, of {})",
+        words::shell_word(&table.display().to_string()),
+        words::some(words)
+    )
 }
 
 /// The name that labels beside the recordings have for their task, or else that of their folder; of a folder named after

@@ -22,7 +22,7 @@ fn values_of_an_action_that_are_always_0_are_left_out() {
     for part in [
         "twist.angular.z are always 0",
         "\n#minimum = [-0.25, -0.1]\n#maximum = [0.5, 0.1]\n",
-        "in the order of its paths below",
+        "in the order twist.linear.x, twist.linear.z",
     ] {
         assert!(text.contains(part), "{part}: {text}");
     }

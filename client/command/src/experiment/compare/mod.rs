@@ -24,12 +24,12 @@ use gleaner_client::{Client, ClientError};
 use gleaner_core::{Device, EvaluateSpec, Words as _};
 use serde_json::Value;
 
+use super::follow;
 use super::stage::{Graph, Origin};
 use super::standing::{Submitted, stage_result};
 use super::state::replace;
 use super::study::Cell;
 use super::submit::Submitter;
-use super::{follow, shell_word};
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::words;
@@ -192,7 +192,7 @@ impl CompareArgs {
     fn command(&self) -> String {
         let mut command = format!("gleaner compare-scorers {}", self.on.join(" "));
         let mut add = |name: &str, value: &str| {
-            command.push_str(&format!(" --{name} {}", shell_word(value)));
+            command.push_str(&format!(" --{name} {}", words::shell_word(value)));
         };
         self.scorers.iter().for_each(|scorer| add("scorer", scorer));
         self.run.iter().for_each(|run| add("run", run));
