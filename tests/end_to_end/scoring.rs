@@ -93,8 +93,8 @@ async fn steps_score_like_the_stored_episode() {
     let mut api = Api::connect(&shared.server).await;
     let client = Client::connect(shared.server.url(), None).await.unwrap();
     let folder = tempfile::tempdir().unwrap();
-    // With a lookahead the q of the stored episode knows later steps.
-    let alone = lab::with(lab::score(&shared.encoder), json!({"lookahead": 0.0}));
+    // With a lookahead or a lead-in the q of the stored episode knows later steps.
+    let alone = lab::with(lab::score(&shared.encoder), json!({"lookahead": 0.0, "lead_in": 0.0}));
     let run = api.succeed(lab::TASK, alone).await.result_id;
     let stored = api.episode_scores(&run, &shared.episodes[FAILURE].id).await;
     let mut live = StepScorer::open(&client, &run).await.unwrap();

@@ -75,34 +75,41 @@ impl TableKind {
 }
 
 // The paper's score with its features scaled and to the letter; the nearest neighbour of raw observations, of the last
-// step and of whole segments, without and with the local scale, and the last with the progress of matches, which is the
-// default; the classifier; mutual information; progress; and the vote.
+// step and of whole segments, without and with the local scale, then with the progress of matches in the form that was the
+// default once, and with the pace of progress and a lead-in, the default; the classifier; mutual information; progress; and
+// the vote.
 fn scorings() -> Vec<Draft> {
     let cell = |label: &str, set: &[(&str, &str)]| -> Draft {
         let flag = |text: &str| text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from);
         (label.to_owned(), set.iter().map(|(key, value)| ((*key).to_owned(), flag(value))).collect())
     };
-    let compared = |label: &str, set: &[(&str, &str)], lookahead: f64| -> Draft {
+    let compared = |label: &str, set: &[(&str, &str)], (lookahead, lead_in): (f64, f64)| -> Draft {
         let (label, mut set) = cell(label, set);
         set.push(("lookahead".to_owned(), lookahead.into()));
+        set.push(("lead_in".to_owned(), lead_in.into()));
         (label, set)
     };
-    let raw = |label: &str, (similarity, local_scale): (&str, &str), lookahead: f64| {
-        let set = [("scorer", "raw"), ("local_scale", local_scale), ("similarity", similarity)];
-        compared(label, &set, lookahead)
+    let alone = (0.0, 0.0);
+    let raw = |label: &str, (similarity, local_scale): (&str, &str)| {
+        compared(label, &[("scorer", "raw"), ("local_scale", local_scale), ("similarity", similarity)], alone)
+    };
+    let progress = |label: &str, progress: &str, ahead: (f64, f64)| {
+        let set = [("scorer", "raw"), ("local_scale", "true"), ("similarity", "segment_l2"), ("progress", progress)];
+        compared(label, &set, ahead)
     };
     vec![
         cell("ssdf", &[("scorer", "ssdf")]),
         compared(
             "ssdf to the letter",
             &[("scorer", "ssdf"), ("feature_scale", "plain"), ("local_scale", "false")],
-            0.0,
+            alone,
         ),
-        raw("raw", ("last_l2", "false"), 0.0),
-        raw("raw + local scale", ("last_l2", "true"), 0.0),
-        raw("raw segments", ("segment_l2", "false"), 0.0),
-        raw("raw segments + local scale", ("segment_l2", "true"), 0.0),
-        raw("raw segments + local scale + lookahead", ("segment_l2", "true"), 0.5),
+        raw("raw", ("last_l2", "false")),
+        raw("raw + local scale", ("last_l2", "true")),
+        raw("raw segments", ("segment_l2", "false")),
+        raw("raw segments + local scale", ("segment_l2", "true")),
+        progress("raw segments + local scale + lookahead", "furthest", (0.5, 0.0)),
+        progress("raw segments + local scale + pace + lead-in", "pace", (0.5, 0.2)),
         cell("classifier", &[("scorer", "classifier")]),
         cell("deminf", &[("scorer", "deminf")]),
         cell("progress", &[("scorer", "progress")]),
@@ -232,6 +239,7 @@ mod tests {
                 "raw segments",
                 "raw segments + local scale",
                 "raw segments + local scale + lookahead",
+                "raw segments + local scale + pace + lead-in",
                 "classifier",
                 "deminf",
                 "progress",
@@ -246,11 +254,11 @@ mod tests {
         assert_eq!(scales(1), (Some(false.into()), Some("plain".into())));
         assert_eq!((scales(2).0, scales(3).0), (Some(false.into()), Some(true.into())));
         let lookahead = |index: usize| scoring[index].settings.settings.get("lookahead").and_then(Json::as_f64);
-        assert_eq!([1, 2, 5, 6].map(lookahead), [0.0, 0.0, 0.0, 0.5].map(Some));
+        assert_eq!([1, 2, 5, 6, 7].map(lookahead), [0.0, 0.0, 0.0, 0.5, 0.5].map(Some));
         // The last is the default, whatever the base.
         let default = gleaner_core::ScoreSpec::default().scorer.settings;
-        let here = &scoring[6].settings.settings;
-        for name in ["similarity", "local_scale", "lookahead"] {
+        let here = &scoring[7].settings.settings;
+        for name in ["similarity", "local_scale", "lookahead", "progress", "lead_in"] {
             assert_eq!(here.get(name), default.get(name), "{name}");
         }
     }

@@ -32,6 +32,7 @@ fn of_training(mut values: Values) -> Values {
         ("history_dropout", json!(0.5)),
         ("lambda", json!(0.1)),
         ("stretch", json!(8)),
+        ("switch_weight", json!(1.0)),
         ("learning_rate", json!(1e-3)),
     ] {
         values.entry(name).or_insert(value);
@@ -70,6 +71,7 @@ pub(super) fn score(mut values: Values) -> Values {
     // Similarity alone, in versions without these settings.
     values.entry("lookahead").or_insert(json!(0.0));
     values.entry("lead_in").or_insert(json!(0.0));
+    values.entry("progress").or_insert_with(|| "furthest".into());
     // One of them joined `raw` with `progress`, and like this one neither scored live nor was extended.
     if values.get(Family::Scorer.as_str()).is_some_and(|word| word == "blend") {
         values.insert(Family::Scorer.as_str().to_owned(), "progress".into());

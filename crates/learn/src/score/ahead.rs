@@ -1,10 +1,14 @@
 //! How far later steps count for a segment. Plain values; the measure gives them their meaning.
 
+use super::progress::ProgressForm;
+
 /// Shares of a mean expert episode; 0: later steps do not count.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Ahead {
     /// Δ, within which later matches count as progress.
     pub(super) lookahead: f64,
+    /// How their progress counts.
+    pub(super) progress: ProgressForm,
     /// L, within which a segment is as good as the best one that it leads to.
     pub(super) lead_in: f64,
 }

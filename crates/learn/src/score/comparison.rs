@@ -1,8 +1,10 @@
 //! The comparison of segments with those of experts: its features, its similarity and its scales.
 
-use gleaner_core::schema::{Shape, number_in};
+use gleaner_core::Words as _;
+use gleaner_core::schema::Shape;
 
 use super::ahead::Ahead;
+use super::progress::ProgressForm;
 
 gleaner_core::words! {
     /// Similarity of the features of two segments.
@@ -48,10 +50,8 @@ gleaner_core::settings! {
         pub(super) scale: [f64; 3] = [1.0; 3], Shape::Numbers {
             names: ["image", "proprioception", "action"].map(str::to_owned).to_vec(), least: 0.0, most: 1e6
         };
-        /// Share of a mean expert episode within which a segment is as good as the best one that it leads to: the way back
-        /// to what experts do then counts as good. A larger share finds longer ways back and locates the end of a bad
-        /// beginning less precisely; 0: its own steps alone, as in the paper.
-        pub(super) lead_in: f64 = 0.0, number_in(0.0, 1.0);
+        /// How the progress of later matches counts, with a lookahead above 0.
+        pub(super) progress: ProgressForm = ProgressForm::Pace, ProgressForm::shape();
     }
 }
 
@@ -92,10 +92,10 @@ pub(crate) struct Comparison {
 impl Comparison {
     pub(super) fn new(
         source: Source,
-        (similarity, lookahead): (Similarity, f64),
-        NearestSpec { local_scale, scale, lead_in }: NearestSpec,
+        (similarity, lookahead, lead_in): (Similarity, f64, f64),
+        NearestSpec { local_scale, scale, progress }: NearestSpec,
     ) -> Self {
-        Self { source, similarity, local_scale, scale, ahead: Ahead { lookahead, lead_in } }
+        Self { source, similarity, local_scale, scale, ahead: Ahead { lookahead, progress, lead_in } }
     }
 
     /// Whether q depends on how experts compare with each other, so that a single one is scored otherwise.

@@ -3,18 +3,17 @@
 //!
 //! A segment may be like an expert's and lead nowhere: a robot that stands still, a carry to a wrong goal. The matches of
 //! later steps then do not advance. With p_t the share of its expert's episode at which the match of step t ends, the
-//! progress of a segment is g_t = max over 1 ≤ k ≤ Δ of p_{t+k} − p_t, where Δ is a share of a mean expert episode. After
-//! the end of the episode p rises as that of a mean expert does, so that what was not recorded counts neither for nor
-//! against its last segments. With F the share of expert segments, each compared with the other experts, whose value
-//! is at most as large, the measure is (F(w) + F(g)) / 2 · min(1, F(w) / 0.05): no progress makes up for a segment that is
-//! farther from the experts than nearly all of their own.
+//! pace of a segment is v_t = max over stretches k of (p_{t+k} − p_t) / k, each between 0.4 Δ and Δ, where Δ is a share of a
+//! mean expert episode, and its worth v = min(1, v_t / the median one of expert segments). With F(w) the share of expert
+//! segments, each compared with the other experts, that are at most as near, the measure is
+//! (F(w) + v) / 2 · min(1, F(w) / 0.05): no progress makes up for a segment that is farther from the experts than nearly all
+//! of their own. In the older form `furthest` the worth is F(g), of g_t = max over 1 ≤ k ≤ Δ of p_{t+k} − p_t.
 //!
 //! A segment may also be unlike the experts' and lead to what they do, as the way back after a bad beginning does. With a
 //! lead-in of L steps the measure of step t is the largest of those of the steps t to t + L, of experts too.
 
-use std::collections::VecDeque;
-
 use super::ahead::Ahead;
+use super::progress::{Progress, Worth, largest_ahead};
 use super::{EpisodeScores, Normaliser, local};
 use crate::trajectory::Trajectory;
 use gleaner_core::NormaliserKind;
@@ -33,22 +32,12 @@ pub(super) struct Measure {
 struct Outlook {
     /// The scale of similarity.
     near: Normaliser,
-    /// Progress and its scale; `None` if it does not count.
-    ahead: Option<(Progress, Normaliser)>,
+    /// Progress and its worth; `None` if it does not count.
+    ahead: Option<(Progress, Worth)>,
     /// L, the steps within which a segment is as good as the best one that it leads to.
     lead_in: usize,
     /// The scale of all of it together.
     both: Normaliser,
-}
-
-/// The progress of matches.
-struct Progress {
-    /// Δ in steps, at least 1.
-    delta: usize,
-    /// The rise of p at each step of a mean expert.
-    pace: f64,
-    /// The steps of every expert, in the given order.
-    lengths: Vec<usize>,
 }
 
 impl Measure {
@@ -72,9 +61,9 @@ impl Measure {
         let near = share(scores.iter().flat_map(|episode| alone.relative(episode)).collect());
         let lead_in = steps(ahead.lead_in).unwrap_or(0);
         let ahead = steps(ahead.lookahead).map(|delta| {
-            let progress = Progress { delta, pace: 1.0 / mean, lengths };
-            let gains = share(scores.iter().flat_map(|episode| progress.gains(episode)).collect());
-            (progress, gains)
+            let progress = Progress::new(ahead.progress, delta, (lengths, mean));
+            let worth = progress.worth(scores);
+            (progress, worth)
         });
         let mut outlook = Outlook { near, ahead, lead_in, both: share(Vec::new()) };
         outlook.both = share(scores.iter().flat_map(|episode| outlook.of(alone.relative(episode), episode)).collect());
@@ -105,9 +94,9 @@ impl Outlook {
     /// The measure of every segment of an episode by its similarities, relative to the local scale, and its matches.
     fn of(&self, relative: impl Iterator<Item = f64>, episode: &EpisodeScores) -> Vec<f64> {
         let own: Vec<f64> = match &self.ahead {
-            Some((progress, ahead)) => {
-                let both = relative.zip(progress.gains(episode));
-                both.map(|(w, gain)| blend(self.near.q(w).into(), ahead.q(gain).into())).collect()
+            Some((progress, worth)) => {
+                let both = relative.zip(progress.of(episode));
+                both.map(|(w, progress)| blend(self.near.q(w).into(), worth.of(progress))).collect()
             }
             None => relative.collect(),
         };
@@ -126,48 +115,7 @@ impl Outlook {
     }
 }
 
-impl Progress {
-    /// g of every segment of an episode.
-    fn gains(&self, episode: &EpisodeScores) -> Vec<f64> {
-        let matches = episode.match_episode.iter().zip(&episode.match_step);
-        #[expect(clippy::cast_precision_loss, reason = "an episode has far fewer steps than 2^52")]
-        let share = |(expert, step): (&u32, &u32)| f64::from(step + 1) / self.lengths[*expert as usize] as f64;
-        gains(&matches.map(share).collect::<Vec<_>>(), self.delta, self.pace)
-    }
-}
-
-/// The largest of the next `delta` values less the present one, for each of `progress`, which rises by `pace` after the
-/// end.
-fn gains(progress: &[f64], delta: usize, pace: f64) -> Vec<f64> {
-    let Some(last) = progress.last() else { return Vec::new() };
-    let gain = |(at, recorded): (usize, Option<f64>)| {
-        let beyond = (at + delta).checked_sub(progress.len() - 1).filter(|steps| *steps > 0);
-        #[expect(clippy::cast_precision_loss, reason = "an episode has far fewer steps than 2^52")]
-        let beyond = beyond.map(|steps| last + pace * steps as f64);
-        recorded.into_iter().chain(beyond).fold(f64::NEG_INFINITY, f64::max) - progress[at]
-    };
-    largest_ahead(progress, delta).into_iter().enumerate().map(gain).collect()
-}
-
-/// The largest of the next `delta` values of each; `None` where there is no next one, or `delta` is 0.
-fn largest_ahead(values: &[f64], delta: usize) -> Vec<Option<f64>> {
-    let mut largest = vec![None; values.len()];
-    // Later values within reach, nearest last, each larger than all nearer ones, so that the first is the largest.
-    let mut best: VecDeque<(usize, f64)> = VecDeque::new();
-    for at in (0..values.len()).rev() {
-        while best.front().is_some_and(|(place, _)| *place > at + delta) {
-            best.pop_front();
-        }
-        largest[at] = best.front().map(|(_, most)| *most);
-        while best.back().is_some_and(|(_, value)| *value <= values[at]) {
-            best.pop_back();
-        }
-        best.push_back((at, values[at]));
-    }
-    largest
-}
-
-/// The measure by the shares of experts that are at most as near, and that gain at most as much.
+/// The measure by the share of experts that are at most as near, and the worth of the progress.
 fn blend(near: f64, ahead: f64) -> f64 {
     f64::midpoint(near, ahead) * (near / OUTLIERS).min(1.0)
 }

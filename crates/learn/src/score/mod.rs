@@ -17,6 +17,7 @@ mod matched;
 mod measure;
 mod normaliser;
 mod opened;
+mod progress;
 mod reader;
 mod run;
 pub(crate) mod scorer;

@@ -38,6 +38,7 @@ fn specs() -> Vec<ScoreSpec> {
 /// The same comparison, with q by similarity alone.
 pub(super) fn without_lookahead(mut spec: ScoreSpec) -> ScoreSpec {
     spec.scorer.settings.insert("lookahead".into(), 0.0.into());
+    spec.scorer.settings.insert("lead_in".into(), 0.0.into());
     spec
 }
 

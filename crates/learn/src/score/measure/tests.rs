@@ -1,31 +1,15 @@
 //! The measure by similarity and progress, alone and in whole runs.
 
 use super::*;
+use crate::score::progress::ProgressForm;
 use crate::score::tests::{encoder, score_anew, spec_of};
 use crate::score::{Forgetful, LiveScorer, ScoreBase, ScoreInputs, Scores, extend_scores};
 use crate::toy;
 use crate::train::Silent;
 use gleaner_core::ScoreSpec;
 
-#[test]
-fn a_gain_is_the_most_within_reach_and_rises_at_an_expert_s_pace_after_the_end() {
-    let progress = [0.1, 0.5, 0.2, 0.2, 0.8, 0.7];
-    let pace = 0.125;
-    let later: Vec<f64> = (1u8..9).map(|step| 0.7 + pace * f64::from(step)).collect();
-    let all = [&progress[..], &later].concat();
-    let plain = |delta: usize| -> Vec<f64> {
-        let reach = |at: usize| all[at + 1..].iter().take(delta).copied().fold(f64::NEG_INFINITY, f64::max);
-        (0..progress.len()).map(|at| reach(at) - progress[at]).collect()
-    };
-    for delta in 1..8 {
-        assert_eq!(gains(&progress, delta, pace), plain(delta), "{delta}");
-    }
-    assert_eq!(gains(&progress, 1, pace)[1], 0.2 - 0.5, "a gain may be negative");
-    assert_eq!(gains(&[], 3, pace), Vec::<f64>::new());
-}
-
 fn looking(lookahead: f64) -> Ahead {
-    Ahead { lookahead, lead_in: 0.0 }
+    Ahead { lookahead, ..Ahead::default() }
 }
 
 #[test]
@@ -34,7 +18,7 @@ fn a_segment_is_as_good_as_the_best_one_that_it_leads_to() {
     let of = |w: &[f64]| EpisodeScores { w: w.to_vec(), ..scores("a", 0, vec![0; w.len()], 0.0) };
     let alone = [of(&[-3.0, -1.0, -2.0, -4.0, -2.0, -1.0, -3.0, -5.0])];
     // L is two steps.
-    let measure = Measure::new(None, (&experts, Ahead { lookahead: 0.0, lead_in: 0.25 }), &alone);
+    let measure = Measure::new(None, (&experts, Ahead { lead_in: 0.25, ..Ahead::default() }), &alone);
     let back = of(&[-9.0, -9.0, -8.0, -1.0, -9.0, -9.0]);
     assert_eq!(
         measure.of(&back),
@@ -110,8 +94,10 @@ fn episodes() -> (Vec<Trajectory>, Vec<Trajectory>) {
     (experts, vec![frozen, copy, toy::episode("failure", 50, 14, false)])
 }
 
+/// In the form that needs no experts whose matches advance.
 fn spec(lookahead: f64, normaliser: NormaliserKind) -> ScoreSpec {
-    ScoreSpec { normaliser, ..spec_of("raw", &[("lookahead", lookahead.into())]) }
+    let furthest = ("progress", "furthest".into());
+    ScoreSpec { normaliser, ..spec_of("raw", &[("lookahead", lookahead.into()), ("lead_in", 0.0.into()), furthest]) }
 }
 
 fn run(spec: &ScoreSpec) -> Scores {
@@ -138,11 +124,13 @@ fn later_steps_change_q_and_neither_w_nor_matches() {
 fn progress_is_a_share_of_the_matched_expert_s_own_episode() {
     let experts = [toy::episode("b", 1, 4, true), toy::episode("a", 2, 8, true)];
     let alone = [scores("b", 1, vec![0, 2, 4, 6], -1.0), scores("a", 0, vec![0, 0, 1, 1, 2, 2, 3, 3], -1.0)];
-    let measure = Measure::new(None, (&experts, looking(0.34)), &alone);
-    let (progress, _) = measure.outlook.as_ref().unwrap().ahead.as_ref().unwrap();
-    assert_eq!((progress.delta, &progress.lengths), (2, &vec![4, 8]));
-    assert_eq!(progress.gains(&alone[0])[..2], [0.5, 0.5], "four of eight steps");
-    assert_eq!(progress.gains(&alone[1])[..2], [0.25, 0.25], "one of four");
+    for (form, of_two_steps) in [(ProgressForm::Furthest, 1.0), (ProgressForm::Pace, 0.5)] {
+        let measure = Measure::new(None, (&experts, Ahead { progress: form, ..looking(0.34) }), &alone);
+        let (progress, _) = measure.outlook.as_ref().unwrap().ahead.as_ref().unwrap();
+        assert_eq!((progress.delta, &progress.lengths), (2, &vec![4, 8]));
+        assert_eq!(progress.of(&alone[0])[..2], [0.5 * of_two_steps; 2], "four of eight steps");
+        assert_eq!(progress.of(&alone[1])[0], 0.25 * of_two_steps, "one of four");
+    }
 }
 
 #[test]
@@ -181,7 +169,7 @@ fn one_expert_has_no_shares() {
     let (experts, imperfect) = episodes();
     let of = |lookahead: f64| {
         let local = ("local_scale", false.into());
-        let spec = spec_of("raw", &[("lookahead", lookahead.into()), local]);
+        let spec = spec_of("raw", &[("lookahead", lookahead.into()), ("lead_in", 0.0.into()), local]);
         let spec = ScoreSpec { normaliser: NormaliserKind::MinMax, ..spec };
         (score_anew(&experts[..1], &imperfect, &spec, &mut Silent).unwrap(), spec)
     };

@@ -14,8 +14,8 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
     settings: || [RawSpec::schema(), NearestSpec::schema()].concat(),
     open: |chosen| {
-        let RawSpec { similarity, lookahead } = chosen.read()?;
-        Ok(Scorer::Nearest(Comparison::new(Source::Observations, (similarity, lookahead), chosen.read()?)))
+        let RawSpec { similarity, lookahead, lead_in } = chosen.read()?;
+        Ok(Scorer::Nearest(Comparison::new(Source::Observations, (similarity, lookahead, lead_in), chosen.read()?)))
     },
 };
 
@@ -25,8 +25,12 @@ gleaner_core::settings! {
         /// Similarity of the features of two segments.
         similarity: Similarity = Similarity::SegmentL2, Similarity::shape();
         /// Share of a mean expert episode within which later steps show whether a segment brings the task forward: q then
-        /// counts also how far their matches get ahead. A larger share bridges longer pauses and locates a fault less
-        /// precisely; 0: similarity alone, as in the paper.
+        /// counts also how their matches get ahead, as `progress` names. A larger share bridges longer pauses and locates a
+        /// fault less precisely; 0: similarity alone, as in the paper.
         lookahead: f64 = 0.5, number_in(0.0, 1.0);
+        /// Share of a mean expert episode within which a segment is as good as the best one that it leads to: the way back
+        /// to what experts do then counts as good. A larger share finds longer ways back and locates the end of a bad
+        /// beginning less precisely; 0: its own steps alone, as in the paper.
+        lead_in: f64 = 0.2, number_in(0.0, 1.0);
     }
 }

@@ -15,9 +15,9 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     needs: Needs { encoder: true, history: false, images: true, all_episodes: false },
     settings: || [FeatureSpec::schema(), NearestSpec::schema()].concat(),
     open: |chosen| {
-        let FeatureSpec { feature_scale, similarity, lookahead } = chosen.read()?;
+        let FeatureSpec { feature_scale, similarity, lookahead, lead_in } = chosen.read()?;
         let source = Source::Features(feature_scale);
-        Ok(Scorer::Nearest(Comparison::new(source, (similarity, lookahead), chosen.read()?)))
+        Ok(Scorer::Nearest(Comparison::new(source, (similarity, lookahead, lead_in), chosen.read()?)))
     },
 };
 
@@ -29,8 +29,12 @@ gleaner_core::settings! {
         /// Similarity of the features of two segments.
         similarity: Similarity = Similarity::LastL2, Similarity::shape();
         /// Share of a mean expert episode within which later steps show whether a segment brings the task forward: q then
-        /// counts also how far their matches get ahead. A larger share bridges longer pauses and locates a fault less
-        /// precisely; 0: similarity alone, as in the paper.
+        /// counts also how their matches get ahead, as `progress` names. A larger share bridges longer pauses and locates a
+        /// fault less precisely; 0: similarity alone, as in the paper.
         lookahead: f64 = 0.0, number_in(0.0, 1.0);
+        /// Share of a mean expert episode within which a segment is as good as the best one that it leads to: the way back
+        /// to what experts do then counts as good. A larger share finds longer ways back and locates the end of a bad
+        /// beginning less precisely; 0: its own steps alone, as in the paper.
+        lead_in: f64 = 0.0, number_in(0.0, 1.0);
     }
 }
