@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use gleaner_client::{BAG_METADATA, TableGuess, guess_table, read_labels};
 use gleaner_inspector::Assumed;
+use gleaner_recording::printable;
 use serde_json::json;
 
 use crate::context::Context;
@@ -74,6 +75,8 @@ impl DraftArgs {
             return Err(Failure::message("none of the recordings can be read"));
         }
         let labels = table_beside(&recordings).map(|guess| labels_of(&guess)).unwrap_or_default();
+        // A name or a word of the table with a line break must not look like a line of ours.
+        let labels = printable::field(&labels);
         let paths: Vec<String> = self.paths.iter().map(|path| words::shell_word(&path.display().to_string())).collect();
         let name = self.name.clone().or_else(|| name_beside(&recordings));
         let known = Known { name: name.unwrap_or_else(|| "my_task".to_owned()), action: self.action };
