@@ -30,8 +30,8 @@ const COHORTS: [&str; 10] =
 /// Most words of an outcome.
 const WORDS: usize = 4;
 
-/// The table in `folder` that names at least half of its rows as recordings of these names; `None` if there is none, or
-/// several. A labels.csv is found without a guess.
+/// The only table in `folder` at least half of whose rows name recordings of these names; `None` without such a table, or
+/// with several. A labels.csv is found without a guess.
 #[must_use]
 pub fn guess_table(folder: &Path, names: &BTreeSet<String>) -> Option<TableGuess> {
     let mut found: Vec<TableGuess> = Vec::new();

@@ -37,6 +37,8 @@ mod recordings;
 mod report;
 mod reporter;
 mod scale;
+mod scorings;
+mod scorings;
 mod site;
 mod source;
 mod stage;

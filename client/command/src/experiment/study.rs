@@ -8,6 +8,7 @@ use toml::{Table, Value};
 use super::cell::CellSettings;
 use super::grid::{Axis, Draft, flat, grid, merge, set};
 use super::method::Method;
+use super::scorings::scorings;
 
 /// Which of the paper's tables a study makes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -72,49 +73,6 @@ impl TableKind {
             Self::Scoring | Self::Cells => Vec::new(),
         }
     }
-}
-
-// The paper's score with its features scaled and to the letter; the nearest neighbour of raw observations, of the last
-// step and of whole segments, without and with the local scale, then with the progress of matches in the form that was the
-// default once, and with the pace of progress and a lead-in, the default; the classifier; mutual information; progress; and
-// the vote.
-fn scorings() -> Vec<Draft> {
-    let cell = |label: &str, set: &[(&str, &str)]| -> Draft {
-        let flag = |text: &str| text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from);
-        (label.to_owned(), set.iter().map(|(key, value)| ((*key).to_owned(), flag(value))).collect())
-    };
-    let compared = |label: &str, set: &[(&str, &str)], (lookahead, lead_in): (f64, f64)| -> Draft {
-        let (label, mut set) = cell(label, set);
-        set.push(("lookahead".to_owned(), lookahead.into()));
-        set.push(("lead_in".to_owned(), lead_in.into()));
-        (label, set)
-    };
-    let alone = (0.0, 0.0);
-    let raw = |label: &str, (similarity, local_scale): (&str, &str)| {
-        compared(label, &[("scorer", "raw"), ("local_scale", local_scale), ("similarity", similarity)], alone)
-    };
-    let progress = |label: &str, progress: &str, ahead: (f64, f64)| {
-        let set = [("scorer", "raw"), ("local_scale", "true"), ("similarity", "segment_l2"), ("progress", progress)];
-        compared(label, &set, ahead)
-    };
-    vec![
-        cell("ssdf", &[("scorer", "ssdf")]),
-        compared(
-            "ssdf to the letter",
-            &[("scorer", "ssdf"), ("feature_scale", "plain"), ("local_scale", "false")],
-            alone,
-        ),
-        raw("raw", ("last_l2", "false")),
-        raw("raw + local scale", ("last_l2", "true")),
-        raw("raw segments", ("segment_l2", "false")),
-        raw("raw segments + local scale", ("segment_l2", "true")),
-        progress("raw segments + local scale + lookahead", "furthest", (0.5, 0.0)),
-        progress("raw segments + local scale + pace + lead-in", "pace", (0.5, 0.2)),
-        cell("classifier", &[("scorer", "classifier")]),
-        cell("deminf", &[("scorer", "deminf")]),
-        cell("progress", &[("scorer", "progress")]),
-        cell("vote", &[("scorer", "vote")]),
-    ]
 }
 
 /// A study as it stands in the file.

@@ -19,7 +19,7 @@ gleaner_core::words! {
         Pace = "pace",
         /// How far the furthest match within the lookahead is ahead, as the share of expert segments that get at most as far.
         /// Precise where imperfect episodes are as fast as experts; segments within the lookahead before a fault, and those of
-        /// an operator who is somewhat slower, count as bad.
+        /// a slower operator, count as bad.
         Furthest = "furthest",
     }
 }
