@@ -5,6 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
+use crate::labels::LABELS_FILE;
 use crate::rows::rows;
 
 /// A table beside recordings that may have their labels.
@@ -38,7 +39,7 @@ pub fn guess_table(folder: &Path, names: &BTreeSet<String>) -> Option<TableGuess
     for entry in std::fs::read_dir(folder).ok()?.flatten() {
         let path = entry.path();
         let is_table = path.extension().is_some_and(|extension| extension == "csv" || extension == "tsv");
-        if is_table && path.is_file() && !path.ends_with("labels.csv") {
+        if is_table && path.is_file() && !path.ends_with(LABELS_FILE) {
             let text = std::fs::read_to_string(&path).unwrap_or_default();
             found.extend(of_text(&text, names).map(|guess| TableGuess { table: path, ..guess }));
         }

@@ -10,6 +10,9 @@ use gleaner_proto::v1::Outcome;
 use crate::error::{ClientError, Result};
 use crate::rows::rows;
 
+/// The name of a labels file, by which it is found in a folder.
+pub const LABELS_FILE: &str = "labels.csv";
+
 /// One row of a labels.csv: `file,task,outcome,cohort`. Other columns are ignored.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LabelledFile {

@@ -71,7 +71,7 @@ pub use export::{expect_new_file, expect_new_folder};
 pub use find::{Found, Skipped, find_recordings};
 pub use foreign::is_dataset;
 pub use label_guess::{TableGuess, guess_table};
-pub use labels::{LabelTable, LabelledFile, outcome_from_word, read_labels, read_table};
+pub use labels::{LABELS_FILE, LabelTable, LabelledFile, outcome_from_word, read_labels, read_table};
 pub use lowest::LowestScore;
 pub use parts::METADATA as BAG_METADATA;
 pub use push::{PushEvent, PushItem, PushResult, Pushed};

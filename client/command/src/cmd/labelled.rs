@@ -5,15 +5,13 @@ mod listed;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use gleaner_client::LabelledFile;
+use gleaner_client::{LABELS_FILE, LabelledFile};
 use gleaner_proto::v1::Outcome;
 
 use super::label_table::LabelTableArgs;
 use crate::failure::{Failure, Result};
 use crate::words;
 
-/// The labels file that is looked for in folders.
-const LABELS: &str = "labels.csv";
 /// Fewest experts of a score run: each is compared with the others.
 const FEWEST_EXPERTS: usize = 2;
 
@@ -30,7 +28,7 @@ impl<'a> Labels<'a> {
     pub(super) fn of(named: Option<&Path>, paths: &[PathBuf], table: &'a LabelTableArgs) -> Self {
         let files = match named {
             Some(file) => vec![file.to_owned()],
-            None => paths.iter().map(|path| path.join(LABELS)).filter(|labels| labels.is_file()).collect(),
+            None => paths.iter().map(|path| path.join(LABELS_FILE)).filter(|labels| labels.is_file()).collect(),
         };
         Self { files, searched: named.is_none(), table }
     }
@@ -155,7 +153,7 @@ mod tests {
         let paths = [folder.path().to_owned()];
         let table = LabelTableArgs::default();
         assert!(Labels::of(None, &paths, &table).some().unwrap().is_none());
-        let file = folder.path().join(LABELS);
+        let file = folder.path().join(LABELS_FILE);
         std::fs::write(&file, "file,outcome\na.mcap,success\n").unwrap();
         let found = Labels::of(None, &paths, &table).some().unwrap().unwrap();
         assert_eq!((found.files.clone(), found.found()), (vec![file.clone()], Some(file.display().to_string())));

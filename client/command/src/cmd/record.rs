@@ -67,7 +67,7 @@ impl RecordArgs {
         let cohorts = self.agents.into_iter().map(|agent| agent.0).collect();
         let set = RecordSet { task: self.task, config, cohorts, seed: self.seed };
         let recorded = record(context, &self.out, set).await?;
-        let labels = self.out.join("labels.csv");
+        let labels = self.out.join(gleaner_client::LABELS_FILE);
         context.output.result(
             || Ok(document(&self.out, &recorded)),
             || format!("{} recorded in {}", words::counted(recorded.len(), "episode", "episodes"), self.out.display()),
@@ -83,7 +83,7 @@ impl RecordArgs {
 
 /// Refuses a folder of an earlier set, whose labels and recordings of the same seeds would be replaced.
 fn expect_no_labels(folder: &Path) -> Result<()> {
-    let labels = folder.join("labels.csv");
+    let labels = folder.join(gleaner_client::LABELS_FILE);
     if labels.exists() {
         let problem = format!("{} exists and would be replaced", labels.display());
         return Err(Failure::message(format!("{problem}; give another folder, or remove this one first")));
@@ -151,7 +151,7 @@ fn document(folder: &Path, recorded: &[RecordedEpisode]) -> Value {
         })
     };
     json!({
-        "labels": folder.join("labels.csv").display().to_string(),
+        "labels": folder.join(gleaner_client::LABELS_FILE).display().to_string(),
         "episodes": recorded.iter().map(episode).collect::<Vec<_>>(),
     })
 }
@@ -181,7 +181,7 @@ mod tests {
         // An interrupted set has recordings and no labels yet.
         std::fs::write(folder.path().join("pick_cube-expert-000000.mcap"), "").unwrap();
         assert!(expect_no_labels(folder.path()).is_ok());
-        std::fs::write(folder.path().join("labels.csv"), "").unwrap();
+        std::fs::write(folder.path().join(gleaner_client::LABELS_FILE), "").unwrap();
         let message = expect_no_labels(folder.path()).unwrap_err().to_string();
         assert!(message.contains("labels.csv exists") && message.contains("another folder"), "{message}");
     }

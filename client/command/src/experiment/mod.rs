@@ -38,7 +38,6 @@ mod report;
 mod reporter;
 mod scale;
 mod scorings;
-mod scorings;
 mod site;
 mod source;
 mod stage;

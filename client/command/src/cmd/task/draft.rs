@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gleaner_client::{BAG_METADATA, TableGuess, guess_table, read_labels};
+use gleaner_client::{BAG_METADATA, LABELS_FILE, TableGuess, guess_table, read_labels};
 use gleaner_inspector::Assumed;
 use gleaner_recording::printable;
 use serde_json::json;
@@ -15,9 +15,6 @@ use crate::failure::{Failure, Result};
 use crate::inspector::Inspector;
 use crate::intake::{self, Intake};
 use crate::words;
-
-/// The labels file beside recordings.
-const LABELS: &str = "labels.csv";
 
 #[derive(Args, Debug)]
 pub(crate) struct DraftArgs {
@@ -141,7 +138,7 @@ fn labels_of(guess: &TableGuess) -> String {
 /// what it holds, such as `recordings`, the name of the folder above.
 fn name_beside(recordings: &[PathBuf]) -> Option<String> {
     let parents = recordings.iter().filter_map(|path| beside(path)).collect::<BTreeSet<&Path>>();
-    let tasks = parents.iter().filter_map(|folder| read_labels(&folder.join(LABELS)).ok()).flatten();
+    let tasks = parents.iter().filter_map(|folder| read_labels(&folder.join(LABELS_FILE)).ok()).flatten();
     let tasks: BTreeSet<String> = tasks.filter_map(|row| row.task).collect();
     let folder = parents.first().and_then(|folder| folder.canonicalize().ok());
     let names = folder.iter().flat_map(|folder| folder.ancestors()).filter_map(Path::file_name);
@@ -178,7 +175,7 @@ mod tests {
         let within = runs.join("Recordings");
         std::fs::create_dir(&within).unwrap();
         assert_eq!(name_beside(&[within.join("a.mcap")]).unwrap(), "pick_up", "not that of the folder inside");
-        std::fs::write(runs.join(LABELS), "file,task,outcome\na.mcap,PickCube-v0,success\n").unwrap();
+        std::fs::write(runs.join(LABELS_FILE), "file,task,outcome\na.mcap,PickCube-v0,success\n").unwrap();
         assert_eq!(name_beside(&recordings).unwrap(), "PickCube-v0");
         let bag = recordings[0].parent().unwrap().join("run_1");
         std::fs::create_dir(&bag).unwrap();
