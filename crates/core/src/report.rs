@@ -119,6 +119,8 @@ pub enum FindingCode {
     LateKeyFrame,
     /// The first step is more than 2.5 periods after the recording's first message of the clock.
     LateStart,
+    /// A recorded action is beyond the limits of the task.
+    OutsideLimits,
 }
 
 impl Report {

@@ -3,6 +3,7 @@
 //! The functions read tracks, steps and values, and change the report only.
 
 mod cameras;
+mod limits;
 pub(crate) mod pace;
 mod video;
 
@@ -12,6 +13,7 @@ use gleaner_core::{FieldSpec, TaskSpec};
 use gleaner_core::{Finding, FindingCode, Report, Severity};
 
 pub(crate) use cameras::frozen_cameras;
+pub(crate) use limits::outside_limits;
 pub(crate) use video::key_frames;
 
 /// Periods without a message that make a gap.
@@ -89,7 +91,7 @@ pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
         report.add(Severity::Warning, FindingCode::OffRate, "clock", None, detail);
     }
     late_start(steps, report);
-    gaps(steps, report);
+    gaps(steps, spec, report);
 }
 
 /// What comes before the first step, because a stream has no message yet.
@@ -103,15 +105,15 @@ fn late_start(steps: &Steps<'_>, report: &mut Report) {
         return;
     }
     let detail = format!(
-        "its first message is late: {:.2} s at the beginning of the recording are no steps. If the robot was commanded by \
-         then, start the recording once every topic has messages",
+        "its first message is late: the first {:.2} s of the recording are no steps, which harms nothing unless the robot was \
+         commanded by then. If it was, start the recording once every topic has messages",
         lost as f64 / 1e9
     );
     report.add(Severity::Warning, FindingCode::LateStart, &last.topic, Some(0), detail);
 }
 
 /// Steps that hold a message of more than 2.5 periods of its stream, which may be slower than the steps.
-fn gaps(steps: &Steps<'_>, report: &mut Report) {
+fn gaps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
     let mut note = |subject: &str, period: i64, distances: Vec<i64>| {
         let limit = period as f64 * GAP_PERIODS;
         let is_gap = |distance: &i64| *distance as f64 > limit;
@@ -120,10 +122,11 @@ fn gaps(steps: &Steps<'_>, report: &mut Report) {
         };
         let count = distances.iter().filter(|distance| is_gap(distance)).count();
         let longest = distances.iter().max().copied().unwrap_or_default();
-        let steps = if count == 1 { "1 step".to_owned() } else { format!("{count} steps") };
         let detail = format!(
-            "at {steps} the last message is more than {GAP_PERIODS} periods of {:.0} ms old, at most {:.0} ms, and was held. \
-             A few lost messages do little harm; look for a dropped connection if there are many, or leave these steps out",
+            "at {count} of {} steps the last message is more than {GAP_PERIODS} periods of {:.0} ms old, at most {:.0} ms, \
+             and was held. A few lost messages do little harm; look for a dropped connection if there are many, or leave \
+             these steps out",
+            steps.stamps.len(),
             period as f64 / 1e6,
             longest as f64 / 1e6
         );
@@ -138,7 +141,10 @@ fn gaps(steps: &Steps<'_>, report: &mut Report) {
         if line.stamps.len() > 1 {
             let ages = steps.stamps.iter().zip(picks).map(|(stamp, &at)| stamp.saturating_sub(line.stamps[at]));
             let own = line.median_interval(&(0..line.stamps.len()).collect::<Vec<_>>());
-            note(&stream.topic, own.clamp(period, period.saturating_mul(SLOWEST)), ages.collect());
+            // A switch may be sent when it changes, and now and then.
+            let is_switch = spec.action.iter().any(|field| field.binary && stream.is_field(&field.name));
+            let slowest = if is_switch { i64::MAX } else { period.saturating_mul(SLOWEST) };
+            note(&stream.topic, own.clamp(period, slowest), ages.collect());
         }
     }
 }

@@ -43,6 +43,7 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan
     inspect::steps(&steps, spec, &mut report);
     inspect::values(&proprioception, &spec.proprioception, &mut report);
     inspect::values(&action, &spec.action, &mut report);
+    inspect::outside_limits(&action, &spec.action, &mut report);
     inspect::frozen_joints(&proprioception, &spec.proprioception, &mut report);
     let (stamps, clock_topic) = (steps.stamps.clone(), clock_topic.to_owned());
     Ok(Plan {

@@ -93,6 +93,13 @@ fn gaps_of_the_clock_and_of_a_stream_are_findings() {
     // One of a tenth of the rate was meant to be faster.
     let rare = Scene::steps(24).change("/tool", |at, _, _| at % 12 == 0);
     check(&rare.report(&numbers_only()), Severity::Warning, FindingCode::Gap, "/tool");
+    let mut switch = numbers_only();
+    let bounds = [-10.0, 10.0].map(|bound| Some(gleaner_core::Bound::All(bound)));
+    let tool = switch.proprioception.iter().position(|field| field.name == "tool").unwrap();
+    let field = gleaner_core::FieldSpec { binary: true, ..switch.proprioception.remove(tool) };
+    let [minimum, maximum] = bounds;
+    switch.action.push(gleaner_core::FieldSpec { minimum, maximum, ..field });
+    assert_eq!(rare.report(&switch).findings, [], "a switch is held until the next message");
     let held = Scene::steps(12).change("/tool", |at, _, _| at == 0);
     assert_eq!(held.report(&numbers_only()).findings, []);
 }
@@ -116,6 +123,27 @@ fn a_frozen_joint_is_one_finding_and_a_resting_arm_has_no_finding() {
     spec.proprioception[0].name = "joint_velocity".into();
     spec.mappings[0].fields[0].field = "joint_velocity".into();
     assert_eq!(scene([0.1, 0.0, 0.2]).report(&spec).findings, []);
+}
+
+#[test]
+fn an_action_outside_of_its_limits_is_named_with_what_it_becomes() {
+    let of = |minimum: Option<f32>, maximum: Option<f32>| {
+        let mut spec = numbers_only();
+        let [minimum, maximum] = [minimum, maximum].map(|bound| bound.map(gleaner_core::Bound::All));
+        (spec.action[0].minimum, spec.action[0].maximum) = (minimum, maximum);
+        Scene::steps(12).report(&spec)
+    };
+    // The first value of the command goes from 0 to 1.1, the second is 1.
+    assert_eq!(of(Some(0.0), Some(1.1)).findings, []);
+    assert_eq!(of(Some(0.0), Some(1.095)).findings, [], "less than a hundredth of the range");
+    assert_eq!(of(None, Some(1.2)).findings, []);
+    let finding = check(&of(Some(0.5), Some(1.05)), Severity::Warning, FindingCode::OutsideLimits, "command[0]");
+    assert_eq!(finding.first_step, Some(0));
+    let part = "at 6 of 12 steps the action is outside of its limits, minimum 0.5 and maximum 1.05, and is learned as the \
+                nearest one: it is 0.000 to 1.100";
+    assert!(finding.detail.starts_with(part), "{}", finding.detail);
+    let least = check(&of(Some(0.2), None), Severity::Warning, FindingCode::OutsideLimits, "command[0]");
+    assert!(least.detail.starts_with("at 2 of 12 steps the action is outside of its limits, minimum 0.2, and"));
 }
 
 #[test]
