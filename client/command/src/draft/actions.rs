@@ -30,8 +30,8 @@ impl Actions<'_> {
             return match (beside, alongside) {
                 _ if named => "An action, because `--action` names its topic.".to_owned(),
                 (Some(command), _) => format!("An action, because {command} of the same topic is one."),
-                (None, Some(commands)) => format!(
-                    "An action, because it is on or off and comes as often as {commands}. If a sensor sends it, make it \
+                (None, Some(likeness)) => format!(
+                    "An action, because it is on or off and {likeness}. If a sensor sends it, make it \
                      [[proprioception]], without limits and `binary`."
                 ),
                 (None, None) => "An action, by its name or its topic.".to_owned(),

@@ -35,7 +35,7 @@ pub(super) struct Candidate {
     pub(super) rate_hz: f64,
     /// The path of a command of its topic by which it is one too.
     pub(super) beside: Option<String>,
-    /// The topic of commands that come as often, by which a switch is one too.
+    /// What a switch has in common with commands, by which it is one too, in words.
     pub(super) alongside: Option<String>,
     /// Whether it may as well be a command.
     pub(super) open: bool,

@@ -34,9 +34,8 @@ pub(super) struct Field {
     pub(super) meaning: Option<&'static str>,
     /// Whether the draft has it as a comment, so that it is no part of the task.
     pub(super) is_aside: bool,
-    /// The ranges of an action whose limits could not be guessed, which the draft has as a comment: of each value, or one of
-    /// all.
-    pub(super) observed: Vec<ValueRange>,
+    /// Whether the limits of an action are those of the recordings, because its values have no usual range.
+    pub(super) observed: bool,
     pub(super) stamped: Vec<bool>,
     /// Its place in each way.
     pub(super) sources: Vec<FieldSource>,
@@ -173,13 +172,13 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
     let values = if known && values.len() <= 2 { values } else { Vec::new() };
     let mut spec = FieldSpec::new(name.clone(), u32::try_from(ranges.len()).unwrap_or(u32::MAX));
     let place = reasons.len();
-    let mut observed = Vec::new();
+    let mut observed = false;
     if action {
         reasons.extend(still::leave_out_zeros(&mut sources, &mut ranges));
         spec.size = u32::try_from(ranges.len()).unwrap_or(u32::MAX);
         observed = bound(&mut spec, &ranges, &values, &mut reasons);
         let paths = &sources[0].paths;
-        if (2..=MOST_NAMED).contains(&paths.len()) && limits::are_listed(&observed) {
+        if (2..=MOST_NAMED).contains(&paths.len()) && matches!(spec.minimum, Some(Bound::Each(_))) {
             reasons.push(format!("They are in the order {}.", paths.join(", ")));
         }
         reasons.extend(still::unchanged(paths, &ranges));
@@ -187,7 +186,7 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
         reasons.push(format!("It is always {value} in these recordings; remove it if it never changes."));
     }
     // A command that was found to be normalised has no unit.
-    if spec.minimum.is_none()
+    if (observed || spec.minimum.is_none())
         && let Some(unit) = units::of_paths(&first.schema, &sources[0].paths)
     {
         spec.unit = unit;
@@ -207,48 +206,37 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
     }
 }
 
-/// Guesses the range of an action whose values have these ranges, or one together. Without a guess, returns the ranges.
-pub(super) fn bound(
-    spec: &mut FieldSpec,
-    ranges: &[ValueRange],
-    values: &[f64],
-    reasons: &mut Vec<String>,
-) -> Vec<ValueRange> {
+/// Guesses the limits of an action whose values have these ranges, or one together. Returns whether they are those of the
+/// recordings, for want of a better guess.
+pub(super) fn bound(spec: &mut FieldSpec, ranges: &[ValueRange], values: &[f64], reasons: &mut Vec<String>) -> bool {
     let all = ranges.iter().copied().reduce(ValueRange::with).unwrap_or(ValueRange::of(0.0));
     let ValueRange { minimum, maximum } = all;
     let observed = format!("Its values are {} to {}", short(minimum), short(maximum));
     let within = |low: f64, high: f64| minimum >= low && maximum <= high;
+    let mut set = |bounds: [Bound; 2]| [spec.minimum, spec.maximum] = bounds.map(Some);
+    let all = |minimum: f64, maximum: f64| [minimum, maximum].map(|bound| Bound::All(limits::single(bound)));
     if let ([_, _], true) = (values, minimum < maximum) {
+        set(all(minimum, maximum));
         spec.binary = true;
-        set_range(spec, minimum, maximum);
         reasons.push(format!("It has the two values {} and {} and none between.", short(minimum), short(maximum)));
     } else if within(-ONE, ONE) && minimum < 0.0 && (minimum < -REACHED || maximum > REACHED) {
-        set_range(spec, -1.0, 1.0);
+        set(all(-1.0, 1.0));
         reasons.push(format!("{observed}, as of a command between -1 and 1."));
     } else if within(0.0, ONE) && maximum > REACHED && minimum < 1.0 - REACHED {
-        set_range(spec, 0.0, 1.0);
+        set(all(0.0, 1.0));
         reasons.push(format!("{observed}, as of a command between 0 and 1."));
+    } else if let Some(bounds) = limits::bounds(ranges) {
+        set(bounds);
+        reasons.push(
+            "Its limits are those of the recordings: policies stay within them. Write the robot's own if they are wider, \
+             or delete both lines for none."
+                .to_owned(),
+        );
+        return true;
     } else {
-        let (observed, each) = if limits::are_listed(ranges) {
-            ("The limits below are those of the recordings.".to_owned(), "")
-        } else if spec.size > 1 {
-            let each = " They are limits of every value; where values differ, write a list with one for each, such as \
-                        [-1.0, -0.5].";
-            (format!("{observed}."), each)
-        } else {
-            (format!("{observed}."), "")
-        };
-        reasons.push(format!(
-            "{observed} If the robot has limits, write them and delete the #, so that policies stay within them.{each}"
-        ));
-        return ranges.to_vec();
+        reasons.push(format!("{observed}, so that it has no limits."));
     }
-    Vec::new()
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "steps hold 32-bit floats")]
-fn set_range(spec: &mut FieldSpec, minimum: f64, maximum: f64) {
-    (spec.minimum, spec.maximum) = (Some(Bound::All(minimum as f32)), Some(Bound::All(maximum as f32)));
+    false
 }
 
 fn shown_paths(order: &Order) -> String {

@@ -41,8 +41,7 @@ pub(crate) fn of_description(description: &Description, name: String) -> Draft {
         let mut reasons = vec![reason(origin)];
         let action = at >= states;
         let range = origin.range.filter(|_| action);
-        let observed =
-            range.map(|range| fields::bound(field, &[range], &origin.values, &mut reasons)).unwrap_or_default();
+        let observed = range.is_some_and(|range| fields::bound(field, &[range], &origin.values, &mut reasons));
         drafted.push(Field {
             spec: field.clone(),
             action,

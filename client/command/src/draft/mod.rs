@@ -20,6 +20,8 @@ mod units;
 mod way;
 mod write;
 
+use std::collections::BTreeSet;
+
 use gleaner_recording::{Mapping, Survey, TaskSpec, rounded_rate};
 
 use crate::words::{counted, some};
@@ -127,12 +129,12 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
 }
 
 impl Draft {
-    /// What a reader has to decide, because recordings do not show it.
+    /// What a reader has to look at, because recordings do not show it.
     fn decisions(&self) -> Vec<String> {
         let taken = self.fields.iter().filter(|field| !field.is_aside);
-        let unlimited = taken.filter(|field| field.action && !field.observed.is_empty());
-        let unlimited: Vec<String> = unlimited.map(|field| field.spec.name.clone()).collect();
-        let limits = (!unlimited.is_empty()).then(|| format!("the limits of {}", some(&unlimited)));
+        let observed = taken.filter(|field| field.action && field.observed);
+        let observed: Vec<String> = observed.map(|field| field.spec.name.clone()).collect();
+        let limits = (!observed.is_empty()).then(|| format!("the limits of {}", some(&observed)));
         let scaled = self.cameras.iter().any(|camera| camera.spec.recorded.is_some());
         let sizes = scaled.then(|| "the size of pictures".to_owned());
         let decisions = [Some("the name".to_owned()), limits, sizes, Some("what a policy observes".to_owned())];
@@ -152,10 +154,19 @@ impl Draft {
             fields.flat_map(|field| field.sources.iter().map(move |source| (field, source)))
         };
         for (field, source) in sources(false).filter(|(field, _)| field.open) {
-            let Some((command, _)) = sources(true).find(|(_, of_action)| of_action.topic == source.topic) else {
+            let (topic, own) = (&source.topic, &field.spec.name);
+            let Some((command, _)) = sources(true).find(|(_, of_action)| of_action.topic == *topic) else {
+                let topics: BTreeSet<&str> = sources(true).map(|(_, of_action)| of_action.topic.as_str()).collect();
+                let named: Vec<String> =
+                    topics.into_iter().chain([topic.as_str()]).map(|topic| format!("--action {topic}")).collect();
+                doubts.push(format!(
+                    "{own} of {topic} is on or off and an observation, so that no policy switches it: draft with {} if it is \
+                     a command",
+                    named.join(" ")
+                ));
                 continue;
             };
-            let (topic, own, command) = (&source.topic, &field.spec.name, &command.spec.name);
+            let command = &command.spec.name;
             doubts.push(format!(
                 "{own} is an observation although {command} of the same topic {topic} is an action: add --action {topic} if \
                  both are commands"

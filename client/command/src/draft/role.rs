@@ -1,5 +1,7 @@
 //! Roles: which candidates of one topic are commands, by their own names and by those beside them, and which switches are.
 
+use std::collections::BTreeSet;
+
 use super::candidate::Candidate;
 use super::measured::{Measured, is_sensed, measured};
 use super::tokens::{self, Command};
@@ -12,26 +14,47 @@ pub(super) fn settle(candidates: &mut [Candidate]) {
     candidates.chunk_by_mut(|one, next| one.topic == next.topic).for_each(settle_topic);
 }
 
-/// A switch on a topic of its own that comes as often as certain commands is one of them: what a robot measures has other
-/// rates as a rule.
+/// A switch on a topic of its own that comes as often as certain commands is one of them, because what a robot measures has
+/// other rates as a rule; so is one in a namespace of commands in which nothing is measured. The role of others is open.
 pub(super) fn settle_switches(candidates: &mut [Candidate]) {
     let commands: Vec<(String, f64)> = candidates
         .iter()
         .filter(|candidate| candidate.command == Command::Yes)
         .map(|candidate| (candidate.topic.clone(), candidate.rate_hz))
         .collect();
+    let is_measured = |candidate: &&Candidate| {
+        candidate.command == Command::No
+            && [&candidate.path, &candidate.topic].iter().any(|name| measured(name) > Measured::No)
+    };
+    let with_states: BTreeSet<String> =
+        candidates.iter().filter(is_measured).map(|candidate| namespace(&candidate.topic).to_owned()).collect();
     for of_topic in candidates.chunk_by_mut(|one, next| one.topic == next.topic) {
         let [candidate] = of_topic else { continue };
         let names = [&candidate.path, &candidate.topic];
         let is_open = candidate.command == Command::No && names.iter().all(|name| measured(name) == Measured::No);
         if is_open && is_switch(candidate) && !names.iter().any(|name| is_sensed(name)) {
             let alike = |rate: f64| (rate - candidate.rate_hz).abs() < SAME_RATE * rate;
-            if let Some((topic, _)) = commands.iter().find(|(_, rate)| alike(*rate)) {
+            let own = namespace(&candidate.topic);
+            let beside = |topic: &str| !own.is_empty() && namespace(topic) == own && !with_states.contains(own);
+            let as_often = commands.iter().find(|(_, rate)| alike(*rate));
+            candidate.alongside = if let Some((topic, _)) = as_often {
+                Some(format!("comes as often as {topic}"))
+            } else {
+                let of_commands = commands.iter().find(|(topic, _)| beside(topic));
+                of_commands.map(|(topic, _)| format!("shares {own} with {topic} and nothing that is measured"))
+            };
+            if candidate.alongside.is_some() {
                 candidate.command = Command::Yes;
-                candidate.alongside = Some(topic.clone());
+            } else {
+                candidate.open = true;
             }
         }
     }
+}
+
+/// What a topic's name has before its last part; empty without such.
+fn namespace(topic: &str) -> &str {
+    topic.rsplit_once('/').map_or("", |(namespace, _)| namespace)
 }
 
 /// Whether it is one number that is 0 or 1, and was both.

@@ -7,7 +7,6 @@ use gleaner_recording::{Bound, CameraSource, CameraSpec, FieldSource, FieldSpec,
 
 use super::Draft;
 use super::candidate::LeftOut;
-use super::limits;
 
 /// Width of a line of comments.
 const WIDTH: usize = 118;
@@ -16,7 +15,7 @@ impl Display for Draft {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
         comment(out, &format!("Drafted by `gleaner task draft` from {}.", self.origin))?;
         let decide = self.decisions().join(", ");
-        comment(out, &format!("To decide: {decide}. The mappings below the line rarely need a change."))?;
+        comment(out, &format!("To look at: {decide}. The mappings below the line rarely need a change."))?;
         comment(out, "Each guess has its reason; `gleaner help task` explains every key.")?;
         writeln!(out, "name = {}\n", text(&self.spec.name))?;
         if !self.spec.instruction.is_empty() {
@@ -39,9 +38,6 @@ impl Display for Draft {
                     commented(out, |text| field_spec(text, table, &field.spec))?;
                 } else {
                     field_spec(out, table, &field.spec)?;
-                    if let Some([minimum, maximum]) = limits::written(&field.observed) {
-                        commented(out, |text| writeln!(text, "minimum = {minimum}\nmaximum = {maximum}"))?;
-                    }
                 }
             }
         }

@@ -84,7 +84,7 @@ fn a_switch_that_comes_as_often_as_the_commands_is_one() {
         let draft =
             draft([&recording(vec![camera("/front", "cdr", (96, 96)), switch, commands])], &known("t")).unwrap();
         let action = draft.spec.action.iter().find(|field| field.name != "cmd_vel").cloned();
-        (action, draft.to_string())
+        (action, format!("{draft}{}", draft.doubts().join("\n")))
     };
     let (press, text) = of("/stamp/press", 20.2, &[0.0, 1.0]);
     let press = press.unwrap();
@@ -93,6 +93,11 @@ fn a_switch_that_comes_as_often_as_the_commands_is_one() {
         (Some(Bound::All(0.0)), Some(Bound::All(1.0)), true)
     );
     assert!(text.replace("\n# ", " ").contains("it is on or off and comes as often as /cmd_vel"), "{text}");
+    // What is open is a doubt, with the options that take it as a command.
+    let open = of("/stamp/press", 2.0, &[0.0, 1.0]).1;
+    assert!(open.contains("press of /stamp/press is on or off"), "{open}");
+    assert!(open.contains("draft with --action /cmd_vel --action /stamp/press if it is a command"), "{open}");
+    assert!(!of("/stamp/contact1", 2.0, &[0.0, 1.0]).1.contains("on or off"), "a sensor");
     for (name, rate, values) in [
         ("/stamp/press", 50.0, &[0.0, 1.0][..]),
         ("/stamp/press", 20.0, &[0.0, 0.4]),
@@ -103,6 +108,29 @@ fn a_switch_that_comes_as_often_as_the_commands_is_one() {
     ] {
         assert_eq!(of(name, rate, values).0, None, "{name} {rate} {values:?}");
     }
+}
+
+/// A lamp that is sent when it changes, beside the commands of its device.
+#[test]
+fn a_switch_in_a_namespace_of_commands_is_one_unless_something_is_measured_there() {
+    let of = |others: Vec<SurveyedTopic>| {
+        let data = SurveyedField { values: vec![0.0, 1.0], ..numbers("data", &[range(0.0, 1.0)]) };
+        let lamp = SurveyedTopic { rate_hz: 2.3, ..topic("/wick/lamp", "cdr", vec![data]) };
+        let commands = topic("/wick/rate_cmd", "cdr", vec![numbers("x", &[range(-0.2, 0.3)])]);
+        draft([&recording([vec![camera("/front", "cdr", (96, 96)), lamp, commands], others].concat())], &known("t"))
+            .unwrap()
+    };
+    let states = |name: &str| topic(name, "cdr", vec![numbers("position", &[range(-1.0, 1.0)])]);
+    let alone = of(vec![states("/joint_states")]);
+    assert!(alone.spec.action.iter().any(|field| field.name == "lamp" && field.binary), "{alone}");
+    let text = alone.to_string().replace("\n# ", " ");
+    assert!(
+        text.contains("it is on or off and shares /wick with /wick/rate_cmd and nothing that is measured"),
+        "{text}"
+    );
+    let beside = of(vec![states("/wick/joint_states")]);
+    assert!(beside.spec.action.iter().all(|field| field.name != "lamp"), "{beside}");
+    assert!(beside.doubts()[0].starts_with("lamp of /wick/lamp is on or off"), "{:?}", beside.doubts());
 }
 
 #[test]
