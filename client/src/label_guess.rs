@@ -21,13 +21,19 @@ pub struct TableGuess {
     pub cohort: Option<String>,
     /// The words of the outcome; one or several are of a success.
     pub words: Vec<String>,
+    /// That of a success, if the column of the kind of a failure is empty in its rows and in no other.
+    pub success: Option<String>,
 }
 
 /// Parts of the header of an outcome, the likeliest first.
 const OUTCOMES: [&str; 8] = ["outcome", "success", "verdict", "result", "ended", "status", "label", "ok"];
 /// Parts of the header of a kind of failure, the likeliest first.
-const COHORTS: [&str; 10] =
-    ["cohort", "kind", "trouble", "fault", "failure", "cause", "problem", "reason", "remark", "error"];
+const COHORTS: [&str; 12] = [
+    "cohort", "kind", "trouble", "fault", "failure", "mishap", "cause", "problem", "reason", "defect", "error",
+    "remark",
+];
+/// Cells of a kind of failure that name none.
+const NO_KIND: [&str; 5] = ["", "-", "none", "n/a", "no"];
 /// Most words of an outcome.
 const WORDS: usize = 4;
 
@@ -64,9 +70,27 @@ fn of_text(text: &str, names: &BTreeSet<String>) -> Option<TableGuess> {
         parts.iter().find_map(header)
     };
     let outcome = like(&OUTCOMES, &|header| (2..=WORDS).contains(&words[header].len()))?;
-    let cohort = like(&COHORTS, &|header| *header != outcome);
+    // All rows of one outcome have no kind, and all others one of few.
+    let success = |header: &String| {
+        let kind = |row: &HashMap<String, String>| {
+            row.get(header).filter(|cell| !NO_KIND.contains(&cell.trim().to_lowercase().as_str())).cloned()
+        };
+        let (failed, others): (Vec<_>, Vec<_>) = rows.iter().partition(|row| kind(row).is_some());
+        let outcomes = |rows: &[&HashMap<String, String>]| -> BTreeSet<String> {
+            rows.iter().filter_map(|row| row.get(&outcome).cloned()).collect()
+        };
+        let kinds: BTreeSet<String> = failed.iter().filter_map(|row| kind(row)).collect();
+        let (of_failed, of_others) = (outcomes(&failed), outcomes(&others));
+        let apart = of_others.len() == 1 && of_others.is_disjoint(&of_failed) && kinds.len() * 2 <= failed.len();
+        of_others.into_iter().next().filter(|_| apart && !failed.is_empty())
+    };
+    let telling = |header: &String| *header != outcome && success(header).is_some();
+    let by_cells = || words.keys().copied().find(|header| telling(header)).cloned();
+    let by_name = like(&COHORTS, &telling).or_else(by_cells);
+    let cohort = by_name.or_else(|| like(&COHORTS, &|header| *header != outcome));
+    let success = cohort.as_ref().and_then(success);
     let words = words[&outcome].iter().map(|word| (*word).clone()).collect();
-    Some(TableGuess { table: PathBuf::new(), file: file.clone(), outcome, cohort, words })
+    Some(TableGuess { table: PathBuf::new(), file: file.clone(), outcome, cohort, words, success })
 }
 
 /// The cells of a column that are not empty.
@@ -97,6 +121,22 @@ mod tests {
         assert_eq!((found.cohort.as_deref(), found.words), (Some("Trouble"), vec!["binned".into(), "served".into()]));
         let other = of_text("run,how_it_ended\na,watered\nb,dry\n", &names(&["a", "b"])).unwrap();
         assert_eq!((other.outcome.as_str(), other.cohort), ("how_it_ended", None));
+    }
+
+    #[test]
+    fn the_word_of_a_success_is_that_of_the_rows_without_a_kind_of_failure() {
+        let rows = "a;cured;;x\nb;spoilt;slid off;see video\nc;spoilt;slid off;\nd;cured;-;slow\n";
+        let of = |header: &str, rows: &str| of_text(&format!("{header}{rows}"), &names(&["a", "b", "c", "d"])).unwrap();
+        let found = of("bag;verdict;mishap;remark\n", rows);
+        assert_eq!((found.cohort.as_deref(), found.success.as_deref()), (Some("mishap"), Some("cured")));
+        // Whatever the column is called.
+        let found = of("bag;verdict;what;remark\n", rows);
+        assert_eq!((found.cohort.as_deref(), found.success.as_deref()), (Some("what"), Some("cured")));
+        // A success with a kind, and a failure without one.
+        for other in [rows.replace("d;cured;-", "d;cured;slid off"), rows.replace("c;spoilt;slid off", "c;spoilt;")] {
+            let found = of("bag;verdict;mishap;remark\n", &other);
+            assert_eq!((found.cohort.as_deref(), found.success), (Some("mishap"), None), "{other}");
+        }
     }
 
     #[test]

@@ -151,14 +151,15 @@ async fn labels_are_checked_with_the_recordings_without_a_server() {
     let own = labels("trials.csv", "run;verdict;trouble\npick_cube_ros2;solved;\npick_cube_foxglove;bad;dropped\n");
     let columns = ["--labels", text(&own), "--label-columns", "file=run,outcome=verdict,cohort=trouble"];
     let suggested = drafted(&[folder.path()], &task).await.errors;
-    let part = format!("{} {} --success-value WORD", text(folder.path()), columns.join(" "));
+    let part = format!("{} --task-file task.toml {} --success-value WORD", text(folder.path()), columns.join(" "));
     assert!(suggested.contains(&part) && suggested.contains("of bad, solved"), "{part}: {suggested}");
     let named = [&check[..], &columns, &["--success-value", "solved"]].concat();
     let checked = gleaner(NOWHERE, &named).await;
     let line = format!("labels of {}: 1 success, 1 failure (1 \"dropped\")", own.display());
     assert!(checked.success && checked.out.contains(&line), "{}", checked.text());
     assert!(checked.out.contains("warning: scores need at least two successes"), "{}", checked.out);
-    let push = format!("gleaner push {} {} --success-value solved", text(folder.path()), columns.join(" "));
+    let (file, table) = (text(&task), columns.join(" "));
+    let push = format!("gleaner push {} --task-file {file} {table} --success-value solved", text(folder.path()));
     assert!(checked.errors.contains(&push), "{push}: {}", checked.errors);
     let found = json(NOWHERE, &named).await;
     let label = |name: &str| {
@@ -167,6 +168,51 @@ async fn labels_are_checked_with_the_recordings_without_a_server() {
     };
     assert_eq!(label("foxglove.mcap"), serde_json::json!({ "outcome": "failure", "cohort": "dropped" }));
     assert_eq!(label("ros2.mcap")["outcome"], "success");
+}
+
+#[tokio::test]
+async fn a_push_with_a_task_file_creates_nothing_unless_every_recording_fits() {
+    let folder = tempfile::tempdir().unwrap();
+    copied(folder.path(), &["pick_cube_foxglove.mcap", "pick_cube_ros2.mcap"]);
+    let task = folder.path().join("task.toml");
+    let next = drafted(&[folder.path()], &task).await.errors;
+    assert!(next.contains(&format!("gleaner push {} --task-file task.toml", text(folder.path()))), "{next}");
+    let labels = |lines: &str| std::fs::write(folder.path().join("labels.csv"), lines).unwrap();
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    let push = ["push", text(folder.path()), "--task-file", text(&task)];
+
+    labels("file,outcome\npick_cube_ros2.mcap,success\n");
+    let unlabelled = gleaner(server.url(), &push).await;
+    assert!(
+        !unlabelled.success && unlabelled.errors.contains("foxglove.mcap is not listed in"),
+        "{}",
+        unlabelled.text()
+    );
+    let broken = folder.path().join("broken.mcap");
+    std::fs::write(&broken, b"not a recording").unwrap();
+    labels("file,outcome\npick_cube_ros2.mcap,success\npick_cube_foxglove.mcap,failure\nbroken.mcap,failure\n");
+    let rejected = gleaner(server.url(), &push).await;
+    for part in ["rejected: ", "1 of 3 recordings would be rejected", "no task was created and no recording sent"] {
+        assert!(!rejected.success && rejected.errors.contains(part), "{part}: {}", rejected.text());
+    }
+    assert_eq!(json(server.url(), &["task", "list"]).await["tasks"].as_array().map_or(0, Vec::len), 0);
+
+    std::fs::remove_file(&broken).unwrap();
+    labels("file,outcome\npick_cube_ros2.mcap,success\npick_cube_foxglove.mcap,failure\n");
+    let pushed = gleaner(server.url(), &push).await;
+    for part in ["created task drafted", "accepted: 2 of 2 recordings", "1 success, 1 failure"] {
+        assert!(pushed.success && pushed.errors.contains(part), "{part}: {}", pushed.text());
+    }
+    let counts = json(server.url(), &["task", "list"]).await["tasks"][0].clone();
+    assert_eq!((&counts["success_count"], &counts["failure_count"]), (&1.into(), &1.into()), "{counts}");
+    let again = gleaner(server.url(), &push).await;
+    assert!(again.success && !again.errors.contains("created task"), "{}", again.text());
+
+    let faster = std::fs::read_to_string(&task).unwrap().replace("rate_hz = 20.0", "rate_hz = 18.0");
+    std::fs::write(&task, faster).unwrap();
+    let other = gleaner(server.url(), &push).await;
+    let problem = "the server has another task named drafted: `gleaner task update drafted";
+    assert!(!other.success && other.errors.contains(problem), "{}", other.text());
 }
 
 #[tokio::test]

@@ -77,7 +77,7 @@ impl<'a> Labels<'a> {
     }
 
     /// How many of these rows have each label, with a warning where no score run could be made of them.
-    pub(super) fn summary(&self, rows: &[&LabelledFile]) -> Vec<String> {
+    pub(super) fn summary(&self, rows: &[LabelledFile]) -> Vec<String> {
         let of = |outcome: Outcome| rows.iter().filter(move |row| row.outcome == outcome);
         let mut cohorts: BTreeMap<&str, usize> = BTreeMap::new();
         for row in of(Outcome::Failure) {
@@ -137,7 +137,6 @@ mod tests {
             row(Outcome::Failure, "dropped"),
             row(Outcome::Unknown, ""),
         ];
-        let rows: Vec<&LabelledFile> = rows.iter().collect();
         let line = "labels of trials.csv: 2 successes, 3 failures (1 without a cohort, 2 \"dropped\"), 1 unknown";
         assert_eq!(labels.summary(&rows), [line]);
         assert_eq!(labels.summary(&rows[..2])[0], "labels of trials.csv: 2 successes, 0 failures");

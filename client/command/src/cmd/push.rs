@@ -6,6 +6,7 @@ mod datasets;
 mod items;
 mod join;
 mod shown;
+mod task_file;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -50,6 +51,15 @@ pub(crate) struct PushArgs {
     /// it fits; if it fits none, a task is created from its features.
     #[arg(long)]
     task: Option<String>,
+    /// Task file of the recordings: once all of them have passed the check of `task check`, with their labels, its task is
+    /// created unless the server has it, and they are sent. If one would be rejected, nothing is created or sent.
+    #[arg(
+        long,
+        value_name = "SPEC",
+        requires = "paths",
+        conflicts_with_all = ["task", "check", "join", "episodes_from", "ranges"]
+    )]
+    task_file: Option<PathBuf>,
     /// Outcome of the attempts, such as success for a dataset of experts. Default: that of the labels file or the dataset,
     /// or unknown.
     #[arg(long, value_parser = outcome_from_word, value_name = "success|failure|unknown")]
@@ -82,7 +92,11 @@ pub(crate) struct PushArgs {
 }
 
 impl PushArgs {
-    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+    pub(crate) async fn run(mut self, context: &Context) -> Result<()> {
+        if let Some(file) = self.task_file.take() {
+            let client = context.client().await?;
+            self.task = Some(task_file::task(&self, context, &client, &file).await?);
+        }
         let (found, others) = intake::split(&self.paths);
         if !found.is_empty() {
             return self.push_datasets(context, &found, &others).await;

@@ -1,6 +1,6 @@
 //! `task`: draft, check, create, list, show, update, delete.
 
-mod check;
+pub(super) mod check;
 mod draft;
 mod pace;
 

@@ -62,7 +62,7 @@ pub(super) async fn items(
 }
 
 /// The labels file that was named, or those in the folders to push, unless a label was given.
-fn labels(args: &PushArgs) -> Labels<'_> {
+pub(super) fn labels(args: &PushArgs) -> Labels<'_> {
     if args.labels.is_none() && (args.join || args.outcome.is_some() || args.cohort.is_some()) {
         return Labels::none(&args.table);
     }

@@ -1,6 +1,6 @@
 //! `task check`: what a server would say of recordings as a task's, without a server.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
@@ -41,63 +41,107 @@ pub(crate) struct CheckArgs {
 
 impl CheckArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let spec = read_spec(&self.spec)?;
-        gleaner_recording::validate(&spec)?;
-        let (datasets, others) = intake::split(&self.recordings);
-        let labels = Labels::of(self.labels.as_deref(), &others, &self.table).some()?;
-        if let (Some(dataset), true, true) = (datasets.first(), others.is_empty(), labels.is_some()) {
-            let path = dataset.path.display();
-            let problem = format!("--labels does not apply to {path}, a dataset of another program");
-            return Err(Failure::message(format!("{problem}, which states its own outcomes")));
-        }
-        let assumed = Assumed { rate_hz: self.rate, ..Assumed::default() };
-        intake::expect_datasets(&datasets, &assumed)?;
-        let recordings = match others.as_slice() {
-            [] => Vec::new(),
-            paths => intake::recordings(context, paths)?,
-        };
-        let labelled = labels.as_ref().map(|labels| labels.rows(Some(recordings.clone()))).transpose();
-        let inspector = Inspector::find()?;
-        let mut reports = inspector.check(&recordings, &spec).await?;
-        let Opened { intakes, skipped, refused } = Intake::open_all(context, &datasets, &assumed).await?;
-        intake::note(context, &skipped);
-        reports.extend(refused.into_iter().map(|(path, why)| (path, Err(why))));
-        for intake in intakes {
-            for run in intake.runs() {
-                let mut walk = intake.walk(run);
-                while let Some((number, made)) = walk.next().await? {
-                    let report = match made {
-                        Ok(episode) => inspector.check(std::slice::from_ref(&episode.recording), &spec).await?.pop(),
-                        Err(why) => Some((PathBuf::new(), Err(why))),
-                    };
-                    reports.extend(report.map(|(_, report)| (intake.place(number), report)));
-                }
-            }
-        }
-        let rows: Vec<&LabelledFile> = labelled.iter().flatten().flatten().map(|(row, _)| row).collect();
-        let text = || {
-            let counted = labels.as_ref().filter(|_| !rows.is_empty()).map(|labels| labels.summary(&rows));
-            let lines = counted.into_iter().flatten().map(|line| printable::field(&line).into_owned());
-            std::iter::once(shown(&spec, &reports)).chain(lines).collect::<Vec<_>>().join("\n")
-        };
+        let (_, others) = intake::split(&self.recordings);
+        let labels = Labels::of(self.labels.as_deref(), &others, &self.table);
+        let Checked { spec, reports, rows, labels, problems, correction } =
+            checked(context, &self.spec, &self.recordings, self.rate, labels).await?;
+        let text = || std::iter::once(shown(&spec, &reports)).chain(labels.clone()).collect::<Vec<_>>().join("\n");
         context.output.result(|| Ok(document(&reports, &rows)), text)?;
-        let refused = reports.iter().filter(|(_, report)| report.is_err()).count();
-        let rejected = (refused > 0).then(|| format!("{refused} of {} recordings would be rejected", reports.len()));
-        let problems: Vec<String> = rejected.into_iter().chain(labelled.err().map(|error| error.to_string())).collect();
         if !problems.is_empty() {
             return Err(Failure::message(problems.join("; ")));
         }
-        let file = self.spec.display().to_string();
-        let correction = pace::next(&spec, &file, &accepted(&reports));
-        let typed = self.labels.as_ref().map(|labels| {
+        let file = words::shell_word(&self.spec.display().to_string());
+        let create = if self.recordings.is_empty() {
+            format!("gleaner task create {file}")
+        } else {
             let paths: Vec<String> =
                 self.recordings.iter().map(|path| words::shell_word(&path.display().to_string())).collect();
-            let labels = words::shell_word(&labels.display().to_string());
-            format!("; gleaner push {} --labels {labels}{}", paths.join(" "), self.table.typed())
-        });
-        let create = format!("gleaner task create {}{}", words::shell_word(&file), typed.unwrap_or_default());
+            let labels = self.labels.as_ref().map(|labels| {
+                format!(" --labels {}{}", words::shell_word(&labels.display().to_string()), self.table.typed())
+            });
+            format!("gleaner push {} --task-file {file}{}", paths.join(" "), labels.unwrap_or_default())
+        };
         context.output.next(correction.unwrap_or(create));
         Ok(())
+    }
+}
+
+/// Checks a task file, and these recordings and labels against it, and prints nothing.
+///
+/// # Errors
+/// A task file or labels that cannot be read; recordings that are rejected are among the problems.
+pub(in crate::cmd) async fn checked(
+    context: &Context,
+    file: &Path,
+    paths: &[PathBuf],
+    rate_hz: Option<f64>,
+    labels: Labels<'_>,
+) -> Result<Checked> {
+    let spec = read_spec(file)?;
+    gleaner_recording::validate(&spec)?;
+    let (datasets, others) = intake::split(paths);
+    let labels = labels.some()?;
+    if let (Some(dataset), true, true) = (datasets.first(), others.is_empty(), labels.is_some()) {
+        let path = dataset.path.display();
+        let problem = format!("--labels does not apply to {path}, a dataset of another program");
+        return Err(Failure::message(format!("{problem}, which states its own outcomes")));
+    }
+    let assumed = Assumed { rate_hz, ..Assumed::default() };
+    intake::expect_datasets(&datasets, &assumed)?;
+    let recordings = match others.as_slice() {
+        [] => Vec::new(),
+        paths => intake::recordings(context, paths)?,
+    };
+    let labelled = labels.as_ref().map(|labels| labels.rows(Some(recordings.clone()))).transpose();
+    let inspector = Inspector::find()?;
+    let mut reports = inspector.check(&recordings, &spec).await?;
+    let Opened { intakes, skipped, refused } = Intake::open_all(context, &datasets, &assumed).await?;
+    intake::note(context, &skipped);
+    reports.extend(refused.into_iter().map(|(path, why)| (path, Err(why))));
+    for intake in intakes {
+        for run in intake.runs() {
+            let mut walk = intake.walk(run);
+            while let Some((number, made)) = walk.next().await? {
+                let report = match made {
+                    Ok(episode) => inspector.check(std::slice::from_ref(&episode.recording), &spec).await?.pop(),
+                    Err(why) => Some((PathBuf::new(), Err(why))),
+                };
+                reports.extend(report.map(|(_, report)| (intake.place(number), report)));
+            }
+        }
+    }
+    let refused = reports.iter().filter(|(_, report)| report.is_err()).count();
+    let rejected = (refused > 0).then(|| format!("{refused} of {} recordings would be rejected", reports.len()));
+    let (rows, unlabelled) = match labelled {
+        Ok(rows) => (rows.into_iter().flatten().map(|(row, _)| row).collect(), None),
+        Err(error) => (Vec::new(), Some(error.to_string())),
+    };
+    let counted = labels.as_ref().filter(|_| !rows.is_empty()).map(|labels| labels.summary(&rows));
+    let labels = counted.into_iter().flatten().map(|line| printable::field(&line).into_owned()).collect();
+    let correction = pace::next(&spec, &file.display().to_string(), &accepted(&reports));
+    let problems = rejected.into_iter().chain(unlabelled).collect();
+    Ok(Checked { spec, reports, rows, labels, problems, correction })
+}
+
+/// What a check found.
+#[derive(Debug)]
+pub(in crate::cmd) struct Checked {
+    pub(in crate::cmd) spec: TaskSpec,
+    reports: Vec<Inspected<Report>>,
+    /// The label of each recording.
+    rows: Vec<LabelledFile>,
+    /// Lines that count the labels.
+    pub(in crate::cmd) labels: Vec<String>,
+    /// Why a push of all of this would fail in part; none if it would not.
+    pub(in crate::cmd) problems: Vec<String>,
+    /// How to correct the task file, if its rate is that of no recording.
+    pub(in crate::cmd) correction: Option<String>,
+}
+
+impl Checked {
+    /// A line for each different warning and rejection.
+    pub(in crate::cmd) fn findings(&self) -> Vec<String> {
+        findings(&self.spec, &self.reports)
     }
 }
 
@@ -105,7 +149,7 @@ fn accepted(reports: &[Inspected<Report>]) -> Vec<&Report> {
     reports.iter().filter_map(|(_, report)| report.as_ref().ok()).collect()
 }
 
-fn document(reports: &[Inspected<Report>], labelled: &[&LabelledFile]) -> Value {
+fn document(reports: &[Inspected<Report>], labelled: &[LabelledFile]) -> Value {
     let rows = reports.iter().map(|(path, report)| {
         let label = labelled.iter().find(|row| row.path == *path);
         let label = label.map(|row| json!({ "outcome": words::outcome(row.outcome), "cohort": row.cohort }));
@@ -153,7 +197,11 @@ fn shown(spec: &TaskSpec, reports: &[Inspected<Report>]) -> String {
         Right("WARNINGS"),
         Left("RESULT"),
     ];
-    let mut text = table(columns, rows);
+    std::iter::once(table(columns, rows)).chain(findings(spec, reports)).collect::<Vec<_>>().join("\n")
+}
+
+/// A line for each different warning and rejection, and one with the number of recordings that are accepted.
+fn findings(spec: &TaskSpec, reports: &[Inspected<Report>]) -> Vec<String> {
     let measured = pace::measured(&accepted(reports)).unwrap_or_default();
     let (mut warnings, mut refusals) = (Alike::default(), Alike::default());
     for (path, report) in reports {
@@ -172,13 +220,10 @@ fn shown(spec: &TaskSpec, reports: &[Inspected<Report>]) -> String {
             Err(why) => refusals.add(why, &path),
         }
     }
-    for (kind, alike) in [("warning", warnings), ("rejected", refusals)] {
-        for line in alike.lines(kind) {
-            text.push('\n');
-            text += &printable::field(&line);
-        }
-    }
-    text
+    let lines = [("warning", warnings), ("rejected", refusals)].into_iter().flat_map(|(kind, alike)| alike.lines(kind));
+    let total = words::counted(reports.len(), "recording", "recordings");
+    let verdict = format!("accepted: {} of {total}", accepted(reports).len());
+    lines.map(|line| printable::field(&line).into_owned()).chain([verdict]).collect()
 }
 
 #[cfg(test)]
@@ -197,7 +242,7 @@ mod tests {
             (PathBuf::from(file), Ok(report))
         };
         let text = shown(&spec(), &[off("a.mcap", 14.4), off("b.mcap", 14.9), off("c.mcap", 15.2)]);
-        let last = text.lines().last().unwrap();
+        let last = text.lines().rev().nth(1).unwrap();
         assert!(last.starts_with("warning: 3 recordings (a.mcap, b.mcap, c.mcap): clock: the steps of the clock come"));
         assert!(last.contains("`rate_hz = 15.0`, or in the mapping `json` as `clock` a topic of 20 Hz"), "{last}");
     }
@@ -212,8 +257,9 @@ mod tests {
         ];
         let spec = spec();
         let text = shown(&spec, &reports);
-        assert_eq!(text.lines().count(), 5, "{text}");
-        assert!(text.ends_with("rejected: 2 recordings (b.mcap, c.mcap): no topic /x"), "{text}");
+        assert_eq!(text.lines().count(), 6, "{text}");
+        let ending = "rejected: 2 recordings (b.mcap, c.mcap): no topic /x\naccepted: 1 of 3 recordings";
+        assert!(text.ends_with(ending), "{text}");
         assert_eq!(shown(&spec, &[]), "task t: the specification is valid");
     }
 }

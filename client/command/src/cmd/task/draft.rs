@@ -56,7 +56,8 @@ impl DraftArgs {
             return match opened.intakes.as_slice() {
                 [intake] => {
                     let name = self.name.clone().unwrap_or_else(|| intake.task_name());
-                    show(context, &of_description(&intake.description, name), &intake.path.display().to_string())
+                    let path = words::shell_word(&intake.path.display().to_string());
+                    show(context, &of_description(&intake.description, name), &path, "")
                 }
                 _ => alone(&first.path),
             };
@@ -79,18 +80,20 @@ impl DraftArgs {
         let known = Known { name: name.unwrap_or_else(|| "my_task".to_owned()), action: self.action };
         let read = surveys.iter().filter_map(|(_, survey)| survey.as_ref().ok());
         let draft = draft(read, &known).map_err(Failure::message)?;
-        show(context, &draft, &format!("{}{labels}", paths.join(" ")))
+        show(context, &draft, &paths.join(" "), &labels)
     }
 }
 
-fn show(context: &Context, draft: &Draft, paths: &str) -> Result<()> {
+fn show(context: &Context, draft: &Draft, paths: &str, labels: &str) -> Result<()> {
     gleaner_recording::validate(&draft.spec)?;
     let text = draft.to_string();
     for doubt in draft.doubts() {
         context.output.note(doubt);
     }
     context.output.result(|| Ok(json!({ "spec": draft.spec, "toml": text })), || text.clone())?;
-    context.output.next(format_args!("gleaner task check task.toml {paths}, after a look at its comments"));
+    context
+        .output
+        .next(format_args!("gleaner push {paths} --task-file task.toml{labels}, after a look at its comments"));
     Ok(())
 }
 
@@ -123,14 +126,20 @@ fn table_beside(recordings: &[PathBuf]) -> Option<TableGuess> {
 
 /// The options that read the labels of a table, and what to decide about them.
 fn labels_of(guess: &TableGuess) -> String {
-    let TableGuess { table, file, outcome, cohort, words } = guess;
-    let cohort = cohort.as_ref().map(|cohort| format!(",cohort={cohort}")).unwrap_or_default();
-    let columns = words::shell_word(&format!("file={file},outcome={outcome}{cohort}"));
+    let TableGuess { table, file, outcome, cohort, words, success } = guess;
+    let column = cohort.as_ref().map(|cohort| format!(",cohort={cohort}")).unwrap_or_default();
+    let columns = words::shell_word(&format!("file={file},outcome={outcome}{column}"));
+    let word = success.as_ref().map_or_else(|| "WORD".to_owned(), |word| words::shell_word(word));
+    let why = match (success, cohort) {
+        (Some(word), Some(cohort)) => format!("its labels, if \"{word}\" is a success: its rows have no {cohort}"),
+        _ => format!(
+            "its labels, if that is the table: WORD is what {outcome} has for a success, of {}",
+            words::some(words)
+        ),
+    };
     format!(
-        " --labels {} --label-columns {columns} --success-value WORD (its labels, if that is the table: WORD is what \
-         {outcome} has for a success, of {})",
-        words::shell_word(&table.display().to_string()),
-        words::some(words)
+        " --labels {} --label-columns {columns} --success-value {word} ({why})",
+        words::shell_word(&table.display().to_string())
     )
 }
 
