@@ -241,8 +241,10 @@ pub struct Job {
     pub peak_memory_bytes: u64,
     /// Where its newest attempt runs or ran.
     pub placement: Placement,
-    /// The jobs whose results it waits for.
+    /// The jobs whose results it needs.
     pub needs: Vec<JobId>,
+    /// While it is queued, those of them that have not ended.
+    pub waits_for: Vec<JobId>,
     /// The caller's own name for it, or empty.
     pub key: String,
     /// Options of its engine, such as those of sbatch, or empty.
@@ -257,15 +259,14 @@ pub struct Job {
 
 impl Job {
     /// Why a queued job, or an attempt that its engine has not started, waits; empty if it does not.
-    pub fn waiting(&self) -> &str {
-        match (self.state, self.placement.waiting.as_str()) {
-            (JobState::Queued, "") if self.needs.is_empty() => {
-                "for a free worker; the server runs --workers jobs at once"
+    pub fn waiting(&self) -> String {
+        match (self.state, self.placement.waiting.as_str(), self.waits_for.as_slice()) {
+            (JobState::Queued, "", []) => "for a free worker; the server runs --workers jobs at once".to_owned(),
+            (JobState::Queued, "", [one]) => format!("for {one}, whose result it needs"),
+            (JobState::Queued, "", [first, rest @ ..]) => {
+                format!("for {first} and {} more, whose results it needs", rest.len())
             }
-            (JobState::Queued, "") => {
-                "for the jobs that it needs, if one of them has not ended, then for a free worker"
-            }
-            (_, known) => known,
+            (_, known, _) => known.to_owned(),
         }
     }
 }

@@ -17,11 +17,16 @@ use crate::{
     error::{Error, Result},
 };
 
-/// A job with the ids of its needs, separated by commas; conditions follow.
+/// A job with the ids of its needs and, while it is queued, of those that have not ended, separated by commas; conditions
+/// follow.
 macro_rules! select_jobs {
     ($rest:literal) => {
         concat!(
-            "select *, (select string_agg(needs, ',' order by needs) from job_dependencies where job_id = jobs.id) as needs from jobs ",
+            "select *, (select string_agg(needs, ',' order by needs) from job_dependencies where job_id = jobs.id) as needs, \
+               (select string_agg(needs, ',' order by needs) from job_dependencies join jobs as needed \
+                on needed.id = needs and needed.state in ('queued', 'running') \
+                where job_id = jobs.id and jobs.state = 'queued') as waits_for \
+             from jobs ",
             $rest
         )
     };
@@ -29,7 +34,7 @@ macro_rules! select_jobs {
 
 record! { Job:
     id, task_id, spec, state, priority, result_id, done, total, message, error, attempt, max_attempts, cancel_requested,
-    checkpoint, checkpoint_step, peak_memory_bytes, needs, created_at, started_at, ended_at, key, engine_options; placement
+    checkpoint, checkpoint_step, peak_memory_bytes, needs, waits_for, created_at, started_at, ended_at, key, engine_options; placement
 }
 
 record! { Placement: engine, engine_id, node, waiting }

@@ -13,6 +13,7 @@ use super::plan::SnapshotArgs;
 use super::queueing::{EngineArgs, SubmitArgs, own_key, queued};
 use super::selection::SelectionArgs;
 use super::submit::{after, outcome};
+use super::training_warnings::LONGER;
 use super::{follow, histogram, jobs};
 use crate::context::Context;
 use crate::failure::Result;
@@ -191,13 +192,19 @@ impl PipelineCommand {
             text
         };
         context.output.result(|| json::value(&reply), text)?;
-        context.output.next(next(&reply.jobs, self.submit.wait));
+        context.output.next(next(&reply.jobs, self.submit.wait, self.pipeline.quick));
         Ok(())
     }
 }
 
-fn next(submitted: &[Job], waited: bool) -> String {
+fn next(submitted: &[Job], waited: bool, quick: bool) -> String {
     match submitted.last() {
+        Some(last) if waited && quick && last.kind() == JobKind::Train => {
+            format!(
+                "{LONGER} for a better policy from the same dataset; then, or now for a first look, {}",
+                after(last)
+            )
+        }
         Some(last) if waited => after(last),
         Some(last) => format!("gleaner watch {} (the last job of the chain)", last.id),
         None => "gleaner jobs".into(),

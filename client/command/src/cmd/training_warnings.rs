@@ -11,6 +11,9 @@ const IMAGES: &str = "share_images";
 /// Share of its action below which a policy looks at an input hardly at all.
 const UNSEEN: f64 = 0.01;
 
+/// A longer training than that of a quick pipeline, on the newest dataset.
+pub(super) const LONGER: &str = "gleaner train --steps 2000 --batch 32 --wait";
+
 /// Whether there is a warning.
 pub(super) fn has(metrics: &BTreeMap<String, f64>) -> bool {
     !all(metrics, &[]).is_empty()
@@ -49,7 +52,7 @@ fn unseen(metrics: &BTreeMap<String, f64>, cameras: &[String]) -> Option<String>
     };
     Some(format!(
         "{what} less than 1 % of the policy's action: it hardly looks at them, and fails where they alone show what to do. A \
-         longer training may change that: `gleaner train --steps 2000 --batch 32 --wait`"
+         longer training may change that: `{LONGER}`"
     ))
 }
 

@@ -115,7 +115,7 @@ pub fn job(job: Job) -> v1::Job {
         JobKind::Export => v1::JobKind::Export,
         JobKind::Evaluate => v1::JobKind::Evaluate,
     };
-    let waiting = job.waiting().to_owned();
+    let waiting = job.waiting();
     let Job {
         id,
         task_id,
@@ -134,6 +134,7 @@ pub fn job(job: Job) -> v1::Job {
         checkpoint_step: _,
         peak_memory_bytes,
         needs,
+        waits_for: _,
         created_at,
         started_at,
         ended_at,

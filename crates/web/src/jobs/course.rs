@@ -168,6 +168,7 @@ mod tests {
             checkpoint_step: None,
             peak_memory_bytes: 0,
             needs: Vec::new(),
+            waits_for: Vec::new(),
             key: String::new(),
             engine_options: String::new(),
             created_at: Millis(0),

@@ -99,3 +99,15 @@ fn options_reach_their_stage() {
     assert_eq!(rule.imperfect_per_expert, 3.0);
     assert_eq!((rule.expert_cohorts, rule.imperfect_cohorts), (vec!["a".into(), "b".into()], vec!["c".into()]));
 }
+
+#[test]
+fn a_quick_pipeline_suggests_the_longer_training_first() {
+    let jobs =
+        |kind: JobKind| [Job { kind: kind.into(), result_id: "pol_1".into(), id: "job_1".into(), ..Job::default() }];
+    let deploy = "gleaner deploy NAME@prod --policy pol_1";
+    let quick = next(&jobs(JobKind::Train), true, true);
+    assert!(quick.starts_with("gleaner train --steps 2000") && quick.ends_with(deploy), "{quick}");
+    assert_eq!(next(&jobs(JobKind::Train), true, false), deploy);
+    assert_eq!(next(&jobs(JobKind::Score), true, true), "gleaner histogram pol_1");
+    assert!(next(&jobs(JobKind::Train), false, true).starts_with("gleaner watch job_1"));
+}
