@@ -155,6 +155,14 @@ def test_a_job_with_a_key_is_queued_once_and_can_be_cancelled(client: gleaner.Cl
     assert raised.value.job.id == job.id
 
 
+def test_kinds_have_their_settings(client: gleaner.Client) -> None:
+    kinds = client.jobs.kinds()
+    scorers = {kind.name: {setting.name for setting in kind.settings} for kind in kinds.scorers}
+    assert "lookahead" in scorers["raw"]
+    assert "lookahead" not in scorers["classifier"]
+    assert {kind.name for kind in kinds.policies} >= {"bc", "act", "flow"}
+
+
 def test_invalid_settings_of_a_job_are_named(client: gleaner.Client, lab: Lab) -> None:
     with pytest.raises(
         gleaner.InvalidArgument, match=r"settings\.preset: unknown value \"huge\"; supported: tiny, small, base"

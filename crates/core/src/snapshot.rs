@@ -31,9 +31,9 @@ impl Role {
     }
 }
 
-/// The rule of which episodes are experts and which imperfect. With both lists empty, success is expert, failure
-/// imperfect, and unknown is left out. Otherwise the cohort decides, whatever the outcome; other cohorts are left out.
-/// The limits then reduce the number of each role; see `limit`.
+/// The rule of which episodes are experts and which imperfect. Episodes of a named cohort have its role, whatever their
+/// outcome. Of all others a success is an expert if no expert cohort is named, and a failure imperfect if no imperfect
+/// cohort is; the rest is left out. The limits then reduce the number of each role; see `limit`.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct RoleRule {
@@ -52,24 +52,21 @@ pub struct RoleRule {
 impl RoleRule {
     /// The role of an episode with this label; `None`: it is left out.
     pub fn role(&self, outcome: Outcome, cohort: &str) -> Option<Role> {
-        if !self.by_cohort() {
-            return match outcome {
-                Outcome::Success => Some(Role::Expert),
-                Outcome::Failure => Some(Role::Imperfect),
-                Outcome::Unknown => None,
-            };
-        }
         let named = |cohorts: &[String]| cohorts.iter().any(|name| name == cohort);
         if named(&self.expert_cohorts) {
-            Some(Role::Expert)
-        } else if named(&self.imperfect_cohorts) {
-            Some(Role::Imperfect)
-        } else {
-            None
+            return Some(Role::Expert);
+        }
+        if named(&self.imperfect_cohorts) {
+            return Some(Role::Imperfect);
+        }
+        match outcome {
+            Outcome::Success => self.expert_cohorts.is_empty().then_some(Role::Expert),
+            Outcome::Failure => self.imperfect_cohorts.is_empty().then_some(Role::Imperfect),
+            Outcome::Unknown => None,
         }
     }
 
-    /// Whether cohorts, not outcomes, decide the roles.
+    /// Whether a cohort decides a role.
     pub fn by_cohort(&self) -> bool {
         !self.expert_cohorts.is_empty() || !self.imperfect_cohorts.is_empty()
     }
@@ -132,6 +129,16 @@ mod tests {
         assert_eq!(by_cohort.role(Outcome::Unknown, "alice"), Some(Role::Expert));
         assert_eq!(by_cohort.role(Outcome::Success, "carol"), None);
         assert_eq!(by_cohort.contradiction(), None);
+
+        // A side without cohorts is by outcome.
+        let failures = RoleRule { expert_cohorts: Vec::new(), ..by_cohort.clone() };
+        assert_eq!(failures.role(Outcome::Success, ""), Some(Role::Expert));
+        assert_eq!(failures.role(Outcome::Failure, "bob"), Some(Role::Imperfect));
+        assert_eq!(failures.role(Outcome::Failure, "carol"), None);
+        assert_eq!(failures.role(Outcome::Unknown, ""), None);
+        let experts = RoleRule { imperfect_cohorts: Vec::new(), ..by_cohort };
+        assert_eq!(experts.role(Outcome::Failure, "carol"), Some(Role::Imperfect));
+        assert_eq!(experts.role(Outcome::Success, "carol"), None);
     }
 
     #[test]

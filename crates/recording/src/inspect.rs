@@ -80,7 +80,8 @@ pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
     for (subject, line) in streams.chain([("clock", &steps.clock)]) {
         if let Some(at) = line.first_reversed {
             let detail = format!(
-                "the stamp of message {at} is before that of its predecessor; messages were sorted by their stamps"
+                "the stamp of message {at} is before that of its predecessor; messages were sorted by their stamps, which \
+                 harms nothing where a network or a recorder changed their order"
             );
             report.add(Severity::Warning, FindingCode::TimeReversed, subject, None, detail);
         }

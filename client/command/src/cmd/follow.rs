@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use gleaner_client::{Client, ClientError};
-use gleaner_proto::v1::{GetTaskRequest, Job, JobState, WatchJobResponse};
+use gleaner_proto::v1::{GetJobRequest, GetTaskRequest, Job, JobState, ListMetricsRequest, WatchJobResponse};
 
 use super::training_warnings;
 
@@ -144,16 +144,38 @@ pub(crate) async fn to_end(context: &Context, client: &Client, job_id: &str) -> 
     let ended = client.watch(job_id, |event| view.event(event)).await;
     let metrics = view.end();
     let job = ended?;
-    if training_warnings::has(&metrics) {
+    warn(context, client, &job, &metrics).await?;
+    Ok(job)
+}
+
+/// Notes what the latest metrics of a training warn of.
+async fn warn(context: &Context, client: &Client, job: &Job, metrics: &BTreeMap<String, f64>) -> Result<()> {
+    if training_warnings::has(metrics) {
         let request = GetTaskRequest { task: job.task_id.clone() };
         let task = client.tasks().get_task(request).await?.into_inner().task;
         let cameras = task.and_then(|task| task.spec).map(|spec| spec.cameras).unwrap_or_default();
         let cameras: Vec<String> = cameras.into_iter().map(|camera| camera.name).collect();
-        for warning in training_warnings::all(&metrics, &cameras) {
+        for warning in training_warnings::all(metrics, &cameras, job) {
             context.output.note(format_args!("warning: {warning}"));
         }
     }
-    Ok(job)
+    Ok(())
+}
+
+/// Notes what the training of a policy warned of.
+pub(super) async fn warn_of(context: &Context, client: &Client, task: &str, policy: &str) -> Result<()> {
+    let known = client.every_policy(task).await?.policies;
+    let Some(job_id) = known.into_iter().find(|known| known.id == policy).map(|known| known.job_id) else {
+        return Ok(());
+    };
+    if job_id.is_empty() {
+        return Ok(());
+    }
+    let request = GetJobRequest { job_id: job_id.clone() };
+    let job = client.jobs().get_job(request).await?.into_inner().job.unwrap_or_default();
+    let metrics = client.jobs().list_metrics(ListMetricsRequest { job_id }).await?.into_inner().metrics;
+    let last = metrics.into_iter().map(|metric| (metric.name, metric.value)).collect();
+    warn(context, client, &job, &last).await
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use super::plan::SnapshotArgs;
 use super::queueing::{EngineArgs, SubmitArgs, own_key, queued};
 use super::selection::SelectionArgs;
 use super::submit::{after, outcome};
-use super::training_warnings::LONGER;
+use super::training_warnings::longer;
 use super::{follow, histogram, jobs};
 use crate::context::Context;
 use crate::failure::Result;
@@ -200,10 +200,8 @@ impl PipelineCommand {
 fn next(submitted: &[Job], waited: bool, quick: bool) -> String {
     match submitted.last() {
         Some(last) if waited && quick && last.kind() == JobKind::Train => {
-            format!(
-                "{LONGER} for a better policy from the same dataset; then, or now for a first look, {}",
-                after(last)
-            )
+            let train = longer(last.total);
+            format!("{train} for a better policy from the same dataset; then, or now for a first look, {}", after(last))
         }
         Some(last) if waited => after(last),
         Some(last) => format!("gleaner watch {} (the last job of the chain)", last.id),

@@ -7,6 +7,7 @@ use gleaner_core::proto::task::spec_from_proto;
 use gleaner_proto::v1::{DeleteDeploymentRequest, DeployRequest, Deployment, GetTaskRequest, Policy, RollBackRequest};
 use serde_json::json;
 
+use super::follow;
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
 use crate::table::Column::{Left, Right};
@@ -76,6 +77,8 @@ impl DeployArgs {
         let reply = client.policies().deploy(request).await?.into_inner();
         let deployment = present(reply.deployment.as_ref(), "a deployment")?;
         context.output.result(|| json::value(&reply), || pointed(deployment))?;
+        // The deployment is made, so that a lookup that fails is no failure of it.
+        let _ = follow::warn_of(context, &client, &deployment.task_id, &deployment.policy_id).await;
         context.output.next(evaluation(&client, deployment).await);
         Ok(())
     }

@@ -88,8 +88,9 @@ fn rule(rule: Option<&RoleRule>) -> String {
     if rule.expert_cohorts.is_empty() && rule.imperfect_cohorts.is_empty() {
         parts.push("by outcome".into());
     } else {
-        parts.push(format!("experts: {}", rule.expert_cohorts.join(" ")));
-        parts.push(format!("imperfect: {}", rule.imperfect_cohorts.join(" ")));
+        let named = |cohorts: &[String], all: &str| if cohorts.is_empty() { all.to_owned() } else { cohorts.join(" ") };
+        parts.push(format!("experts: {}", named(&rule.expert_cohorts, "every success")));
+        parts.push(format!("imperfect: {}", named(&rule.imperfect_cohorts, "every failure")));
     }
     if rule.max_experts > 0 {
         parts.push(format!("at most {} experts", rule.max_experts));

@@ -182,6 +182,8 @@ fn field(name: String, first: &Candidate, alike: &[Like], actions: &Actions<'_>,
             reasons.push(format!("They are in the order {}.", paths.join(", ")));
         }
         reasons.extend(still::unchanged(paths, &ranges));
+    } else if !order.names.is_empty() {
+        reasons.push("To leave out a joint, delete its name in the mappings, and lower `size` by 1.".to_owned());
     } else if let [value] = values.as_slice() {
         reasons.push(format!("It is always {value} in these recordings; remove it if it never changes."));
     }
@@ -228,8 +230,8 @@ pub(super) fn bound(spec: &mut FieldSpec, ranges: &[ValueRange], values: &[f64],
     } else if let Some(bounds) = limits::bounds(ranges) {
         set(bounds);
         reasons.push(
-            "Its limits are those of the recordings: policies stay within them. Write the robot's own if they are wider, \
-             or delete both lines for none."
+            "Its limits are those of the recordings, so that no policy goes beyond what was demonstrated. Write wider ones \
+             where the robot may do more than that, or delete both lines for none."
                 .to_owned(),
         );
         return true;

@@ -17,7 +17,7 @@ from gleaner._proto.v1 import job_pb2 as pb
 from gleaner._retry import Patience
 from gleaner._rpc import Rpc
 from gleaner.errors import DeadlineExceeded, JobFailed, Unavailable
-from gleaner.types import Job, JobSpec, Metric
+from gleaner.types import Job, JobSpec, Kinds, Metric
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -111,6 +111,10 @@ class Jobs:
         )
         reply = self._rpc.safe("JobService/SubmitPipeline", request, pb.SubmitPipelineResponse)
         return Pipeline([*reply.jobs], reply.dataset_id)
+
+    def kinds(self) -> Kinds:
+        """The kinds of jobs, policies, weightings, objectives and scorers, each with its settings."""
+        return self._rpc.safe("JobService/ListKinds", pb.ListKindsRequest(), pb.ListKindsResponse)
 
     def get(self, job: str | Job) -> Job:
         """Returns a job. Raises `NotFound`."""

@@ -4,6 +4,7 @@ from gleaner._messages import word
 from gleaner._proto.v1.dataset_pb2 import Dataset, ExportFile
 from gleaner._proto.v1.episode_pb2 import Episode, Finding, InspectionEstimate, Label, Report
 from gleaner._proto.v1.job_pb2 import Job, JobSpec, Metric, PipelineSpec
+from gleaner._proto.v1.job_pb2 import ListKindsResponse as Kinds
 from gleaner._proto.v1.policy_pb2 import Deployment, Evaluation, SeedResult, Timings
 from gleaner._proto.v1.policy_pb2 import Policy as PolicyRecord
 from gleaner._proto.v1.schedule_pb2 import Schedule
@@ -24,6 +25,7 @@ __all__ = [
     "Job",
     "JobSpec",
     "KeptBySelection",
+    "Kinds",
     "Label",
     "Metric",
     "PipelineSpec",

@@ -51,26 +51,37 @@ impl ExpertRanking {
                 "" => ("episodes without a cohort".to_owned(), "their", "them"),
                 named => (format!("cohort {named:?}"), "its", "its episodes"),
             };
-            // What to do where steps with a high q are bad.
-            let remedy = match cohort.as_str() {
-                "" => "name the kind of each in the column `cohort` of labels.csv, and leave out those kinds",
-                _ => "leave it out: name the other cohorts, by --expert-cohort and --imperfect-cohort",
-            };
+            let remedy = self.remedy(cohort);
             match *share {
                 share if share < 0.5 => Some(format!(
-                    "the scores favour {these} over experts ({} of pairs): check {their} labels, and look at some of {them}. \
-                     If steps with a high q are bad, {remedy}",
+                    "the scores favour {these} over experts: of a step of each, the expert's has the higher q in {} of pairs \
+                     only. Check {their} labels, and look at some of {them}. If steps with a high q are bad, {remedy}",
                     percent(share)
                 )),
                 share if share < HARDLY => Some(format!(
-                    "the scores hardly tell {these} from experts ({} of pairs): either {their} steps are as good, or the \
-                     scorer does not see what is wrong with them. If steps with a high q are bad, {remedy}",
+                    "the scores hardly tell {these} from experts: of a step of each, the expert's has the higher q in {} of \
+                     pairs. Either {their} steps are as good, or the scorer does not see what is wrong with them. If steps \
+                     with a high q are bad, {remedy}",
                     percent(share)
                 )),
                 _ => None,
             }
         };
         self.cohorts.iter().filter_map(of_cohort).collect()
+    }
+
+    /// What to do about a cohort whose steps with a high q are bad.
+    fn remedy(&self, cohort: &str) -> String {
+        if cohort.is_empty() {
+            let remedy = "name the kind of each in the column `cohort` of labels.csv, and leave out those kinds";
+            return remedy.to_owned();
+        }
+        let others = self.cohorts.iter().filter(|(other, _)| other != cohort);
+        let others: Vec<String> = others.map(|(other, _)| format!("--imperfect-cohort {other:?}")).collect();
+        match others.as_slice() {
+            [] => "train on experts alone (`gleaner train --experts-in SNAPSHOT`)".to_owned(),
+            others => format!("leave it out: `gleaner pipeline {}` has the other cohorts", others.join(" ")),
+        }
     }
 }
 
@@ -128,15 +139,24 @@ mod tests {
         assert!(ranking(0.7, &[("a", 0.6), ("b", 0.99)]).warnings().is_empty());
         assert!(ExpertRanking::default().warnings().is_empty());
         let warnings = ranking(0.6, &[("a", 0.48), ("b", 0.52), ("c", 0.9)]).warnings();
-        assert!(warnings[0].contains("favour cohort \"a\" over experts (48 % of pairs)"), "{warnings:?}");
-        assert!(warnings[1].contains("hardly tell cohort \"b\" from experts (52 % of pairs)"), "{warnings:?}");
         assert!(
-            warnings[1].ends_with("leave it out: name the other cohorts, by --expert-cohort and --imperfect-cohort")
+            warnings[0]
+                .contains("favour cohort \"a\" over experts: of a step of each, the expert's has the higher q in 48 %"),
+            "{warnings:?}"
         );
+        assert!(
+            warnings[1].contains(
+                "hardly tell cohort \"b\" from experts: of a step of each, the expert's has the higher q in 52 %"
+            ),
+            "{warnings:?}"
+        );
+        assert!(warnings[1].ends_with(
+            "leave it out: `gleaner pipeline --imperfect-cohort \"a\" --imperfect-cohort \"c\"` has the other cohorts"
+        ));
         assert_eq!(warnings.len(), 2);
         let unnamed = ranking(0.6, &[("", 0.48)]).warnings();
-        assert!(unnamed[0].contains("favour episodes without a cohort over experts (48 % of pairs)"), "{unnamed:?}");
-        assert!(unnamed[0].contains("check their labels, and look at some of them"), "{unnamed:?}");
+        assert!(unnamed[0].contains("favour episodes without a cohort over experts: of a step of each"), "{unnamed:?}");
+        assert!(unnamed[0].contains("Check their labels, and look at some of them"), "{unnamed:?}");
         assert!(unnamed[0].ends_with("in the column `cohort` of labels.csv, and leave out those kinds"), "{unnamed:?}");
         let unnamed = ranking(0.6, &[("", 0.52)]).warnings();
         assert!(unnamed[0].contains("hardly tell episodes without a cohort from experts"), "{unnamed:?}");

@@ -244,8 +244,11 @@ fn counts(snapshot: &Snapshot) -> String {
 pub(crate) fn episodes(snapshot: &Snapshot) -> String {
     let rule = &snapshot.rule;
     let roles = if rule.by_cohort() {
-        let named = |cohorts: &[String]| if cohorts.is_empty() { "none".to_owned() } else { cohorts.join(", ") };
-        format!("experts are of {}; imperfect of {}", named(&rule.expert_cohorts), named(&rule.imperfect_cohorts))
+        let named =
+            |cohorts: &[String], all: &str| if cohorts.is_empty() { all.to_owned() } else { cohorts.join(", ") };
+        let (experts, imperfect) =
+            (named(&rule.expert_cohorts, "every success"), named(&rule.imperfect_cohorts, "every failure"));
+        format!("experts are of {experts}; imperfect of {imperfect}")
     } else {
         "experts were labelled success, imperfect failure".to_owned()
     };
