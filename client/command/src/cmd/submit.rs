@@ -55,7 +55,7 @@ pub(crate) struct ScoreCommand {
     #[arg(long)]
     task: Option<String>,
     /// Extend a finished score run with the episodes that are new since then. Its normaliser and settings are kept.
-    #[arg(long, value_name = "RUN", conflicts_with_all = ["scorer", "similarity", "normaliser", "scale", "feature_scale", "local_scale", "lookahead", "progress", "lead_in"])]
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["scorer", "similarity", "normaliser", "scale", "feature_scale", "local_scale", "lookahead", "progress", "lead_in", "earliness"])]
     extends: Option<String>,
     #[command(flatten)]
     settings: Given<Score>,

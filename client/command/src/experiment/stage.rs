@@ -243,6 +243,7 @@ fn keyed(work: &Work) -> Work {
     if let Work::Score { settings } = &mut keyed {
         settings.retain(|name, value| name != "lead_in" || value.as_f64() != Some(0.0));
         settings.retain(|name, value| name != "progress" || *value != "furthest");
+        settings.retain(|name, value| name != "earliness" || value.as_f64() != Some(0.0));
     }
     keyed
 }

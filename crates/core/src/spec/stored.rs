@@ -71,6 +71,7 @@ pub(super) fn score(mut values: Values) -> Values {
     // Similarity alone, in versions without these settings.
     values.entry("lookahead").or_insert(json!(0.0));
     values.entry("lead_in").or_insert(json!(0.0));
+    values.entry("earliness").or_insert(json!(0.0));
     values.entry("progress").or_insert_with(|| "furthest".into());
     // One of them joined `raw` with `progress`, and like this one neither scored live nor was extended.
     if values.get(Family::Scorer.as_str()).is_some_and(|word| word == "blend") {

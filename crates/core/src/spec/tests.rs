@@ -128,7 +128,7 @@ fn specs_of_earlier_versions_are_read() {
         "normaliser": "min_max", "modality_scale": [1.0, 0.5, 2.0], "seed": 3, "device": "cpu", "threads": null,
     }))
     .unwrap();
-    let expected = json!({"similarity": "last_cosine", "feature_scale": "plain", "local_scale": false, "scale": [1.0, 0.5, 2.0], "lookahead": 0.0, "lead_in": 0.0, "progress": "furthest"});
+    let expected = json!({"similarity": "last_cosine", "feature_scale": "plain", "local_scale": false, "scale": [1.0, 0.5, 2.0], "lookahead": 0.0, "lead_in": 0.0, "earliness": 0.0, "progress": "furthest"});
     assert_eq!((Value::Object(score.scorer.settings), score.normaliser), (expected, NormaliserKind::MinMax));
     let first: ScoreSpec = serde_json::from_value(json!({"similarity": "last_l2"})).unwrap();
     assert_eq!((first.scorer.name.as_str(), &first.scorer.settings["similarity"]), ("ssdf", &json!("last_l2")));

@@ -92,10 +92,11 @@ pub(crate) struct Comparison {
 impl Comparison {
     pub(super) fn new(
         source: Source,
-        (similarity, lookahead, lead_in): (Similarity, f64, f64),
+        similarity: Similarity,
+        [lookahead, lead_in, earliness]: [f64; 3],
         NearestSpec { local_scale, scale, progress }: NearestSpec,
     ) -> Self {
-        Self { source, similarity, local_scale, scale, ahead: Ahead { lookahead, progress, lead_in } }
+        Self { source, similarity, local_scale, scale, ahead: Ahead { lookahead, progress, lead_in, earliness } }
     }
 
     /// Whether q depends on how experts compare with each other, so that a single one is scored otherwise.

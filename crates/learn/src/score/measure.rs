@@ -11,6 +11,9 @@
 //!
 //! A segment may also be unlike the experts' and lead to what they do, as the way back after a bad beginning does. With a
 //! lead-in of L steps the measure of step t is the largest of those of the steps t to t + L, of experts too.
+//!
+//! Most failures are good until a fault and bad after it. With an earliness e the measure of the segment at step t of T is
+//! (1 − e) times the measure so far and e times 1 − t / T, of experts too.
 
 use super::ahead::Ahead;
 use super::progress::{Progress, Worth, largest_ahead};
@@ -36,6 +39,8 @@ struct Outlook {
     ahead: Option<(Progress, Worth)>,
     /// L, the steps within which a segment is as good as the best one that it leads to.
     lead_in: usize,
+    /// e, the weight of how early a segment lies.
+    earliness: f64,
     /// The scale of all of it together.
     both: Normaliser,
 }
@@ -59,13 +64,13 @@ impl Measure {
         let steps = |share: f64| (share > 0.0).then(|| ((share * mean).round() as usize).max(1));
         let share = |values: Vec<f64>| Normaliser::fit(NormaliserKind::Calibrated, values);
         let near = share(scores.iter().flat_map(|episode| alone.relative(episode)).collect());
-        let lead_in = steps(ahead.lead_in).unwrap_or(0);
+        let (lead_in, earliness) = (steps(ahead.lead_in).unwrap_or(0), ahead.earliness);
         let ahead = steps(ahead.lookahead).map(|delta| {
             let progress = Progress::new(ahead.progress, delta, (lengths, mean));
             let worth = progress.worth(scores);
             (progress, worth)
         });
-        let mut outlook = Outlook { near, ahead, lead_in, both: share(Vec::new()) };
+        let mut outlook = Outlook { near, ahead, lead_in, earliness, both: share(Vec::new()) };
         outlook.both = share(scores.iter().flat_map(|episode| outlook.of(alone.relative(episode), episode)).collect());
         Self { outlook: Some(outlook), ..alone }
     }
@@ -98,17 +103,25 @@ impl Outlook {
                 let both = relative.zip(progress.of(episode));
                 both.map(|(w, progress)| blend(self.near.q(w).into(), worth.of(progress))).collect()
             }
+            // Similarities have no scale to be joined with a place.
+            None if self.earliness > 0.0 => relative.map(|w| self.near.q(w).into()).collect(),
             None => relative.collect(),
         };
         let led = largest_ahead(&own, self.lead_in);
-        own.into_iter().zip(led).map(|(own, led)| led.map_or(own, |led| own.max(led))).collect()
+        let led: Vec<f64> = own.into_iter().zip(led).map(|(own, led)| led.map_or(own, |led| own.max(led))).collect();
+        if self.earliness == 0.0 {
+            return led;
+        }
+        #[expect(clippy::cast_precision_loss, reason = "an episode has far fewer steps than 2^52")]
+        let early = |at: usize| 1.0 - at as f64 / led.len() as f64;
+        led.iter().enumerate().map(|(at, own)| (1.0 - self.earliness) * own + self.earliness * early(at)).collect()
     }
 
     /// The measure of a segment with this similarity whose later steps are unknown.
     fn now(&self, relative: f64) -> f64 {
         match self.near.q(relative) {
             // Farther than every expert, as in `blend`.
-            0.0 if self.ahead.is_some() => 0.0,
+            0.0 if self.ahead.is_some() || self.earliness > 0.0 => 0.0,
             0.0 => relative,
             near => self.both.at_share(near),
         }

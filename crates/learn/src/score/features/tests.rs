@@ -26,7 +26,7 @@ fn features(network: &Network, trajectory: &Trajectory, source: Source, similari
     episode_features(
         Encoder { network, scale: None, view: View::WHOLE },
         trajectory,
-        &Comparison::new(source, (similarity, 0.0, 0.0), NearestSpec::default()),
+        &Comparison::new(source, similarity, [0.0; 3], NearestSpec::default()),
     )
     .unwrap()
 }

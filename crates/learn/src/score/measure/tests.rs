@@ -39,6 +39,25 @@ fn a_segment_is_as_good_as_the_best_one_that_it_leads_to() {
 }
 
 #[test]
+fn an_early_segment_is_better_by_the_weight_of_earliness() {
+    let experts = toy::experts(2, 4);
+    let of = |w: &[f64]| EpisodeScores { w: w.to_vec(), ..scores("a", 0, vec![0; w.len()], 0.0) };
+    let alone = [of(&[-1.0, -2.0, -3.0, -4.0])];
+    let measure = Measure::new(None, (&experts, Ahead { earliness: 0.2, ..Ahead::default() }), &alone);
+    let near = Normaliser::fit(NormaliserKind::Calibrated, alone[0].w.clone());
+    let own = [-1.0, -9.0, -2.0, -2.0];
+    for (at, (measured, w)) in measure.of(&of(&own)).into_iter().zip(own).enumerate() {
+        let expected = 0.8 * f64::from(near.q(w)) + 0.2 * [1.0, 0.75, 0.5, 0.25][at];
+        assert!((measured - expected).abs() < 1e-9, "{measured} {expected}");
+    }
+    assert_eq!(measure.of(&of(&[])), Vec::<f64>::new());
+    // An expert's own measures stay the scale of q, also of a live segment.
+    let scale = Normaliser::fit(NormaliserKind::Calibrated, measure.of(&alone[0]));
+    let live = [-1.0, -2.0, -9.0].map(|w| scale.q(measure.now(w, (0, 0))));
+    assert!(live[0] == 1.0 && (live[1] - near.q(-2.0)).abs() < 0.1 && live[2] == 0.0, "{live:?}");
+}
+
+#[test]
 fn progress_does_not_make_up_for_an_outlier() {
     assert_eq!([blend(0.05, 1.0), blend(0.5, 0.5), blend(1.0, 0.0)], [0.525, 0.5, 0.5]);
     assert_eq!([blend(0.0, 1.0), blend(0.025, 0.975)], [0.0, 0.25]);

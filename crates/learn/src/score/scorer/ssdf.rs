@@ -15,9 +15,10 @@ pub(super) const KIND: ScorerKind = ScorerKind {
     needs: Needs { encoder: true, history: false, images: true, all_episodes: false },
     settings: || [FeatureSpec::schema(), NearestSpec::schema()].concat(),
     open: |chosen| {
-        let FeatureSpec { feature_scale, similarity, lookahead, lead_in } = chosen.read()?;
+        let FeatureSpec { feature_scale, similarity, lookahead, lead_in, earliness } = chosen.read()?;
         let source = Source::Features(feature_scale);
-        Ok(Scorer::Nearest(Comparison::new(source, (similarity, lookahead, lead_in), chosen.read()?)))
+        let outlook = [lookahead, lead_in, earliness];
+        Ok(Scorer::Nearest(Comparison::new(source, similarity, outlook, chosen.read()?)))
     },
 };
 
@@ -36,5 +37,9 @@ gleaner_core::settings! {
         /// to what experts do then counts as good. A larger share finds longer ways back and locates the end of a bad
         /// beginning less precisely; 0: its own steps alone, as in the paper.
         lead_in: f64 = 0.0, number_in(0.0, 1.0);
+        /// Weight of how early a segment lies in its episode, beside likeness and progress: most failures are good until a
+        /// fault and bad after it. A larger weight finds more of what comes before a fault, and keeps more of a bad beginning;
+        /// 0: where a segment lies does not count, as in the paper.
+        earliness: f64 = 0.0, number_in(0.0, 1.0);
     }
 }

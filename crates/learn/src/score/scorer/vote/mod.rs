@@ -77,11 +77,8 @@ fn scores(
     let of_recordings = count(recordings.experts().iter().copied());
     let of_episodes = count(experts.iter().chain(imperfect));
     let mut progress = Progress::of_segments(monitor, (1 + WAYS as u64) * of_recordings + of_episodes);
-    let comparison = Comparison::new(
-        Source::Features(FeatureScale::Whitened),
-        (Similarity::LastL2, 0.0, 0.0),
-        NearestSpec::default(),
-    );
+    let comparison =
+        Comparison::new(Source::Features(FeatureScale::Whitened), Similarity::LastL2, [0.0; 3], NearestSpec::default());
     let features = |episode: &Trajectory| sound(episode_features(encoder, episode, &comparison)?, &episode.id);
     let mut groups = Vec::with_capacity(recordings.experts().len());
     for (number, expert) in recordings.experts().iter().enumerate() {
