@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use gleaner_client::LabelledFile;
+use gleaner_client::{BAG_METADATA, LabelledFile};
 use gleaner_inspector::Assumed;
 use gleaner_recording::{FindingCode, Report, Severity, TaskSpec, printable, rate_corrections};
 use serde_json::{Value, json};
@@ -167,7 +167,7 @@ fn shown(spec: &TaskSpec, reports: &[Inspected<Report>]) -> String {
         return format!("task {}: the specification is valid", printable::field(&spec.name));
     }
     let rows = reports.iter().map(|(path, report)| {
-        let path = path.display().to_string();
+        let path = named(path);
         match report {
             Ok(report) => {
                 let warnings = report.findings.iter().filter(|finding| finding.severity == Severity::Warning).count();
@@ -200,12 +200,22 @@ fn shown(spec: &TaskSpec, reports: &[Inspected<Report>]) -> String {
     std::iter::once(table(columns, rows)).chain(findings(spec, reports)).collect::<Vec<_>>().join("\n")
 }
 
+/// A recording by its path; the only part of a rosbag2 folder that is named after it by that of the folder.
+fn named(recording: &Path) -> String {
+    let folder = recording.parent().filter(|folder| folder.join(BAG_METADATA).is_file());
+    let names = |folder: &&Path| {
+        let (folder, file) = (folder.file_name()?.to_str()?, recording.file_stem()?.to_str()?);
+        Some(file.strip_prefix(folder)? == "_0")
+    };
+    folder.filter(|folder| names(folder) == Some(true)).unwrap_or(recording).display().to_string()
+}
+
 /// A line for each different warning and rejection, and one with the number of recordings that are accepted.
 fn findings(spec: &TaskSpec, reports: &[Inspected<Report>]) -> Vec<String> {
     let measured = pace::measured(&accepted(reports)).unwrap_or_default();
     let (mut warnings, mut refusals) = (Alike::default(), Alike::default());
     for (path, report) in reports {
-        let path = path.display().to_string();
+        let path = named(path);
         match report {
             Ok(report) => {
                 for finding in report.findings.iter().filter(|finding| finding.severity == Severity::Warning) {
@@ -245,6 +255,19 @@ mod tests {
         let last = text.lines().rev().nth(1).unwrap();
         assert!(last.starts_with("warning: 3 recordings (a.mcap, b.mcap, c.mcap): clock: the steps of the clock come"));
         assert!(last.contains("`rate_hz = 15.0`, or in the mapping `json` as `clock` a topic of 20 Hz"), "{last}");
+    }
+
+    #[test]
+    fn a_bag_is_named_by_its_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let bag = folder.path().join("run_7");
+        let of = |name: &str| named(&bag.join(name));
+        assert!(of("run_7_0.mcap").ends_with("run_7/run_7_0.mcap"), "no bag");
+        std::fs::create_dir(&bag).unwrap();
+        std::fs::write(bag.join(BAG_METADATA), "").unwrap();
+        assert!(of("run_7_0.mcap").ends_with("/run_7"), "{}", of("run_7_0.mcap"));
+        assert!(of("run_7_1.mcap").ends_with("run_7/run_7_1.mcap"), "another part");
+        assert!(of("other.mcap").ends_with("run_7/other.mcap"));
     }
 
     #[test]
