@@ -80,7 +80,9 @@ impl ExpertRanking {
         let others: Vec<String> = others.map(|(other, _)| format!("--imperfect-cohort {other:?}")).collect();
         match others.as_slice() {
             [] => "train on experts alone (`gleaner train --experts-in SNAPSHOT`)".to_owned(),
-            others => format!("leave it out: `gleaner pipeline {}` has the other cohorts", others.join(" ")),
+            others => {
+                format!("leave it out: `gleaner pipeline --quick --wait {}` has the other cohorts", others.join(" "))
+            }
         }
     }
 }
@@ -151,7 +153,7 @@ mod tests {
             "{warnings:?}"
         );
         assert!(warnings[1].ends_with(
-            "leave it out: `gleaner pipeline --imperfect-cohort \"a\" --imperfect-cohort \"c\"` has the other cohorts"
+            "leave it out: `gleaner pipeline --quick --wait --imperfect-cohort \"a\" --imperfect-cohort \"c\"` has the other cohorts"
         ));
         assert_eq!(warnings.len(), 2);
         let unnamed = ranking(0.6, &[("", 0.48)]).warnings();
