@@ -31,9 +31,10 @@ impl Role {
     }
 }
 
-/// The rule of which episodes are experts and which imperfect. Episodes of a named cohort have its role, whatever their
-/// outcome. Of all others a success is an expert if no expert cohort is named, and a failure imperfect if no imperfect
-/// cohort is; the rest is left out. The limits then reduce the number of each role; see `limit`.
+/// The rule of which episodes are experts and which imperfect. Without expert cohorts every success is an expert, and
+/// without imperfect cohorts every failure is imperfect, whatever their own cohort. Of the others those of a named cohort
+/// have its role, whatever their outcome, and the rest is left out. The limits then reduce the number of each role; see
+/// `limit`.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct RoleRule {
@@ -53,16 +54,12 @@ impl RoleRule {
     /// The role of an episode with this label; `None`: it is left out.
     pub fn role(&self, outcome: Outcome, cohort: &str) -> Option<Role> {
         let named = |cohorts: &[String]| cohorts.iter().any(|name| name == cohort);
-        if named(&self.expert_cohorts) {
-            return Some(Role::Expert);
-        }
-        if named(&self.imperfect_cohorts) {
-            return Some(Role::Imperfect);
-        }
         match outcome {
-            Outcome::Success => self.expert_cohorts.is_empty().then_some(Role::Expert),
-            Outcome::Failure => self.imperfect_cohorts.is_empty().then_some(Role::Imperfect),
-            Outcome::Unknown => None,
+            Outcome::Success if self.expert_cohorts.is_empty() => Some(Role::Expert),
+            Outcome::Failure if self.imperfect_cohorts.is_empty() => Some(Role::Imperfect),
+            _ if named(&self.expert_cohorts) => Some(Role::Expert),
+            _ if named(&self.imperfect_cohorts) => Some(Role::Imperfect),
+            _ => None,
         }
     }
 
@@ -130,14 +127,14 @@ mod tests {
         assert_eq!(by_cohort.role(Outcome::Success, "carol"), None);
         assert_eq!(by_cohort.contradiction(), None);
 
-        // A side without cohorts is by outcome.
+        // A side without cohorts is by outcome, also of episodes whose cohort is named on the other side.
         let failures = RoleRule { expert_cohorts: Vec::new(), ..by_cohort.clone() };
-        assert_eq!(failures.role(Outcome::Success, ""), Some(Role::Expert));
+        assert_eq!(["", "bob"].map(|cohort| failures.role(Outcome::Success, cohort)), [Some(Role::Expert); 2]);
         assert_eq!(failures.role(Outcome::Failure, "bob"), Some(Role::Imperfect));
         assert_eq!(failures.role(Outcome::Failure, "carol"), None);
         assert_eq!(failures.role(Outcome::Unknown, ""), None);
         let experts = RoleRule { imperfect_cohorts: Vec::new(), ..by_cohort };
-        assert_eq!(experts.role(Outcome::Failure, "carol"), Some(Role::Imperfect));
+        assert_eq!(["alice", "carol"].map(|of| experts.role(Outcome::Failure, of)), [Some(Role::Imperfect); 2]);
         assert_eq!(experts.role(Outcome::Success, "carol"), None);
     }
 

@@ -8,12 +8,12 @@ use gleaner_proto::v1::{PretrainSpec, RoleRule};
 /// Which episodes are experts and which are imperfect. By default success and failure decide.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RuleArgs {
-    /// Cohort whose episodes are experts, regardless of their outcome; can be repeated. Default: every success of other
-    /// cohorts than the imperfect ones.
+    /// Cohort whose episodes are experts, regardless of their outcome; can be repeated. Default: every success, whatever its
+    /// cohort.
     #[arg(long = "expert-cohort", value_name = "COHORT")]
     expert_cohorts: Vec<String>,
     /// Cohort whose episodes are imperfect, regardless of their outcome; can be repeated. Failures of other cohorts are then
-    /// left out. Default: every failure of other cohorts than the experts'.
+    /// left out. Default: every failure, whatever its cohort.
     #[arg(long = "imperfect-cohort", value_name = "COHORT")]
     imperfect_cohorts: Vec<String>,
     /// Maximum number of imperfect episodes for each expert, spread evenly over the cohorts (0: all). Fewer take less

@@ -77,7 +77,9 @@ impl ExpertRanking {
             return remedy.to_owned();
         }
         let others = self.cohorts.iter().filter(|(other, _)| other != cohort);
-        let others: Vec<String> = others.map(|(other, _)| format!("--imperfect-cohort {other:?}")).collect();
+        // In single quotes a shell changes nothing of a name that somebody else chose.
+        let option = |name: &str| format!("--imperfect-cohort '{}'", name.replace('\'', r"'\''"));
+        let others: Vec<String> = others.map(|(other, _)| option(other)).collect();
         match others.as_slice() {
             [] => "train on experts alone (`gleaner train --experts-in SNAPSHOT`)".to_owned(),
             others => {
@@ -152,9 +154,10 @@ mod tests {
             ),
             "{warnings:?}"
         );
-        assert!(warnings[1].ends_with(
-            "leave it out: `gleaner pipeline --quick --wait --imperfect-cohort \"a\" --imperfect-cohort \"c\"` has the other cohorts"
-        ));
+        let command = "`gleaner pipeline --quick --wait --imperfect-cohort 'a' --imperfect-cohort 'c'`";
+        assert!(warnings[1].ends_with(&format!("leave it out: {command} has the other cohorts")), "{warnings:?}");
+        let hostile = ranking(0.6, &[("a", 0.48), ("$(x) it's", 0.9)]).warnings();
+        assert!(hostile[0].contains(r"--imperfect-cohort '$(x) it'\''s'`"), "{hostile:?}");
         assert_eq!(warnings.len(), 2);
         let unnamed = ranking(0.6, &[("", 0.48)]).warnings();
         assert!(unnamed[0].contains("favour episodes without a cohort over experts: of a step of each"), "{unnamed:?}");

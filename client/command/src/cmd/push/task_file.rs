@@ -41,8 +41,8 @@ pub(super) async fn task(args: &PushArgs, context: &Context, client: &Client, fi
 fn remedy(file: &Path) -> String {
     let file = words::shell_word(&file.display().to_string());
     format!(
-        "no task was created and no recording sent. Correct {file} or the labels and push again; or create the task with `gleaner task \
-         create {file}` and push without --task-file, which leaves out what is rejected"
+        "no task was created and no recording sent. Correct {file} or the labels and push again; or create the task with \
+         `gleaner task create {file}` and push without --task-file, which leaves out what is rejected"
     )
 }
 

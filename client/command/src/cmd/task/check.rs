@@ -66,7 +66,7 @@ impl CheckArgs {
     }
 }
 
-/// Checks a task file, and these recordings and labels against it, and prints nothing.
+/// Checks a task file, and these recordings and labels against it; prints only what is skipped.
 ///
 /// # Errors
 /// A task file or labels that cannot be read; recordings that are rejected are among the problems.
