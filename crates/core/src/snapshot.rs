@@ -54,13 +54,13 @@ impl RoleRule {
     /// The role of an episode with this label; `None`: it is left out.
     pub fn role(&self, outcome: Outcome, cohort: &str) -> Option<Role> {
         let named = |cohorts: &[String]| cohorts.iter().any(|name| name == cohort);
-        match outcome {
-            Outcome::Success if self.expert_cohorts.is_empty() => Some(Role::Expert),
-            Outcome::Failure if self.imperfect_cohorts.is_empty() => Some(Role::Imperfect),
-            _ if named(&self.expert_cohorts) => Some(Role::Expert),
-            _ if named(&self.imperfect_cohorts) => Some(Role::Imperfect),
-            _ => None,
-        }
+        let by_outcome = match outcome {
+            Outcome::Success => self.expert_cohorts.is_empty().then_some(Role::Expert),
+            Outcome::Failure => self.imperfect_cohorts.is_empty().then_some(Role::Imperfect),
+            Outcome::Unknown => None,
+        };
+        let expert = named(&self.expert_cohorts).then_some(Role::Expert);
+        by_outcome.or(expert).or_else(|| named(&self.imperfect_cohorts).then_some(Role::Imperfect))
     }
 
     /// Whether a cohort decides a role.
