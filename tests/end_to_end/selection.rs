@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path};
 use gleaner_core::{
     id::EpisodeId,
     proto::selection::selection_to_proto,
-    selection::{Candidate, Resolved, Selection as Choice, SelectionShape as Shape, places, ranked},
+    selection::{Candidate, ExpertRanking, Resolved, Selection as Choice, SelectionShape as Shape, places, ranked},
 };
 use gleaner_proto::v1::*;
 use serde_json::{Value, json};
@@ -15,6 +15,8 @@ use crate::support::{
     lab,
     shared::{Shared, shared},
 };
+
+mod cohorts;
 
 /// One imperfect segment: episode, end step, w, q.
 type Scored = (String, u32, f64, f32);
@@ -114,7 +116,7 @@ async fn candidates(api: &mut Api, shared: &Shared) -> Vec<Candidate> {
 /// Episode, end step and q of the segments that a selection keeps by its definition.
 fn defined(selection: Choice, candidates: &[Candidate]) -> Vec<(String, u32, f32)> {
     let ranked = ranked(candidates);
-    let (resolved, mut marked) = (Resolved::new(selection, &ranked, candidates), Vec::new());
+    let (resolved, mut marked) = (Resolved::new(selection, &ranked, candidates, &ExpertRanking::default()), Vec::new());
     let mut kept = Vec::new();
     for one in candidates {
         resolved.mark(one, &mut marked);
@@ -153,6 +155,7 @@ async fn a_shaped_dataset_trains_and_exports_the_segments_of_its_definition() {
     let mut api = Api::connect(&shared.server).await;
     let candidates = candidates(&mut api, &shared).await;
     let shape = Shape {
+        min_expert_auroc: 0.0,
         close_gaps: 2,
         min_run: 3,
         context_before: 1,

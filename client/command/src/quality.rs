@@ -2,7 +2,7 @@
 //!
 //! Must not know a server; the reports of experiments and of the demo use it.
 
-use gleaner_core::selection::{Candidate, Resolved, Selection, ranked};
+use gleaner_core::selection::{Candidate, ExpertRanking, Resolved, Selection, ranked};
 use gleaner_core::statistics::{auroc, auroc_difference, auroc_interval, precision_recall};
 use gleaner_sim::RecordedEpisode;
 use serde::{Deserialize, Serialize};
@@ -150,17 +150,22 @@ pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// The steps that a selection keeps, and how good they are.
-pub(crate) fn select(episodes: &[MarkedEpisode], selection: Selection) -> Selected {
-    select_among(episodes, episodes.len(), selection)
+/// The steps that a selection keeps, and how good they are. `ranking` is the run's.
+pub(crate) fn select(episodes: &[MarkedEpisode], selection: Selection, ranking: &ExpertRanking) -> Selected {
+    select_among(episodes, episodes.len(), selection, ranking)
 }
 
 /// As [`select`], of the first `marked` episodes alone; all of them compete.
 #[expect(clippy::cast_precision_loss, reason = "counts of steps are far below 2^52")]
-pub(crate) fn select_among(episodes: &[MarkedEpisode], marked: usize, selection: Selection) -> Selected {
+pub(crate) fn select_among(
+    episodes: &[MarkedEpisode],
+    marked: usize,
+    selection: Selection,
+    ranking: &ExpertRanking,
+) -> Selected {
     let candidates: Vec<Candidate> = episodes.iter().map(|episode| episode.scores.clone()).collect();
     let ranked = ranked(&candidates);
-    let (resolved, mut of_episode) = (Resolved::new(selection, &ranked, &candidates), Vec::new());
+    let (resolved, mut of_episode) = (Resolved::new(selection, &ranked, &candidates, ranking), Vec::new());
     let (mut kept, mut good) = (Vec::new(), Vec::new());
     for episode in episodes.iter().take(marked) {
         resolved.mark(&episode.scores, &mut of_episode);
@@ -238,16 +243,17 @@ mod tests {
 
     #[test]
     fn a_selection_keeps_the_segments_of_its_rule_and_shape() {
-        let half = select(&episodes(), Selection::beta(0.5));
+        let unread = ExpertRanking::default();
+        let half = select(&episodes(), Selection::beta(0.5), &unread);
         assert_eq!((half.kept, half.of, half.precision, half.recall), (3, 7, Some(2.0 / 3.0), Some(0.5)));
         assert!((half.share - 3.0 / 7.0).abs() < 1e-12);
-        let nothing = select(&episodes(), Selection::beta(1.0));
+        let nothing = select(&episodes(), Selection::beta(1.0), &unread);
         assert_eq!((nothing.kept, nothing.precision, nothing.recall), (0, None, Some(0.0)));
         // 1, 0.75 and, with it, the other 0.75.
-        assert_eq!(select(&episodes(), Selection::top_fraction(2.0 / 7.0)).kept, 3);
+        assert_eq!(select(&episodes(), Selection::top_fraction(2.0 / 7.0), &unread).kept, 3);
         // The first two of freeze are a run of two; wander's last is alone.
         let shape = SelectionShape { min_run: 2, ..SelectionShape::default() };
-        let runs = select(&episodes(), Selection { shape, ..Selection::beta(0.5) });
+        let runs = select(&episodes(), Selection { shape, ..Selection::beta(0.5) }, &unread);
         assert_eq!((runs.kept, runs.precision, runs.recall), (2, Some(1.0), Some(0.5)));
     }
 

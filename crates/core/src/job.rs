@@ -261,7 +261,7 @@ impl Job {
     /// Why a queued job, or an attempt that its engine has not started, waits; empty if it does not.
     pub fn waiting(&self) -> String {
         match (self.state, self.placement.waiting.as_str(), self.waits_for.as_slice()) {
-            (JobState::Queued, "", []) => "for a free worker; the server runs --workers jobs at once".to_owned(),
+            (JobState::Queued, "", []) => "for a free worker".to_owned(),
             (JobState::Queued, "", [one]) => format!("for {one}, whose result it needs"),
             (JobState::Queued, "", [first, rest @ ..]) => {
                 format!("for {first} and {} more, whose results it needs", rest.len())

@@ -41,6 +41,10 @@ pub struct PipelineSpec {
 }
 
 impl PipelineSpec {
+    /// The default of [`SelectionShape::min_expert_auroc`] of a new pipeline, which trains before a user has seen how its
+    /// scores rank the cohorts.
+    pub const MIN_EXPERT_AUROC: f64 = 0.5;
+
     /// The selection of the dataset; `None` when none is made.
     pub fn selection(&self) -> Option<Selection> {
         let rule = self.beta.map(Rule::Beta).or(self.top_fraction.map(Rule::TopFraction))?;

@@ -1,10 +1,8 @@
 //! Score runs: w and q of every segment of a snapshot, from a score job or from a scorer elsewhere.
 
-mod expert_ranking;
 mod histogram;
 mod origin;
 
-pub use expert_ranking::ExpertRanking;
 pub use histogram::{Histogram, KeptCount};
 pub use origin::{IMPORTED, Origin};
 

@@ -5,16 +5,18 @@
 //! messages or pages.
 
 mod count;
+mod expert_ranking;
 mod phase;
 mod rule;
 mod shape;
 
 pub use count::{Kept, WhatIf, what_if};
+pub use expert_ranking::ExpertRanking;
 pub use phase::places;
 pub use rule::{Filter, Rule, best_first, ranked};
 pub use shape::SelectionShape;
 
-use std::cmp::Ordering;
+use std::{cmp::Ordering, collections::BTreeSet};
 
 use super::id::EpisodeId;
 use phase::Cuts;
@@ -44,6 +46,11 @@ impl Selection {
     /// Whether it limits phases, so that [`Resolved::new`] reads the candidates with their places.
     pub fn limits_phases(&self) -> bool {
         self.shape.max_per_phase > 0
+    }
+
+    /// Whether it leaves out cohorts by how they rank beside experts, so that [`Resolved::new`] reads that ranking.
+    pub fn reads_ranking(&self) -> bool {
+        self.shape.min_expert_auroc > 0.0
     }
 }
 
@@ -94,21 +101,32 @@ impl Candidate {
 
 /// A selection resolved for one run: decides which segments of each of its imperfect episodes are kept.
 ///
-/// The order is fixed: the rule, gaps, short runs, context, the limit of an episode, the limit of a phase. The kept
+/// The order is fixed: cohorts, the rule, gaps, short runs, context, the limit of an episode, the limit of a phase. The kept
 /// segments do not depend on the order of the episodes.
 #[derive(Debug)]
 pub struct Resolved<'a> {
     filter: Filter,
     shape: SelectionShape,
+    /// The cohorts of which nothing is kept.
+    left_out: BTreeSet<String>,
     cuts: Option<Cuts<'a>>,
 }
 
 impl<'a> Resolved<'a> {
     /// `ranked` is the (q, w) of all the run's imperfect segments from best to worst, which only a top fraction reads.
-    /// `candidates` are all the run's imperfect episodes in any order, which only a limit of phases reads.
-    pub fn new(selection: Selection, ranked: &[(f32, f64)], candidates: &'a [Candidate]) -> Self {
+    /// `candidates` are all the run's imperfect episodes in any order, which only a limit of phases reads. `ranking` is the
+    /// run's, which only [`Selection::reads_ranking`] reads.
+    pub fn new(
+        selection: Selection,
+        ranked: &[(f32, f64)],
+        candidates: &'a [Candidate],
+        ranking: &ExpertRanking,
+    ) -> Self {
         let Selection { rule, shape } = selection;
-        let mut resolved = Self { filter: Filter::new(rule, ranked), shape, cuts: None };
+        let left_out = ranking.below(shape.min_expert_auroc).map(ToOwned::to_owned).collect();
+        // Of the cohorts that are left the rest of the shape decides.
+        let shape = SelectionShape { min_expert_auroc: 0.0, ..shape };
+        let mut resolved = Self { filter: Filter::new(rule, ranked), shape, left_out, cuts: None };
         if selection.limits_phases() {
             resolved.cuts = Some(Cuts::new(&shape, candidates, |candidate, kept| resolved.mark(candidate, kept)));
         }
@@ -118,6 +136,10 @@ impl<'a> Resolved<'a> {
     /// Sets `kept` to whether each segment of the episode is kept, by end step.
     pub fn mark(&self, candidate: &Candidate, kept: &mut Vec<bool>) {
         kept.clear();
+        if self.left_out.contains(&candidate.cohort) {
+            kept.resize(candidate.w.len(), false);
+            return;
+        }
         kept.extend(candidate.w.iter().zip(&candidate.q).map(|(&w, &q)| self.filter.keeps(w, q)));
         self.shape.apply(candidate, kept);
         if let Some(cuts) = &self.cuts {
@@ -132,6 +154,9 @@ impl Resolved<'_> {
     fn count(&self, candidate: &Candidate, marked: &mut Vec<bool>) -> (u64, Option<f64>) {
         let scores = candidate.w.iter().copied().zip(candidate.q.iter().copied());
         let (mut kept, mut lowest) = (0, f64::INFINITY);
+        if self.left_out.contains(&candidate.cohort) {
+            return (0, None);
+        }
         // Without branches: which of the segments are kept cannot be predicted.
         let mut add = |w: f64, keeps: bool| {
             kept += u64::from(keeps);

@@ -14,8 +14,8 @@ use crate::{
     domain::{
         curation::SegmentRef,
         id::{EpisodeId, ScoreRunId},
-        score::{ExpertRanking, Histogram, ScoreRun},
-        selection::{Candidate, Rule, Selection, WhatIf, ranked, what_if},
+        score::{Histogram, ScoreRun},
+        selection::{Candidate, ExpertRanking, Rule, Selection, WhatIf, ranked, what_if},
     },
     error::Result,
 };
@@ -68,7 +68,9 @@ impl Summary {
                 Rule::Beta(_) => &[],
                 Rule::TopFraction(_) => summary.ranked.get_or_init(|| ranked(&summary.candidates)).as_slice(),
             };
-            Ok(what_if(selection, ranked, &summary.candidates))
+            let unread = ExpertRanking::default();
+            let ranking = if selection.reads_ranking() { summary.ranking() } else { &unread };
+            Ok(what_if(selection, ranked, &summary.candidates, ranking))
         };
         off_runtime("counting what is kept", counting).await
     }
@@ -107,14 +109,12 @@ impl Summary {
     /// Internal.
     pub(crate) async fn expert_ranking(self: &Arc<Self>) -> Result<ExpertRanking> {
         let summary = Arc::clone(self);
-        let comparing = move || {
-            let all = || {
-                let imperfect = summary.candidates.iter().map(|one| (one.cohort.as_str(), one.q.as_slice()));
-                ExpertRanking::new(imperfect, summary.experts.concat())
-            };
-            Ok(summary.expert_ranking.get_or_init(all).clone())
-        };
-        off_runtime("comparing experts", comparing).await
+        off_runtime("comparing experts", move || Ok(summary.ranking().clone())).await
+    }
+
+    /// The same, on this thread.
+    fn ranking(&self) -> &ExpertRanking {
+        self.expert_ranking.get_or_init(|| ExpertRanking::of_candidates(&self.candidates, self.experts.concat()))
     }
 
     /// The best segments in order: by q, then by w, then by older episode and earlier step. At most 3 of one episode,

@@ -11,8 +11,8 @@ use crate::{
     domain::{
         curation::SegmentRef,
         id::{EncoderId, EpisodeId, ScoreRunId, TaskId},
-        score::{EpisodeScores, ExpertRanking, Histogram, ScoreRun},
-        selection::{Selection, WhatIf},
+        score::{EpisodeScores, Histogram, ScoreRun},
+        selection::{ExpertRanking, Selection, WhatIf},
     },
     error::Result,
 };

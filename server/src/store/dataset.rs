@@ -16,7 +16,7 @@ use crate::{
         dataset::{Dataset, DatasetContents, DatasetCounts, KeptEpisode, KeptSegment, Nearest, WeightedSegment},
         id::{DatasetId, EpisodeId, ScoreRunId},
         score::ScoreRun,
-        selection::{Candidate, Kept, Resolved, Rule, Selection, ranked},
+        selection::{Candidate, ExpertRanking, Kept, Resolved, Rule, Selection, ranked},
         time::Millis,
         work::KeptInput,
     },
@@ -206,7 +206,8 @@ impl Store {
 
     /// Sends every imperfect episode of a run with its segments that a selection keeps, if any, and its recording; rows
     /// are read one by one. `detailed`: with the matches of segments and the scores of every step. Ends early once the
-    /// receiver is gone. Only a top fraction and a limit of phases hold the scores of the whole run, until the end.
+    /// receiver is gone. Only a top fraction, a limit of phases and one of cohorts hold the scores of the whole run, until the
+    /// end.
     ///
     /// # Errors
     /// Internal.
@@ -216,8 +217,8 @@ impl Store {
         detail: KeptDetail,
         out: &mpsc::Sender<KeptInput>,
     ) -> Result<()> {
-        let candidates = self.to_resolve(run, selection).await?;
-        let resolved = Resolved::new(selection, &ranked(&candidates), &candidates);
+        let (candidates, ranking) = self.to_resolve(run, selection).await?;
+        let resolved = Resolved::new(selection, &ranked(&candidates), &candidates, &ranking);
         let mut rows = self.recorded(run, selection.limits_phases()).await?;
         let mut marked = Vec::new();
         while let Some(Recorded { mut matched, episode }) = rows.try_next().await? {
@@ -240,19 +241,30 @@ impl Store {
         Ok(())
     }
 
-    /// The candidates that resolving a selection needs.
-    async fn to_resolve(&self, run: &ScoreRun, selection: Selection) -> Result<Vec<Candidate>> {
-        match selection.rule {
-            Rule::Beta(_) if !selection.limits_phases() => Ok(Vec::new()),
-            Rule::Beta(_) | Rule::TopFraction(_) => self.candidates(&run.id, selection.limits_phases()).await,
+    /// The candidates that resolving a selection needs, and how they rank beside experts where it needs that.
+    async fn to_resolve(&self, run: &ScoreRun, selection: Selection) -> Result<(Vec<Candidate>, ExpertRanking)> {
+        let (phases, ranks) = (selection.limits_phases(), selection.reads_ranking());
+        let candidates = match selection.rule {
+            Rule::Beta(_) if !phases && !ranks => Vec::new(),
+            Rule::Beta(_) | Rule::TopFraction(_) => self.candidates(&run.id, phases).await?,
+        };
+        if !ranks {
+            return Ok((candidates, ExpertRanking::default()));
         }
+        let experts = self.expert_qualities(&run.id).await?.concat();
+        let comparing = move || {
+            let ranking = ExpertRanking::of_candidates(&candidates, experts);
+            (candidates, ranking)
+        };
+        let compared = tokio::task::spawn_blocking(comparing).await;
+        compared.map_err(|error| Error::internal("comparing experts", error))
     }
 
     /// The imperfect episodes with at least one kept segment; rows are read one by one.
     async fn kept(&self, run: &ScoreRun, selection: Selection) -> Result<Vec<KeptEpisode>> {
-        let candidates = self.to_resolve(run, selection).await?;
+        let (candidates, ranking) = self.to_resolve(run, selection).await?;
         let ranked = ranked(&candidates);
-        let resolved = Resolved::new(selection, &ranked, &candidates);
+        let resolved = Resolved::new(selection, &ranked, &candidates, &ranking);
         let mut rows = self.matched(run, selection.limits_phases()).await?;
         let (mut kept, mut marked) = (Vec::new(), Vec::new());
         while let Some(Matched { candidate, .. }) = rows.try_next().await? {

@@ -79,7 +79,7 @@ async fn create(
     context.output.result(|| json::value(&reply), || describe(dataset))?;
     // A run without counts is unfinished.
     if dataset.kept_segments.is_some() {
-        histogram::warn(context, &client, &dataset.score_run_id).await;
+        histogram::warn(context, &client, &dataset.score_run_id, selection.shape().min_expert_auroc).await;
     }
     context.output.next(training(&dataset.id));
     Ok(())

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use gleaner_client::{Client, ClientError};
 use gleaner_proto::v1::{GetJobRequest, GetTaskRequest, Job, JobState, ListMetricsRequest, WatchJobResponse};
 
-use super::training_warnings;
+use super::training_warnings::unseen;
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
@@ -150,12 +150,12 @@ pub(crate) async fn to_end(context: &Context, client: &Client, job_id: &str) -> 
 
 /// Notes what the latest metrics of a training warn of.
 async fn warn(context: &Context, client: &Client, job: &Job, metrics: &BTreeMap<String, f64>) -> Result<()> {
-    if training_warnings::has(metrics) {
+    if unseen(metrics, &[], job.total).is_some() {
         let request = GetTaskRequest { task: job.task_id.clone() };
         let task = client.tasks().get_task(request).await?.into_inner().task;
         let cameras = task.and_then(|task| task.spec).map(|spec| spec.cameras).unwrap_or_default();
         let cameras: Vec<String> = cameras.into_iter().map(|camera| camera.name).collect();
-        for warning in training_warnings::all(metrics, &cameras, job) {
+        if let Some(warning) = unseen(metrics, &cameras, job.total) {
             context.output.note(format_args!("warning: {warning}"));
         }
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use clap::Args;
 use gleaner_client::Client;
 use gleaner_core::proto::score::expert_ranking;
-use gleaner_core::score::ExpertRanking;
+use gleaner_core::selection::ExpertRanking;
 use gleaner_proto::v1::{CohortCounts, GetHistogramRequest, GetHistogramResponse, KeptCount};
 
 use super::selection::decimals;
@@ -71,7 +71,7 @@ pub(crate) fn histogram(histogram: &GetHistogramResponse, width: usize) -> Strin
     if let Some(all) = ranking.all {
         lines.push(String::new());
         lines.push(format!("an expert's segment has the higher q in {} of pairs (ties count half)", share(all)));
-        lines.extend(warnings(&ranking));
+        lines.extend(warnings(&ranking, 0.0));
     }
     lines.push(String::new());
     lines.push(by_cohort(histogram, &ranking));
@@ -104,16 +104,19 @@ fn share(auroc: f64) -> String {
     format!("{:.0} %", 100.0 * auroc)
 }
 
-fn warnings(ranking: &ExpertRanking) -> impl Iterator<Item = String> {
-    ranking.warnings().into_iter().map(|warning| format!("warning: {warning}"))
+fn warnings(ranking: &ExpertRanking, left_out_below: f64) -> impl Iterator<Item = String> {
+    ranking.warnings(left_out_below).into_iter().map(|warning| format!("warning: {warning}"))
 }
 
 /// Notes what a user should look at before they select segments of a finished run. What was asked for is done, so an error
-/// here is a note too.
-pub(crate) async fn warn(context: &Context, client: &Client, run: &str) {
+/// here is a note too. `left_out_below` is as for [`ExpertRanking::warnings`].
+pub(crate) async fn warn(context: &Context, client: &Client, run: &str, left_out_below: f64) {
     let request = GetHistogramRequest { score_run_id: run.to_owned(), bins: 1, betas: Vec::new() };
     match client.scores().get_histogram(request).await {
-        Ok(reply) => warnings(&expert_ranking(reply.get_ref())).for_each(|warning| context.output.note(warning)),
+        Ok(reply) => {
+            let ranking = expert_ranking(reply.get_ref());
+            warnings(&ranking, left_out_below).for_each(|warning| context.output.note(warning));
+        }
         Err(error) => context.output.note(format_args!("{run} was not compared with its experts: {}", error.message())),
     }
 }

@@ -1,12 +1,16 @@
 //! `pipeline`: pretrain, score, filter, train, evaluate as one chain of jobs. Its options are the schedules' too.
 
-use clap::{Args, ValueEnum};
+use clap::{Arg, Args, ValueEnum};
+use gleaner_client::Client;
 use gleaner_core::arguments::{Given, Pipeline, TRAIN};
 use gleaner_core::kinds::{Family, Kind};
-use gleaner_core::proto::{selection::shape_to_proto, to_struct};
+use gleaner_core::proto::{selection::whole_shape, to_struct};
 use gleaner_core::selection::Rule;
 use gleaner_core::{Group as _, InitialWeights, NormaliserKind, OptimSpec, Words as _};
-use gleaner_proto::v1::{EvaluateSpec, Job, JobKind, PipelineSpec, ScoreSpec, SubmitPipelineRequest, TrainSpec};
+use gleaner_proto::v1::{
+    EvaluateSpec, GetDatasetRequest, GetScoreRunRequest, Job, JobKind, PipelineSpec, ScoreSpec, SubmitPipelineRequest,
+    TrainSpec,
+};
 use prost_types::Struct;
 
 use super::plan::SnapshotArgs;
@@ -16,7 +20,7 @@ use super::submit::{after, outcome};
 use super::training_warnings::longer;
 use super::{follow, histogram, jobs};
 use crate::context::Context;
-use crate::failure::Result;
+use crate::failure::{Result, present};
 use crate::json;
 
 /// How far a pipeline goes.
@@ -31,6 +35,7 @@ enum Until {
 
 /// What a pipeline does.
 #[derive(Args, Clone, Debug)]
+#[command(mut_arg("min_expert_auroc", of_pipeline))]
 pub(crate) struct PipelineArgs {
     #[command(flatten)]
     snapshot: SnapshotArgs,
@@ -69,6 +74,11 @@ impl PipelineArgs {
         !self.reads_encoder() && !self.settings.values.contains_key("steps")
     }
 
+    /// The share below which the dataset leaves out cohorts; 0 where none is made.
+    fn left_out_below(&self) -> f64 {
+        if self.until >= Until::Dataset { self.selection.shape().min_expert_auroc } else { 0.0 }
+    }
+
     /// The pipeline of these settings.
     fn completed(&self) -> PipelineSpec {
         let (scored, selected) = (self.until >= Until::Score, self.until >= Until::Dataset);
@@ -82,7 +92,7 @@ impl PipelineArgs {
             scoring: scored.then(|| ScoreSpec { settings: self.stage("score"), ..ScoreSpec::default() }),
             beta,
             top_fraction,
-            shape: shape_to_proto(self.selection.shape()).filter(|_| selected),
+            shape: selected.then(|| whole_shape(self.selection.shape())),
             train: (self.until >= Until::Train).then(|| TrainSpec { data: None, settings: self.training() }),
             evaluate: (self.until >= Until::Evaluate)
                 .then(|| EvaluateSpec { subject: None, settings: self.stage("evaluate") }),
@@ -138,6 +148,14 @@ impl PipelineArgs {
     }
 }
 
+/// --min-expert-auroc with the default of a pipeline.
+fn of_pipeline(option: Arg) -> Arg {
+    let default = gleaner_core::schedule::PipelineSpec::MIN_EXPERT_AUROC.to_string();
+    let help = option.get_help().map(ToString::to_string).unwrap_or_default();
+    let help = help.replace("[default: 0.0]", &format!("[default: {default}]"));
+    option.help(help).default_value(default).hide_default_value(true)
+}
+
 fn has(kind: &Kind, name: &str) -> bool {
     kind.settings.iter().any(|setting| setting.name == name)
 }
@@ -171,16 +189,17 @@ impl PipelineCommand {
         };
         let mut reply = queued(context, &self.key, client.submit_pipeline(request).await)?;
         if self.pipeline.is_unread() {
-            context
-                .output
-                .note("the encoder is trained for one step, because neither the scorer nor the policy reads it");
+            context.output.note("neither the scorer nor the policy reads an encoder, so its training has one step");
         }
         if self.submit.wait {
             for job in &mut reply.jobs {
                 *job = follow::to_success(context, &client, &job.id).await?;
                 context.output.note(outcome(job));
                 if job.kind() == JobKind::Score {
-                    histogram::warn(context, &client, &job.result_id).await;
+                    histogram::warn(context, &client, &job.result_id, self.pipeline.left_out_below()).await;
+                    if !reply.dataset_id.is_empty() {
+                        context.output.note(gleaned(&client, &reply.dataset_id, &job.result_id).await?);
+                    }
                 }
             }
         }
@@ -195,6 +214,22 @@ impl PipelineCommand {
         context.output.next(next(&reply.jobs, self.submit.wait, self.pipeline.quick));
         Ok(())
     }
+}
+
+/// What a dataset keeps of a finished score run.
+async fn gleaned(client: &Client, dataset_id: &str, score_run_id: &str) -> Result<String> {
+    let of_dataset = GetDatasetRequest { dataset_id: dataset_id.to_owned() };
+    let dataset = present(client.datasets().get_dataset(of_dataset).await?.into_inner().dataset, "a dataset")?;
+    let of_run = GetScoreRunRequest { score_run_id: score_run_id.to_owned() };
+    let run = present(client.scores().get_score_run(of_run).await?.into_inner().score_run, "a score run")?;
+    Ok(format!(
+        "the dataset has {} steps of experts and keeps {} of {} steps of the imperfect episodes, from {} of {}",
+        dataset.expert_segments(),
+        dataset.kept_segments(),
+        run.imperfect_segments,
+        dataset.kept_episodes(),
+        run.imperfect_episodes
+    ))
 }
 
 fn next(submitted: &[Job], waited: bool, quick: bool) -> String {

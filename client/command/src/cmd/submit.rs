@@ -185,7 +185,7 @@ impl Submission {
             job = follow::to_success(context, client, &job.id).await?;
         }
         if args.wait && job.kind() == JobKind::Score {
-            histogram::warn(context, client, &job.result_id).await;
+            histogram::warn(context, client, &job.result_id, 0.0).await;
         }
         context.output.result(|| json::value(&job), || outcome(&job))?;
         context.output.next(if args.wait { after(&job) } else { format!("gleaner watch {}", job.id) });

@@ -7,7 +7,8 @@ use gleaner_client::Client;
 use gleaner_core::id::EpisodeId;
 use gleaner_core::job;
 use gleaner_core::looks::{Look, looks};
-use gleaner_core::selection::{Candidate, places};
+use gleaner_core::proto::score::expert_ranking;
+use gleaner_core::selection::{Candidate, ExpertRanking, places};
 use gleaner_proto::v1::{GetHistogramRequest, GetScoreRunRequest, JobState, ListMetricsRequest, Metric, Role};
 
 use super::auroc::{self, AurocDifference, Scored};
@@ -31,6 +32,7 @@ struct Run {
     separation: Vec<Separation>,
     histogram: Vec<[u32; 2]>,
     experts: Vec<u64>,
+    ranking: ExpertRanking,
 }
 
 /// Fetches results; each is fetched once and measured once, however many cells share it and however often it is reported.
@@ -174,7 +176,8 @@ impl<'a> Gatherer<'a> {
             report.experts.clone_from(&run.experts);
             let selection = cell.settings.selection().map_err(|problem| Failure::message(problem.to_string()))?;
             let key = (result.id.clone(), format!("{selection:?}"));
-            let selected = self.selected.entry(key).or_insert_with(|| select(&run.episodes, selection)).clone();
+            let selected = || select(&run.episodes, selection, &run.ranking);
+            let selected = self.selected.entry(key).or_insert_with(selected).clone();
             let unmarked = |selected| Selected { precision: None, recall: None, ..selected };
             report.selected = Some(if self.recordings.are_marked { selected } else { unmarked(selected) });
         }
@@ -203,13 +206,14 @@ impl<'a> Gatherer<'a> {
             bins: u32::try_from(BINS).unwrap_or(0),
             ..GetHistogramRequest::default()
         };
-        let experts = self.client.scores().get_histogram(request).await?.into_inner().expert_counts;
+        let counted = self.client.scores().get_histogram(request).await?.into_inner();
+        let (ranking, experts) = (expert_ranking(&counted), counted.expert_counts);
         let (separation, histogram) = if self.recordings.are_marked {
             (separations(&episodes), histogram(&episodes))
         } else {
             (Vec::new(), Vec::new())
         };
-        Ok(Run { separation, histogram, experts, episodes })
+        Ok(Run { separation, histogram, experts, ranking, episodes })
     }
 
     /// The scores of every imperfect episode beside its mark, in the order of the recordings.

@@ -8,7 +8,8 @@ use crate::{
     error::{Error, Result},
     id::{EpisodeId, ScoreRunId},
     page::Page,
-    score::{EpisodeScores, ExpertRanking, Histogram, KeptCount, RunCounts, ScoreRun},
+    score::{EpisodeScores, Histogram, KeptCount, RunCounts, ScoreRun},
+    selection::ExpertRanking,
 };
 
 const MAX_BINS: u32 = 1000;

@@ -68,6 +68,7 @@ pub fn selection_to_proto(selection: Selection) -> v1::Selection {
 /// Invalid names the field that is out of range.
 pub fn shape_from_proto(at: &str, shape: Option<v1::SelectionShape>) -> Result<SelectionShape> {
     let v1::SelectionShape {
+        min_expert_auroc,
         close_gaps,
         min_run,
         context_before,
@@ -78,6 +79,7 @@ pub fn shape_from_proto(at: &str, shape: Option<v1::SelectionShape>) -> Result<S
     } = shape.unwrap_or_default();
     let default = SelectionShape::default();
     let shape = SelectionShape {
+        min_expert_auroc: min_expert_auroc.unwrap_or(default.min_expert_auroc),
         close_gaps,
         min_run,
         context_before,
@@ -91,7 +93,13 @@ pub fn shape_from_proto(at: &str, shape: Option<v1::SelectionShape>) -> Result<S
 
 /// The shape of a selection; left out when it is off.
 pub fn shape_to_proto(shape: SelectionShape) -> Option<v1::SelectionShape> {
+    (!shape.is_off()).then(|| whole_shape(shape))
+}
+
+/// The shape of a selection with every setting.
+pub fn whole_shape(shape: SelectionShape) -> v1::SelectionShape {
     let SelectionShape {
+        min_expert_auroc,
         close_gaps,
         min_run,
         context_before,
@@ -100,7 +108,8 @@ pub fn shape_to_proto(shape: SelectionShape) -> Option<v1::SelectionShape> {
         phases,
         max_per_phase,
     } = shape;
-    (!shape.is_off()).then_some(v1::SelectionShape {
+    v1::SelectionShape {
+        min_expert_auroc: Some(min_expert_auroc),
         close_gaps,
         min_run,
         context_before,
@@ -108,7 +117,7 @@ pub fn shape_to_proto(shape: SelectionShape) -> Option<v1::SelectionShape> {
         max_share_of_episode: Some(max_share_of_episode),
         phases: Some(phases),
         max_per_phase,
-    })
+    }
 }
 
 /// The run, the selections to count, and whether each episode is listed.
@@ -186,6 +195,8 @@ mod tests {
         assert_eq!(selection_to_proto(Selection::beta(0.5)).shape, None);
         let most = u32::MAX;
         for (shape, field) in [
+            (v1::SelectionShape { min_expert_auroc: Some(1.5), ..off }, "min_expert_auroc"),
+            (v1::SelectionShape { min_expert_auroc: Some(f64::NAN), ..off }, "min_expert_auroc"),
             (v1::SelectionShape { close_gaps: most, ..off }, "close_gaps"),
             (v1::SelectionShape { min_run: most, ..off }, "min_run"),
             (v1::SelectionShape { context_before: most, ..off }, "context_before"),
@@ -200,6 +211,7 @@ mod tests {
             assert!(error.message().starts_with(&format!("selection.shape.{field}: ")), "{field} expected: {error}");
         }
         let shape = SelectionShape {
+            min_expert_auroc: 0.5,
             min_run: 5,
             max_share_of_episode: 0.5,
             phases: 4,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Candidate, Resolved, Selection};
+use super::{Candidate, ExpertRanking, Resolved, Selection};
 use crate::id::EpisodeId;
 
 /// The kept part of a group of imperfect episodes.
@@ -42,10 +42,15 @@ pub struct WhatIf {
     pub episodes: Vec<(EpisodeId, u64, u64)>,
 }
 
-/// The part that one selection would keep of the run's imperfect episodes, given in the snapshot's order. `ranked` is as
-/// for [`Resolved::new`].
-pub fn what_if(selection: Selection, ranked: &[(f32, f64)], candidates: &[Candidate]) -> WhatIf {
-    let (resolved, mut marked) = (Resolved::new(selection, ranked, candidates), Vec::new());
+/// The part that one selection would keep of the run's imperfect episodes, given in the snapshot's order. `ranked` and
+/// `ranking` are as for [`Resolved::new`].
+pub fn what_if(
+    selection: Selection,
+    ranked: &[(f32, f64)],
+    candidates: &[Candidate],
+    ranking: &ExpertRanking,
+) -> WhatIf {
+    let (resolved, mut marked) = (Resolved::new(selection, ranked, candidates, ranking), Vec::new());
     let (mut total, mut threshold) = (Kept::default(), None::<f64>);
     let (mut cohorts, mut episodes) = (BTreeMap::<String, Kept>::new(), Vec::with_capacity(candidates.len()));
     for candidate in candidates {

@@ -1,5 +1,5 @@
-//! The shape of a selection: gaps, runs and context within an episode, and limits of one episode and of one phase. Must
-//! not depend on the rule.
+//! The shape of a selection: the cohorts it leaves out, gaps, runs and context within an episode, and limits of one episode
+//! and of one phase. Must not depend on the rule.
 
 use std::fmt;
 
@@ -17,6 +17,9 @@ crate::settings! {
     /// a sequence of kept segments of one episode that end at consecutive steps.
     #[derive(Copy)]
     pub struct SelectionShape {
+        /// Keep nothing of a cohort of which an expert's segment has the higher q in less than this share of pairs (0: off).
+        /// Higher values leave out more kinds of failures, those that q does not tell from experts first.
+        pub min_expert_auroc: f64 = 0.0, number_in(0.0, 1.0);
         /// Keep gaps between two runs too, up to this many steps (0: off). Higher values give longer runs, and keep
         /// segments that the rule rejects, with their low q as weight.
         pub close_gaps: u32 = 0, integer_in(0, MOST_STEPS);

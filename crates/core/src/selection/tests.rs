@@ -4,6 +4,7 @@ use proptest::prelude::*;
 
 use super::{rule::rank, *};
 
+mod cohorts;
 mod shape;
 
 fn candidate(cohort: &str, q: &[f32]) -> Candidate {
@@ -19,7 +20,7 @@ fn candidate(cohort: &str, q: &[f32]) -> Candidate {
 /// The part that each selection would keep.
 fn count(selections: &[Selection], candidates: &[Candidate]) -> Vec<WhatIf> {
     let ranked = ranked(candidates);
-    selections.iter().map(|&selection| what_if(selection, &ranked, candidates)).collect()
+    selections.iter().map(|&selection| what_if(selection, &ranked, candidates, &ExpertRanking::default())).collect()
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! The histogram of q with the threshold, and the experts beside it.
 
 use gleaner_core::{
-    score::{ExpertRanking, Histogram},
-    selection::Rule,
+    score::Histogram,
+    selection::{ExpertRanking, Rule},
 };
 use maud::{Markup, html};
 
@@ -152,7 +152,7 @@ pub(super) fn separation(ranking: &ExpertRanking) -> Markup {
         p.soft { "In " (percent(all))
             " of pairs the expert's segment has the higher q (ties count half)"
             @if cohorts.len() > 1 { "; by cohort: " (cohorts.join(", ")) } "." }
-        @for warning in ranking.warnings() {
+        @for warning in ranking.warnings(0.0) {
             p.note.bad { "Warning: " (warning) "." }
         }
     }

@@ -153,3 +153,39 @@ async fn a_shape_is_stored_and_contents_and_equality_follow_it() {
         "their own q"
     );
 }
+
+#[tokio::test]
+async fn cohorts_that_rank_above_experts_are_left_out_of_contents_and_jobs() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let expert = testing::episode(&store, &task, Outcome::Success, "").await;
+    let dropped = testing::episode(&store, &task, Outcome::Failure, "dropped").await;
+    let wrong = testing::episode(&store, &task, Outcome::Failure, "wrong").await;
+    let encoder = results::encoder(&store, &task).await;
+    let scores = [
+        results::scores(&expert.id, Role::Expert, &[0.8, 0.8]),
+        results::scores(&dropped.id, Role::Imperfect, &[0.7, 0.1]),
+        results::scores(&wrong.id, Role::Imperfect, &[0.9, 0.7, 0.95]),
+    ];
+    let run = results::run(&store, &task, &encoder, &scores).await;
+    let shape = SelectionShape { min_expert_auroc: 0.5, ..SelectionShape::default() };
+    for (selection, kept) in [
+        (Selection::beta(0.5), vec![&dropped.id, &wrong.id]),
+        (Selection { shape, ..Selection::beta(0.5) }, vec![&dropped.id]),
+        (Selection { shape, ..Selection::top_fraction(1.0) }, vec![&dropped.id]),
+    ] {
+        let dataset = store.insert_dataset(&run.id, selection).await.unwrap();
+        assert_eq!(store.dataset(&dataset.id).await.unwrap().selection, selection);
+        let contents = store.dataset_contents(&dataset.id).await.unwrap();
+        let episodes: Vec<_> = contents.kept.iter().map(|kept| &kept.episode_id).collect();
+        assert_eq!(episodes, kept, "{selection:?}");
+        let (out, mut sent) = mpsc::channel(3);
+        store.send_kept((&contents.run, selection), KeptDetail::Weights, &out).await.unwrap();
+        drop(out);
+        let mut episodes = Vec::new();
+        while let Some(input) = sent.recv().await {
+            episodes.push(input.episode.id);
+        }
+        assert_eq!(episodes.iter().collect::<Vec<_>>(), kept, "{selection:?}");
+    }
+}

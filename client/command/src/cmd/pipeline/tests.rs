@@ -64,8 +64,14 @@ fn a_dataset_is_selected_by_threshold_or_by_fraction() {
     assert_eq!(kept("--top 0.1"), (None, Some(0.1)));
     assert_eq!(kept("--top 0.1 --until score"), (None, None));
     assert_eq!(spec("--min-run 5").shape.map(|shape| shape.min_run), Some(5));
-    assert_eq!((spec("").shape, spec("--min-run 5 --until score").shape), (None, None));
+    assert_eq!((spec("--until score").shape, spec("--min-run 5 --until score").shape), (None, None));
+    let cohorts = |options: &str| spec(options).shape.and_then(|shape| shape.min_expert_auroc);
+    let given = ["", "--min-expert-auroc 0", "--min-expert-auroc 0.6 --until dataset"].map(cohorts);
+    assert_eq!(given, [Some(gleaner_core::schedule::PipelineSpec::MIN_EXPERT_AUROC), Some(0.0), Some(0.6)]);
     assert!(Line::try_parse_from(["x", "--top", "0.1", "--beta", "0.5"]).is_err());
+    let help = Line::try_parse_from(["x", "--help"]).unwrap_err().to_string();
+    let of = help.split("--").find(|part| part.starts_with("min-expert-auroc")).unwrap();
+    assert!(of.contains("[default: 0.5]") && of.matches("[default").count() == 1, "{of}");
 }
 
 #[test]

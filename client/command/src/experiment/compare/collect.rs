@@ -4,7 +4,7 @@ use futures::{StreamExt as _, TryStreamExt as _};
 use gleaner_client::{Client, ClientError};
 use gleaner_core::Values;
 use gleaner_core::id::EpisodeId;
-use gleaner_core::selection::{Candidate, Selection};
+use gleaner_core::selection::{Candidate, ExpertRanking, Selection};
 
 use tonic::Code;
 
@@ -156,8 +156,8 @@ impl Collector<'_> {
     fn success(&self, of_scorer: &Seeds, runs: &[Run]) -> Success {
         let seed = |(seed, run): (&ScorerSeed, &Option<usize>)| {
             let run = run.map(|place| &runs[place]).filter(|_| self.episodes.marked > 0);
-            let selected =
-                run.map(|run| select_among(&run.imperfect, self.episodes.marked, Selection::top_fraction(self.top)));
+            let (best, unread) = (Selection::top_fraction(self.top), ExpertRanking::default());
+            let selected = run.map(|run| select_among(&run.imperfect, self.episodes.marked, best, &unread));
             SeedReport { seed: seed.seed, success: seed.success, selected, ..SeedReport::default() }
         };
         let pooled = pool(&of_scorer.seeds.iter().zip(&of_scorer.runs).map(seed).collect::<Vec<_>>());

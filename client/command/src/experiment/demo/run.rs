@@ -55,7 +55,8 @@ impl<'a> Run<'a> {
         let [base, gleaned] = self.chains()?;
         let run = self.result_of(&submitted, &gleaned, "score")?.id.clone();
         let reply = self.histogram(&run).await?;
-        let warnings = expert_ranking(&reply).warnings();
+        let ranking = expert_ranking(&reply);
+        let warnings = ranking.warnings(0.0);
         let GetHistogramResponse { counts: histogram, expert_counts: experts, .. } = reply;
         let comparing = Instant::now();
         let episodes = Gatherer::new(self.client, &recordings, experiment, &self.graph).episodes(&run).await?;
@@ -67,7 +68,7 @@ impl<'a> Run<'a> {
             let policy_id = self.result_of(&submitted, chain, "train")?.id.clone();
             evaluations.push(self.evaluate(name, trained_on, policy_id).await?);
         }
-        let threshold = |&beta: &f64| Threshold { beta, selected: select(&episodes, Selection::beta(beta)) };
+        let threshold = |&beta: &f64| Threshold { beta, selected: select(&episodes, Selection::beta(beta), &ranking) };
         let report = Report {
             plan: self.plan.settings.clone(),
             cell: present(self.plan.cells().last(), "a cell")?.clone(),

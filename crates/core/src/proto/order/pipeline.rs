@@ -7,7 +7,7 @@ use crate::{
     error::{Error, Result},
     proto::{
         field,
-        selection::{beta, shape_from_proto, shape_to_proto, top_fraction},
+        selection::{beta, shape_from_proto, top_fraction, whole_shape},
     },
     schedule::PipelineSpec,
 };
@@ -48,6 +48,11 @@ pub fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpec> {
             return Err(Error::invalid(&format!("pipeline.{stage}"), format!("needs {needed}, or leave {stage} out")));
         }
     }
+    let shape = dataset.then(|| {
+        let mut given = shape.unwrap_or_default();
+        given.min_expert_auroc.get_or_insert(PipelineSpec::MIN_EXPERT_AUROC);
+        given
+    });
     Ok(PipelineSpec {
         snapshot_id,
         rule,
@@ -87,12 +92,13 @@ pub fn pipeline_to_proto(pipeline: PipelineSpec) -> v1::PipelineSpec {
         evaluate: trials,
     } = pipeline;
     let snapshot_id = snapshot_id.map(String::from).unwrap_or_default();
+    let dataset = beta.is_some() || top_fraction.is_some();
     v1::PipelineSpec {
         pretrain: Some(pretrain::to_proto(&first, snapshot_id, Some(rule))),
         score: scores,
         beta,
         top_fraction,
-        shape: shape_to_proto(shape),
+        shape: dataset.then(|| whole_shape(shape)),
         train: policy.map(|spec| train::to_proto(&spec, None)),
         scoring: scoring.as_ref().map(score::to_proto),
         evaluate: trials.map(|spec| evaluate::to_proto(&spec, None)),

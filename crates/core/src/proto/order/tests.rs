@@ -8,7 +8,7 @@ use crate::{
     dataset::{ExportFormat, ExportSpec},
     id::{DatasetId, EncoderId, PolicyId, ScoreRunId, SnapshotId},
     order::TrainData,
-    selection::Selection,
+    selection::{Selection, SelectionShape},
     snapshot::RoleRule,
 };
 
@@ -16,6 +16,7 @@ mod refused;
 
 /// A shape without phases, which is out of range.
 const SHORT: v1::SelectionShape = v1::SelectionShape {
+    min_expert_auroc: None,
     close_gaps: 0,
     min_run: 0,
     context_before: 0,
@@ -196,14 +197,24 @@ fn a_pipeline_with_a_missing_stage_is_rejected() {
     assert!(broken(|spec| (spec.beta, spec.top_fraction) = (None, Some(0.0))).starts_with("pipeline.top_fraction: "));
     let best = v1::PipelineSpec { beta: None, top_fraction: Some(0.1), ..full.clone() };
     let read = pipeline(Some(best)).unwrap();
-    assert_eq!(read.selection(), Some(Selection::top_fraction(0.1)));
+    let shape = SelectionShape { min_expert_auroc: 0.5, ..SelectionShape::default() };
+    assert_eq!(
+        read.selection(),
+        Some(Selection { shape, ..Selection::top_fraction(0.1) }),
+        "doubtful cohorts are left out"
+    );
     assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
     let shaped = v1::PipelineSpec {
         shape: Some(v1::SelectionShape { phases: Some(4), max_per_phase: 3, ..SHORT }),
         ..full.clone()
     };
     let read = pipeline(Some(shaped)).unwrap();
-    assert_eq!(read.selection().map(|selection| selection.shape.phases), Some(4));
+    assert_eq!(read.selection().map(|one| (one.shape.phases, one.shape.min_expert_auroc)), Some((4, 0.5)));
+    assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
+    let every = v1::SelectionShape { min_expert_auroc: Some(0.0), phases: None, ..SHORT };
+    let every = v1::PipelineSpec { shape: Some(every), ..full.clone() };
+    let read = pipeline(Some(every)).unwrap();
+    assert!(read.shape.is_off(), "0 keeps every cohort");
     assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
     assert!(broken(|spec| spec.shape = Some(SHORT)).starts_with("pipeline.shape.phases: "));
     assert!(

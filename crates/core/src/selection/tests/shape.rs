@@ -44,7 +44,7 @@ fn shaped(given: serde_json::Value) -> Selection {
 
 fn kept(selection: Selection, candidates: &[Candidate]) -> Vec<Vec<bool>> {
     let ranked = ranked(candidates);
-    let resolved = Resolved::new(selection, &ranked, candidates);
+    let resolved = Resolved::new(selection, &ranked, candidates, &ExpertRanking::default());
     let mark = |candidate: &Candidate| {
         let mut kept = vec![true; 3];
         resolved.mark(candidate, &mut kept);
@@ -116,7 +116,7 @@ fn a_wrong_shape_is_named() {
         let values: Values = serde_json::from_value(given).unwrap();
         SelectionShape::from_values(&values).unwrap_err().to_string()
     };
-    assert!(problem(json!({"min_runs": 5})).starts_with("min_runs: unknown setting; supported: close_gaps, "));
+    assert!(problem(json!({"min_runs": 5})).starts_with("min_runs: unknown setting; supported: min_expert_auroc, "));
     assert_eq!(problem(json!({"phases": 0})), "phases: is 0, must be between 1 and 1000");
     // Without effect, so that no second dataset has the same segments.
     assert!(shaped(json!({"min_run": 1, "phases": 20})).shape.is_off());
@@ -124,6 +124,8 @@ fn a_wrong_shape_is_named() {
         let shape = SelectionShape { max_share_of_episode: share, ..SelectionShape::default() };
         assert_eq!(shape.checked().unwrap_err().field, "max_share_of_episode");
     }
+    let auroc = SelectionShape { min_expert_auroc: 1.5, ..SelectionShape::default() };
+    assert_eq!(auroc.checked().unwrap_err().field, "min_expert_auroc");
     assert!(SelectionShape::default().checked().unwrap().is_off());
 }
 
@@ -202,7 +204,10 @@ prop_compose! {
         share in 1..=8_u8, phases in 1..5_u32, max_per_phase in 0..6_u32,
     ) -> SelectionShape {
         let max_share_of_episode = f64::from(share) / 8.0;
-        SelectionShape { close_gaps, min_run, context_before, context_after, max_share_of_episode, phases, max_per_phase }
+        SelectionShape {
+            min_expert_auroc: 0.0, close_gaps, min_run, context_before, context_after, max_share_of_episode, phases,
+            max_per_phase,
+        }
     }
 }
 

@@ -3,6 +3,8 @@
 
 use std::collections::BTreeMap;
 
+use super::Candidate;
+
 /// Share of pairs below which a cohort has a warning. Chance is 0.5.
 const HARDLY: f64 = 0.55;
 
@@ -35,24 +37,40 @@ impl ExpertRanking {
         Self { all: share(doubled, pairs), cohorts: ranked }
     }
 
-    /// A sentence for each thing that a user should look at before they select segments by these scores.
+    /// Of the imperfect episodes of a run, and the q of its experts' segments.
+    pub fn of_candidates(candidates: &[Candidate], experts: Vec<f32>) -> Self {
+        Self::new(candidates.iter().map(|one| (one.cohort.as_str(), one.q.as_slice())), experts)
+    }
+
+    /// The cohorts of which an expert's segment has the higher q in less than this share of pairs.
+    pub fn below(&self, share: f64) -> impl Iterator<Item = &str> {
+        self.cohorts.iter().filter(move |(_, of_cohort)| *of_cohort < share).map(|(name, _)| name.as_str())
+    }
+
+    /// A sentence for each thing that a user should look at before they select segments by these scores, with a selection
+    /// that leaves out the cohorts of [`ExpertRanking::below`] this share (0: none).
     #[must_use]
-    pub fn warnings(&self) -> Vec<String> {
+    pub fn warnings(&self, left_out_below: f64) -> Vec<String> {
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         if let Some(all) = self.all.filter(|all| *all < 0.5) {
+            let left_out: Vec<String> = self.below(left_out_below).map(these).collect();
+            let left_out =
+                if left_out.is_empty() { String::new() } else { format!("; it leaves out {}", left_out.join(", ")) };
             return vec![format!(
                 "the scores favour imperfect episodes over experts: the expert's segment has the higher q in {} of pairs. \
-                 Check the labels and some episodes, or choose another scorer, before a dataset is made",
+                 Check the labels and some episodes, or choose another scorer, before a dataset is used{left_out}",
                 percent(all)
             )];
         }
         let of_cohort = |(cohort, share): &(String, f64)| {
-            let (these, their, them) = match cohort.as_str() {
-                "" => ("episodes without a cohort".to_owned(), "their", "them"),
-                named => (format!("cohort {named:?}"), "its", "its episodes"),
-            };
-            let remedy = self.remedy(cohort);
+            let (these, remedy) = (these(cohort), self.remedy(cohort));
+            let (their, them) = if cohort.is_empty() { ("their", "them") } else { ("its", "its episodes") };
             match *share {
+                share if share < left_out_below => Some(format!(
+                    "the dataset leaves out {these}: of a step of each, the expert's has the higher q in {} of pairs only, so \
+                     the scores may not see what is wrong there. `--min-expert-auroc 0` keeps {their} steps with a high q",
+                    percent(share)
+                )),
                 share if share < 0.5 => Some(format!(
                     "the scores favour {these} over experts: of a step of each, the expert's has the higher q in {} of pairs \
                      only. Check {their} labels, and look at some of {them}. If steps with a high q are bad, {remedy}",
@@ -87,6 +105,11 @@ impl ExpertRanking {
             }
         }
     }
+}
+
+/// A cohort in a sentence.
+fn these(cohort: &str) -> String {
+    if cohort.is_empty() { "episodes without a cohort".to_owned() } else { format!("cohort {cohort:?}") }
 }
 
 /// Twice the number of pairs that the expert wins, a tie counted as half a win. Both are sorted.
@@ -140,9 +163,9 @@ mod tests {
             all: Some(all),
             cohorts: cohorts.iter().map(|(name, share)| ((*name).to_owned(), *share)).collect(),
         };
-        assert!(ranking(0.7, &[("a", 0.6), ("b", 0.99)]).warnings().is_empty());
-        assert!(ExpertRanking::default().warnings().is_empty());
-        let warnings = ranking(0.6, &[("a", 0.48), ("b", 0.52), ("c", 0.9)]).warnings();
+        assert!(ranking(0.7, &[("a", 0.6), ("b", 0.99)]).warnings(0.0).is_empty());
+        assert!(ExpertRanking::default().warnings(0.0).is_empty());
+        let warnings = ranking(0.6, &[("a", 0.48), ("b", 0.52), ("c", 0.9)]).warnings(0.0);
         assert!(
             warnings[0]
                 .contains("favour cohort \"a\" over experts: of a step of each, the expert's has the higher q in 48 %"),
@@ -156,16 +179,24 @@ mod tests {
         );
         let command = "`gleaner pipeline --quick --wait --imperfect-cohort 'a' --imperfect-cohort 'c'`";
         assert!(warnings[1].ends_with(&format!("leave it out: {command} has the other cohorts")), "{warnings:?}");
-        let hostile = ranking(0.6, &[("a", 0.48), ("$(x) it's", 0.9)]).warnings();
+        let hostile = ranking(0.6, &[("a", 0.48), ("$(x) it's", 0.9)]).warnings(0.0);
         assert!(hostile[0].contains(r"--imperfect-cohort '$(x) it'\''s'`"), "{hostile:?}");
         assert_eq!(warnings.len(), 2);
-        let unnamed = ranking(0.6, &[("", 0.48)]).warnings();
+        let left_out = ranking(0.6, &[("a", 0.48), ("b", 0.52), ("c", 0.9)]).warnings(0.5);
+        assert!(left_out[0].starts_with("the dataset leaves out cohort \"a\": of a step of each"), "{left_out:?}");
+        assert!(left_out[0].contains("`--min-expert-auroc 0` keeps its steps"), "{left_out:?}");
+        assert!(left_out.len() == 2 && left_out[1].contains("hardly tell cohort \"b\""), "{left_out:?}");
+        let left_out = ranking(0.4, &[("a", 0.4), ("", 0.3), ("c", 0.5)]).warnings(0.5);
+        let ending = "it leaves out cohort \"a\", episodes without a cohort";
+        assert!(left_out.len() == 1 && left_out[0].ends_with(ending), "{left_out:?}");
+        let unnamed = ranking(0.6, &[("", 0.48)]).warnings(0.0);
         assert!(unnamed[0].contains("favour episodes without a cohort over experts: of a step of each"), "{unnamed:?}");
         assert!(unnamed[0].contains("Check their labels, and look at some of them"), "{unnamed:?}");
         assert!(unnamed[0].ends_with("in the column `cohort` of labels.csv, and leave out those kinds"), "{unnamed:?}");
-        let unnamed = ranking(0.6, &[("", 0.52)]).warnings();
+        let unnamed = ranking(0.6, &[("", 0.52)]).warnings(0.0);
         assert!(unnamed[0].contains("hardly tell episodes without a cohort from experts"), "{unnamed:?}");
-        let reversed = ranking(0.4, &[("a", 0.4)]).warnings();
+        let reversed = ranking(0.4, &[("a", 0.4)]).warnings(0.0);
         assert!(reversed.len() == 1 && reversed[0].contains("favour imperfect episodes over experts"), "{reversed:?}");
+        assert!(reversed[0].ends_with("before a dataset is used"), "{reversed:?}");
     }
 }
