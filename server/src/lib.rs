@@ -180,7 +180,7 @@ pub async fn run(
         Some(_) => Services::open(config, listeners.for_workers()?).await?,
         None => Services::follow(config, listeners.for_workers()?).await?,
     };
-    let (tokens, _refreshing) = TokenCache::open_refreshed(services.store.clone()).await?;
+    let (tokens, refreshing) = TokenCache::open_refreshed(services.store.clone()).await?;
     let (pages, openpi, tls) = (listeners.pages.take(), listeners.openpi.take(), listeners.tls.clone());
     let _openpi =
         openpi.map(|listener| openpi::open(services.clone(), listener, tls.clone(), tokens.clone())).transpose()?;
@@ -195,6 +195,8 @@ pub async fn run(
         served = service::serve(&services, listeners, tokens, stop) => served,
         failed = leading => failed,
     };
+    // Its next read would find the database closed.
+    drop(refreshing);
     services.close().await;
     tracing::info!("stopped");
     served
