@@ -40,6 +40,12 @@ def test_malformed_addresses_are_rejected(address: str) -> None:
         gleaner.connect(address, timeout=0.1)
 
 
+def test_an_address_alone_is_no_connection() -> None:
+    client = gleaner.Client
+    with pytest.raises(TypeError, match=r"gleaner\.connect"):
+        client("127.0.0.1:7400")  # type: ignore[arg-type]
+
+
 def test_a_token_is_never_repeated() -> None:
     with pytest.raises(gleaner.InvalidArgument) as raised:
         gleaner.connect("127.0.0.1:7400", token="my secret", timeout=0.1)

@@ -25,6 +25,8 @@ class Client:
     """A connection to a gleaner server; made by `connect`. Threads may share it. A context manager."""
 
     def __init__(self, endpoint: Endpoint) -> None:
+        if not isinstance(endpoint, Endpoint):
+            raise TypeError("gleaner.Client: use gleaner.connect(address)")
         self._rpc = Rpc(endpoint)
         self.tasks = Tasks(self._rpc)
         self.episodes = Episodes(self._rpc)
