@@ -18,6 +18,8 @@ pub(crate) use video::key_frames;
 
 /// Periods without a message that make a gap.
 const GAP_PERIODS: f64 = 2.5;
+/// The subject of findings about the topic whose messages begin the steps.
+const CLOCK: &str = "clock";
 /// A stream of fewer messages than one in this many steps is meant to be as fast as that.
 const SLOWEST: i64 = 4;
 /// Fewest steps from which a joint or a camera can be called frozen.
@@ -77,7 +79,7 @@ pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
         return;
     }
     let streams = steps.streams.iter().map(|stream| (stream.topic.as_str(), &stream.timeline));
-    for (subject, line) in streams.chain([("clock", &steps.clock)]) {
+    for (subject, line) in streams.chain([(CLOCK, &steps.clock)]) {
         if let Some(at) = line.first_reversed {
             let detail = format!(
                 "the stamp of message {at} is before that of its predecessor; messages were sorted by their stamps, which \
@@ -89,7 +91,7 @@ pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
     let interval = steps.clock.median_interval(&steps.ticks);
     if (interval as f64 / period as f64 - 1.0).abs() > RATE_SHARE {
         let detail = pace::rate_corrections(spec, report, 1e9 / interval.max(1) as f64);
-        report.add(Severity::Warning, FindingCode::OffRate, "clock", None, detail);
+        report.add(Severity::Warning, FindingCode::OffRate, CLOCK, None, detail);
     }
     late_start(steps, report);
     gaps(steps, spec, report);
@@ -123,19 +125,27 @@ fn gaps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
         };
         let count = distances.iter().filter(|distance| is_gap(distance)).count();
         let longest = distances.iter().max().copied().unwrap_or_default();
+        let (all, period, longest) = (steps.stamps.len(), period as f64 / 1e6, longest as f64 / 1e6);
+        let gap = if subject == CLOCK {
+            format!(
+                "{count} of {all} steps come more than {GAP_PERIODS} periods of {period:.0} ms after the one before, at most \
+                 {longest:.0} ms: the topic whose messages begin the steps has lost some"
+            )
+        } else {
+            format!(
+                "at {count} of {all} steps the last message is more than {GAP_PERIODS} periods of {period:.0} ms old, at most \
+                 {longest:.0} ms, and was held"
+            )
+        };
         let detail = format!(
-            "at {count} of {} steps the last message is more than {GAP_PERIODS} periods of {:.0} ms old, at most {:.0} ms, \
-             and was held. A few lost messages do little harm; look for a dropped connection if there are many, or leave \
-             these steps out",
-            steps.stamps.len(),
-            period as f64 / 1e6,
-            longest as f64 / 1e6
+            "{gap}. A few lost messages do little harm; look for a dropped connection if there are many, or leave these steps \
+             out"
         );
         report.add(Severity::Warning, FindingCode::Gap, subject, Some(first as u64), detail);
     };
     let between = steps.stamps.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
     let period = steps.rule.period;
-    note("clock", period, std::iter::once(0).chain(between).collect());
+    note(CLOCK, period, std::iter::once(0).chain(between).collect());
     for (stream, picks) in steps.streams.iter().zip(&steps.picks) {
         let line = &stream.timeline;
         // A single message is meant to be held, such as a goal.
