@@ -34,6 +34,11 @@ impl Actions<'_> {
                     "An action, because it is on or off and {likeness}. If a sensor sends it, make it \
                      [[proprioception]], without limits and `binary`."
                 ),
+                (None, None) if candidate.sent => format!(
+                    "An action, because no topic is named like commands, and {} is sent to robots as a rule. If it is \
+                     measured, draft with --action TOPIC.",
+                    candidate.schema
+                ),
                 (None, None) => "An action, by its name or its topic.".to_owned(),
             };
         }
@@ -68,6 +73,7 @@ mod tests {
             rate_hz: 0.0,
             beside: None,
             alongside: None,
+            sent: false,
             open: false,
             orders: Vec::new(),
             values: Vec::new(),

@@ -37,6 +37,8 @@ pub(super) struct Candidate {
     pub(super) beside: Option<String>,
     /// What a switch has in common with commands, by which it is one too, in words.
     pub(super) alongside: Option<String>,
+    /// Whether its message is sent to robots as a rule, by which it is a command.
+    pub(super) sent: bool,
     /// Whether it may as well be a command.
     pub(super) open: bool,
     /// Possible orders of its values, the likeliest first.
@@ -194,6 +196,7 @@ fn candidate(topic: &WayTopic, group: &str, fields: &[&SurveyedField]) -> Candid
         rate_hz: found.rate_hz,
         beside: None,
         alongside: None,
+        sent: false,
         open: false,
         orders,
         values,

@@ -230,8 +230,7 @@ pub(super) fn bound(spec: &mut FieldSpec, ranges: &[ValueRange], values: &[f64],
     } else if let Some(bounds) = limits::bounds(ranges) {
         set(bounds);
         reasons.push(
-            "Its limits are those of the recordings, so that no policy goes beyond what was demonstrated. Write wider ones \
-             where the robot may do more than that, or delete both lines for none."
+            "Its limits are those of the recordings: write wider ones where the robot may do more, or delete both lines."
                 .to_owned(),
         );
         return true;

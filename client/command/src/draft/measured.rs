@@ -24,7 +24,8 @@ const STATES: &[&str] = &[
     "follower",
     "puppet",
 ];
-const GRIPPERS: &[&str] = &["gripper", "grippers", "grip", "grasp", "finger", "fingers", "jaw", "jaws"];
+const GRIPPERS: &[&str] =
+    &["gripper", "grippers", "grip", "grasp", "finger", "fingers", "jaw", "jaws", "pinch", "claw", "pincers"];
 const TOOLS: &[&str] = &["ee", "eef", "tcp", "tool", "effector", "endeffector", "flange", "wrist"];
 const JOINTS: &[&str] = &["joint", "joints", "jnt", "motor", "motors", "q", "qpos", "jpos"];
 const RATES: &[&str] = &["vel", "velocity", "velocities", "speed", "speeds", "twist"];
@@ -72,6 +73,7 @@ const SCENES: &[&str] = &["goal", "goals", "object", "objects", "obj", "cube", "
 pub(super) const GRIPPER: &str = "the gripper";
 pub(super) const JOINT_POSITIONS: &str = "joint positions";
 pub(super) const JOINT_TORQUES: &str = "joint torques";
+pub(super) const JOINT_VELOCITIES: &str = "joint velocities";
 
 /// How certain it is that a path means a measurement rather than a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -126,7 +128,7 @@ fn quantity(words: &[String]) -> Option<&'static str> {
         (tool && of(TURNS), "the orientation of the end effector"),
         (tool && of(PLACES), "the position of the end effector"),
         (tool, "the pose of the end effector"),
-        (of(JOINT_RATES) || (of(JOINTS) && of(RATES)), "joint velocities"),
+        (of(JOINT_RATES) || (of(JOINTS) && of(RATES)), JOINT_VELOCITIES),
         (of(TORQUES), JOINT_TORQUES),
         (of(JOINTS), JOINT_POSITIONS),
         (of(FORCES), "forces"),

@@ -70,7 +70,10 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
     let mut left_out = Vec::new();
     let mut candidates: Vec<Vec<Candidate>> =
         ways.iter().map(|way| candidate::candidates(way, &mut left_out)).collect();
-    candidates.iter_mut().for_each(|of_way| role::settle(of_way));
+    for of_way in &mut candidates {
+        role::settle(of_way);
+        role::settle_messages(of_way);
+    }
     // The caller knows the actions, and in several ways a switch may be one in a part of them only.
     if let ([of_way], []) = (candidates.as_mut_slice(), known.action.as_slice()) {
         role::settle_switches(of_way);
@@ -90,7 +93,7 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
         repeats::leave_out_commands(&way.name, of_way, &actions, &mut left_out);
     }
     let mut fields = fields::fields(&ways, candidates, &actions, &mut left_out);
-    repeats::set_torques_aside(&mut fields);
+    repeats::set_rates_aside(&mut fields);
     repeats::note_fingers(&mut fields);
     if !fields.iter().any(|field| field.action) {
         let problem = "the recordings have no commands in common: draft a task from recordings of one kind, and add the \

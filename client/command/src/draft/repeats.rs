@@ -67,22 +67,26 @@ fn is_copy(candidate: &Candidate, command: &Candidate) -> bool {
     own.len() == its.len() && own.iter().zip(its).all(equal) && moves && (alike || rare)
 }
 
-/// Sets torques of joints aside where the positions of the same joints are an observation too: the draft has them as
-/// comments.
-pub(super) fn set_torques_aside(fields: &mut [Field]) {
+/// Sets velocities and torques of joints aside where the positions of the same joints are an observation too: the draft has
+/// them as comments. They follow the command of the moment before, and a policy that repeats it never begins or ends a
+/// movement of its own.
+pub(super) fn set_rates_aside(fields: &mut [Field]) {
     let seen = |field: &&Field| !field.action && field.meaning == Some(measured::JOINT_POSITIONS);
     let positions: Vec<(String, Joints)> =
         fields.iter().filter(seen).map(|field| (field.spec.name.clone(), Joints::of(field))).collect();
-    let is_torque = |field: &&mut Field| !field.action && field.meaning == Some(measured::JOINT_TORQUES);
-    for field in fields.iter_mut().filter(is_torque) {
+    let rates = [measured::JOINT_VELOCITIES, measured::JOINT_TORQUES];
+    let is_rate = |field: &&mut Field| !field.action && field.meaning.is_some_and(|meaning| rates.contains(&meaning));
+    for field in fields.iter_mut().filter(is_rate) {
         let joints = Joints::of(field);
         let Some((positions, _)) = positions.iter().find(|(_, of_positions)| joints.are_of(of_positions)) else {
             continue;
         };
         field.is_aside = true;
+        // Its place alone; how to change it matters to those that take it.
+        field.reasons.truncate(1);
         field.reasons.push(format!(
-            "Commented out, because {positions} has the same joints, and torques show the command of the moment, which a \
-             policy may repeat. To take it, delete the # here and in the mappings."
+            "Commented out beside {positions}: velocities and torques follow the last command, which a policy may repeat \
+             rather than look. To take them, delete the # here and in the mappings."
         ));
     }
 }
@@ -122,8 +126,8 @@ pub(super) fn note_fingers(fields: &mut [Field]) {
             .collect();
         if !fingers.is_empty() {
             let note = format!(
-                "{} may repeat the action {gripper}: take it out of `names`, and lower `size`, if a policy never changes \
-                 the gripper.",
+                "{} may repeat the action {gripper}: keep it at first, and only if a policy never changes the gripper try a \
+                 task of another name without it.",
                 fingers.join(", ")
             );
             field.reasons.push(note);

@@ -9,9 +9,35 @@ use super::tokens::{self, Command};
 /// Rates that differ by less than this share are the same: those of messages that one loop sends.
 const SAME_RATE: f64 = 0.05;
 
+/// Messages that robots receive rather than send.
+const SENT: &[&str] = &[
+    "AckermannDrive",
+    "AckermannDriveStamped",
+    "GripperCommand",
+    "JointJog",
+    "JointTrajectory",
+    "JointTrajectoryPoint",
+    "Twist",
+    "TwistStamped",
+];
+
 /// Gives each candidate of a way its command, and marks those whose role is open.
 pub(super) fn settle(candidates: &mut [Candidate]) {
     candidates.chunk_by_mut(|one, next| one.topic == next.topic).for_each(settle_topic);
+}
+
+/// Where no name is that of a command, a message that is sent to robots as a rule is one, unless its topic is named like a
+/// measurement.
+pub(super) fn settle_messages(candidates: &mut [Candidate]) {
+    if candidates.iter().any(|candidate| candidate.command > Command::No) {
+        return;
+    }
+    for candidate in candidates {
+        let message = candidate.schema.rsplit(['/', '.']).next().unwrap_or_default();
+        if SENT.contains(&message) && measured(&candidate.topic) == Measured::No {
+            (candidate.command, candidate.sent) = (Command::Yes, true);
+        }
+    }
 }
 
 /// A switch on a topic of its own that comes as often as certain commands is one of them, because what a robot measures has

@@ -1,5 +1,6 @@
 //! The draft as a TOML file: the task with a comment for each guess.
 
+use std::collections::BTreeSet;
 use std::fmt::{self, Display, Formatter, Write};
 
 use gleaner_recording::printable;
@@ -15,8 +16,10 @@ impl Display for Draft {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
         comment(out, &format!("Drafted by `gleaner task draft` from {}.", self.origin))?;
         let decide = self.decisions().join(", ");
-        comment(out, &format!("To look at: {decide}. The mappings below the line rarely need a change."))?;
-        comment(out, "Each guess has its reason; `gleaner help task` explains every key.")?;
+        comment(
+            out,
+            &format!("To look at: {decide}. The rest rarely needs a change; `gleaner help task` has every key."),
+        )?;
         writeln!(out, "name = {}\n", text(&self.spec.name))?;
         if !self.spec.instruction.is_empty() {
             comment(out, "The text of the dataset's task.")?;
@@ -24,15 +27,19 @@ impl Display for Draft {
         }
         comment(out, &self.rate)?;
         writeln!(out, "rate_hz = {:?}", self.spec.rate_hz)?;
+        // What holds for several tables stands at the first of them.
+        let mut written = BTreeSet::new();
         for camera in &self.cameras {
             writeln!(out)?;
-            camera.reasons.iter().try_for_each(|reason| comment(out, reason))?;
+            let mut reasons = camera.reasons.iter().filter(|reason| written.insert(reason.as_str()));
+            reasons.try_for_each(|reason| comment(out, reason))?;
             camera_spec(out, &camera.spec)?;
         }
         for action in [false, true] {
             for field in self.fields.iter().filter(|field| field.action == action) {
                 writeln!(out)?;
-                field.reasons.iter().try_for_each(|reason| comment(out, reason))?;
+                let mut reasons = field.reasons.iter().filter(|reason| written.insert(reason.as_str()));
+                reasons.try_for_each(|reason| comment(out, reason))?;
                 let table = if action { "action" } else { "proprioception" };
                 if field.is_aside {
                     commented(out, |text| field_spec(text, table, &field.spec))?;
@@ -56,8 +63,11 @@ impl Display for Draft {
         if !self.left_out.is_empty() {
             writeln!(out)?;
             comment(out, "Left out:")?;
-            for LeftOut { what, reason } in &self.left_out {
-                comment(out, &format!("- {what}: {reason}"))?;
+            let mut reasons = BTreeSet::new();
+            for LeftOut { reason, .. } in self.left_out.iter().filter(|left| reasons.insert(left.reason.as_str())) {
+                let alike = self.left_out.iter().filter(|left| left.reason == *reason);
+                let what: Vec<&str> = alike.map(|left| left.what.as_str()).collect();
+                comment(out, &format!("- {}: {reason}", what.join(", ")))?;
             }
         }
         Ok(())

@@ -91,9 +91,7 @@ fn show(context: &Context, draft: &Draft, paths: &str, labels: &str) -> Result<(
         context.output.note(doubt);
     }
     context.output.result(|| Ok(json!({ "spec": draft.spec, "toml": text })), || text.clone())?;
-    context
-        .output
-        .next(format_args!("gleaner push {paths} --task-file task.toml{labels}, after a look at its comments"));
+    context.output.next(format_args!("look at task.toml, then gleaner push {paths} --task-file task.toml{labels}"));
     Ok(())
 }
 
@@ -131,9 +129,9 @@ fn labels_of(guess: &TableGuess) -> String {
     let columns = words::shell_word(&format!("file={file},outcome={outcome}{column}"));
     let word = success.as_ref().map_or_else(|| "WORD".to_owned(), |word| words::shell_word(word));
     let why = match (success, cohort) {
-        (Some(word), Some(cohort)) => format!("its labels, if \"{word}\" is a success: its rows have no {cohort}"),
+        (Some(word), Some(cohort)) => format!("if \"{word}\" is a success: its rows have no {cohort}"),
         _ => format!(
-            "its labels, if that is the table: WORD is what {outcome} has for a success, of {}",
+            "if that is the table of labels: WORD is what {outcome} has for a success, of {}",
             words::some(words)
         ),
     };

@@ -33,18 +33,19 @@ fn arm(joints: &[&str]) -> Survey {
 }
 
 #[test]
-fn efforts_of_joints_with_positions_are_comments_that_can_be_used() {
+fn velocities_and_efforts_of_joints_with_positions_are_comments_that_can_be_used() {
     // Also with a list of names that takes several lines.
     let many: Vec<String> = (1..=7).map(|joint| format!("a_robot_with_long_names_of_its_joints_{joint}")).collect();
     let many: Vec<&str> = many.iter().map(String::as_str).collect();
     for joints in [&["arm1", "arm2"][..], &many] {
         let draft = draft([&arm(joints)], &known("t")).unwrap();
         let spec = written(&draft);
-        assert_eq!(names(&spec.proprioception), ["joint_position", "joint_velocity"]);
-        assert_eq!((&spec, spec.mappings[0].fields.len()), (&draft.spec, 3));
+        assert_eq!(names(&spec.proprioception), ["joint_position"]);
+        assert_eq!((&spec, spec.mappings[0].fields.len()), (&draft.spec, 2));
         let text = draft.to_string();
         for part in [
-            "Commented out, because joint_position has the same joints, and torques show",
+            "Commented out beside joint_position: velocities and torques follow the last command",
+            "#[[proprioception]]\n#name = \"joint_velocity\"\n",
             "#[[proprioception]]\n#name = \"joint_effort\"\n",
             "\n\n#[[mappings.fields]]\n#field = \"joint_effort\"\n#topic = \"/joint_states\"\n",
         ] {
@@ -58,7 +59,7 @@ fn efforts_of_joints_with_positions_are_comments_that_can_be_used() {
 }
 
 #[test]
-fn efforts_without_the_positions_of_their_joints_are_observations() {
+fn velocities_and_efforts_without_the_positions_of_their_joints_are_observations() {
     let mut survey = arm(&["arm1", "arm2"]);
     survey.topics[1].fields.remove(0);
     let spec = written(&draft([&survey], &known("t")).unwrap());
@@ -139,7 +140,7 @@ fn a_finger_beside_the_command_of_a_gripper_is_noted() {
     let mut survey = arm(&["arm1", "finger_left"]);
     survey.topics[2].fields.push(numbers("gripper", &[range(0.0, 0.04)]));
     let text = draft([&survey], &known("t")).unwrap().to_string().replace("\n# ", " ");
-    assert!(text.contains("finger_left may repeat the action gripper: take it out of `names`"), "{text}");
+    assert!(text.contains("finger_left may repeat the action gripper: keep it at first"), "{text}");
     assert_eq!(text.matches("may repeat the action").count(), 1, "beside positions alone: {text}");
     let text = draft([&arm(&["arm1", "finger_left"])], &known("t")).unwrap().to_string();
     assert!(!text.contains("may repeat the action"), "{text}");

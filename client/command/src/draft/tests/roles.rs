@@ -34,7 +34,8 @@ fn fields_beside_a_command_are_commands() {
             &["action", "gripper"],
         ),
         ("/cmd", &["q", "gripper"], &[], &["q", "gripper"]),
-        ("/log", &["action", "robot0_eef_pos", "qpos", "dq"], &["robot0_eef_pos", "qpos", "dq"], &["action"]),
+        // The velocities of the same joints are a comment.
+        ("/log", &["action", "robot0_eef_pos", "qpos", "dq"], &["robot0_eef_pos", "qpos"], &["action"]),
     ] {
         let (found, commands, doubts) = roles(name, paths);
         assert_eq!((found, commands, doubts), (owned(observations), owned(actions), 0), "{name} {paths:?}");
@@ -148,4 +149,31 @@ fn a_switch_is_judged_only_where_no_action_is_named() {
     // In one of two ways it was never set off.
     let ways = [survey("cdr", &both), survey("json", &[0.0])];
     assert_eq!(seen(draft(&ways, &known("t")).unwrap()), ["press"]);
+}
+
+/// Commands under names of a lab's own: the message is sent to robots, and a switch beside it is a command too.
+#[test]
+fn a_message_for_robots_is_a_command_where_no_name_is_one() {
+    let twist = |name: &str| SurveyedTopic {
+        schema: "geometry_msgs/msg/TwistStamped".into(),
+        ..topic(name, "cdr", vec![numbers("twist.linear.x", &[range(-0.2, 0.3)])])
+    };
+    let data = SurveyedField { values: vec![0.0, 1.0], ..numbers("data", &[range(0.0, 1.0)]) };
+    let pinch = |name: &str| SurveyedTopic { rate_hz: 0.2, ..topic(name, "cdr", vec![data.clone()]) };
+    let joints = || topic("/joint_states", "cdr", vec![numbers("position", &[range(-1.0, 1.0)])]);
+    let of = |topics: Vec<SurveyedTopic>| {
+        let survey = recording([vec![camera("/front", "cdr", (96, 96)), joints()], topics].concat());
+        draft([&survey], &known("t"))
+    };
+    let names = |draft: &Draft| draft.spec.action.iter().map(|field| field.name.clone()).collect::<Vec<_>>();
+    let drafted = of(vec![twist("/box/twist"), pinch("/box/pinch")]).unwrap();
+    assert_eq!(names(&drafted), ["twist", "pinch"], "{drafted}");
+    let text = drafted.to_string().replace("\n# ", " ");
+    assert!(text.contains("and geometry_msgs/msg/TwistStamped is sent to robots as a rule"), "{text}");
+    // A pendant is held by a person.
+    assert_eq!(names(&of(vec![twist("/pendant/twist"), pinch("/pendant/pinch")]).unwrap()), ["twist", "pinch"]);
+    // Named commands come first, and what is named like a measurement is none.
+    let named = of(vec![twist("/tcp/twist"), topic("/cmd", "cdr", vec![numbers("x", &[range(0.0, 1.0)])])]).unwrap();
+    assert_eq!(names(&named), ["cmd"], "{named}");
+    assert!(of(vec![twist("/tcp/twist")]).unwrap_err().contains("name them with --action TOPIC"));
 }
