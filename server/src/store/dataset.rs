@@ -206,8 +206,8 @@ impl Store {
 
     /// Sends every imperfect episode of a run with its segments that a selection keeps, if any, and its recording; rows
     /// are read one by one. `detailed`: with the matches of segments and the scores of every step. Ends early once the
-    /// receiver is gone. Only a top fraction, a limit of phases and one of cohorts hold the scores of the whole run, until the
-    /// end.
+    /// receiver is gone. Only a top fraction and a limit of phases hold the scores of the whole run, until the end; leaving out
+    /// cohorts reads them first.
     ///
     /// # Errors
     /// Internal.
@@ -244,17 +244,15 @@ impl Store {
     /// The candidates that resolving a selection needs, and how they rank beside experts where it needs that.
     async fn to_resolve(&self, run: &ScoreRun, selection: Selection) -> Result<(Vec<Candidate>, ExpertRanking)> {
         let (phases, ranks) = (selection.limits_phases(), selection.reads_ranking());
-        let candidates = match selection.rule {
-            Rule::Beta(_) if !phases && !ranks => Vec::new(),
-            Rule::Beta(_) | Rule::TopFraction(_) => self.candidates(&run.id, phases).await?,
-        };
+        let resolves = phases || matches!(selection.rule, Rule::TopFraction(_));
+        let candidates = if resolves || ranks { self.candidates(&run.id, phases).await? } else { Vec::new() };
         if !ranks {
             return Ok((candidates, ExpertRanking::default()));
         }
         let experts = self.expert_qualities(&run.id).await?.concat();
         let comparing = move || {
             let ranking = ExpertRanking::of_candidates(&candidates, experts);
-            (candidates, ranking)
+            (if resolves { candidates } else { Vec::new() }, ranking)
         };
         let compared = tokio::task::spawn_blocking(comparing).await;
         compared.map_err(|error| Error::internal("comparing experts", error))
