@@ -129,7 +129,7 @@ fn gaps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
         let gap = if subject == CLOCK {
             format!(
                 "{count} of {all} steps come more than {GAP_PERIODS} periods of {period:.0} ms after the one before, at most \
-                 {longest:.0} ms: the topic whose messages begin the steps has lost some"
+                 {longest:.0} ms: the topic whose messages begin the steps lost some, or paused"
             )
         } else {
             format!(

@@ -27,6 +27,8 @@ async fn invalid_datasets_are_rejected() {
         create_dataset(create(run, Some(lab::above(1.5)))) => InvalidArgument ["selection.beta: "];
         create_dataset(create(run, Some(lab::above(f64::NAN)))) => InvalidArgument ["selection.beta: "];
         create_dataset(create(run, Some(lab::top(0.0)))) => InvalidArgument ["selection.top_fraction: "];
+        create_dataset(shaped(|s| s.min_expert_auroc = Some(-0.1)))
+            => InvalidArgument ["selection.shape.min_expert_auroc: "];
         create_dataset(shaped(|s| s.close_gaps = u32::MAX)) => InvalidArgument ["selection.shape.close_gaps: "];
         create_dataset(shaped(|s| s.min_run = u32::MAX)) => InvalidArgument ["selection.shape.min_run: "];
         create_dataset(shaped(|s| s.context_before = u32::MAX)) => InvalidArgument ["selection.shape.context_before: "];

@@ -161,10 +161,9 @@ mod tests {
              0.75–1.00        1 █\n\
              \n\
              an expert's segment has the higher q in 60 % of pairs (ties count half)\n\
-             warning: the scores hardly tell cohort \"wrong\" from experts: of a step of each, the expert's has the higher q \
-             in 50 % of pairs. Either its steps are as good, or the scorer does not see what is wrong with them. If steps \
-             with a high q are bad, leave it out: `gleaner pipeline --quick --wait --imperfect-cohort 'late'` has the other \
-             cohorts\n\
+             warning: the scores hardly tell cohort \"wrong\" from experts: an expert's step has the higher q in 50 % of pairs. \
+             Either its steps are as good, or the scorer does not see what is wrong with them. If steps with a high q are \
+             bad, leave its episodes out: `gleaner dataset create --min-expert-auroc 0.55`\n\
              \n\
              COHORT     EXPERT HIGHER  q 0 TO 1\n\
              (experts)                 █  █\n\

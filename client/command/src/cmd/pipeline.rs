@@ -74,11 +74,6 @@ impl PipelineArgs {
         !self.reads_encoder() && !self.settings.values.contains_key("steps")
     }
 
-    /// The share below which the dataset leaves out cohorts; 0 where none is made.
-    fn left_out_below(&self) -> f64 {
-        if self.until >= Until::Dataset { self.selection.shape().min_expert_auroc } else { 0.0 }
-    }
-
     /// The pipeline of these settings.
     fn completed(&self) -> PipelineSpec {
         let (scored, selected) = (self.until >= Until::Score, self.until >= Until::Dataset);
@@ -196,10 +191,7 @@ impl PipelineCommand {
                 *job = follow::to_success(context, &client, &job.id).await?;
                 context.output.note(outcome(job));
                 if job.kind() == JobKind::Score {
-                    histogram::warn(context, &client, &job.result_id, self.pipeline.left_out_below()).await;
-                    if !reply.dataset_id.is_empty() {
-                        context.output.note(gleaned(&client, &reply.dataset_id, &job.result_id).await?);
-                    }
+                    note_kept(context, &client, &reply.dataset_id, &job.result_id).await;
                 }
             }
         }
@@ -216,20 +208,38 @@ impl PipelineCommand {
     }
 }
 
-/// What a dataset keeps of a finished score run.
-async fn gleaned(client: &Client, dataset_id: &str, score_run_id: &str) -> Result<String> {
+/// Notes what to look at of a finished score run, and what the chain's dataset, if it makes one, keeps of it. The training is
+/// queued already, so an error here is a note too.
+async fn note_kept(context: &Context, client: &Client, dataset_id: &str, score_run_id: &str) {
+    let (kept, left_out_below) = match gleaned(client, dataset_id, score_run_id).await {
+        Ok(found) => found,
+        Err(error) => (Some(format!("{dataset_id} was not counted: {error}")), 0.0),
+    };
+    histogram::warn(context, client, score_run_id, left_out_below).await;
+    if let Some(kept) = kept {
+        context.output.note(kept);
+    }
+}
+
+/// What a dataset keeps of a finished score run, and the share below which it leaves out cohorts; nothing without a dataset.
+async fn gleaned(client: &Client, dataset_id: &str, score_run_id: &str) -> Result<(Option<String>, f64)> {
+    if dataset_id.is_empty() {
+        return Ok((None, 0.0));
+    }
     let of_dataset = GetDatasetRequest { dataset_id: dataset_id.to_owned() };
     let dataset = present(client.datasets().get_dataset(of_dataset).await?.into_inner().dataset, "a dataset")?;
     let of_run = GetScoreRunRequest { score_run_id: score_run_id.to_owned() };
     let run = present(client.scores().get_score_run(of_run).await?.into_inner().score_run, "a score run")?;
-    Ok(format!(
-        "the dataset has {} steps of experts and keeps {} of {} steps of the imperfect episodes, from {} of {}",
+    let kept = format!(
+        "the dataset has {} steps of experts and keeps {} of {} steps of the imperfect episodes, from {} of {} episodes",
         dataset.expert_segments(),
         dataset.kept_segments(),
         run.imperfect_segments,
         dataset.kept_episodes(),
         run.imperfect_episodes
-    ))
+    );
+    let shape = dataset.selection.and_then(|selection| selection.shape).unwrap_or_default();
+    Ok((Some(kept), shape.min_expert_auroc()))
 }
 
 fn next(submitted: &[Job], waited: bool, quick: bool) -> String {

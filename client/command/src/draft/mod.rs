@@ -72,7 +72,9 @@ pub(crate) fn draft<'a>(surveys: impl IntoIterator<Item = &'a Survey>, known: &K
         ways.iter().map(|way| candidate::candidates(way, &mut left_out)).collect();
     for of_way in &mut candidates {
         role::settle(of_way);
-        role::settle_messages(of_way);
+        if known.action.is_empty() {
+            role::settle_messages(of_way);
+        }
     }
     // The caller knows the actions, and in several ways a switch may be one in a part of them only.
     if let ([of_way], []) = (candidates.as_mut_slice(), known.action.as_slice()) {

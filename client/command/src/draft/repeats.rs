@@ -1,4 +1,5 @@
-//! What a step should not repeat: commands among its observations, and torques of joints whose positions it has.
+//! What a step should not repeat: commands among its observations, and velocities and torques of joints whose positions it
+//! has.
 //!
 //! Works on candidates and fields alone. A policy that sees a command may copy it and never change it.
 
@@ -86,7 +87,7 @@ pub(super) fn set_rates_aside(fields: &mut [Field]) {
         field.reasons.truncate(1);
         field.reasons.push(format!(
             "Commented out beside {positions}: velocities and torques follow the last command, which a policy may repeat \
-             rather than look. To take them, delete the # here and in the mappings."
+             instead of looking at the images. To take them, delete the # here and in the mappings."
         ));
     }
 }

@@ -7,19 +7,8 @@ use std::collections::BTreeSet;
 /// Words of commands: certain ones, and ones that count only where no topic has a certain one.
 const COMMANDS: &[&str] =
     &["action", "actions", "command", "commands", "commanded", "cmd", "cmds", "ctrl", "setpoint", "teleop"];
-const PERHAPS_COMMANDS: &[&str] = &[
-    "target",
-    "targets",
-    "desired",
-    "control",
-    "controls",
-    "servo",
-    "leader",
-    "master",
-    "operator",
-    "pendant",
-    "reference",
-];
+const PERHAPS_COMMANDS: &[&str] =
+    &["target", "targets", "desired", "control", "controls", "servo", "leader", "reference"];
 /// Words of whole steps.
 const STEPS: &[&str] =
     &["step", "steps", "transition", "transitions", "frame", "frames", "sample", "samples", "record", "rollout"];

@@ -9,6 +9,8 @@ use gleaner_recording::{Bound, CameraSource, CameraSpec, FieldSource, FieldSpec,
 use super::Draft;
 use super::candidate::LeftOut;
 
+/// The beginnings of reasons that stand at the first of the tables that share them.
+const SHARED: [&str; 4] = ["Models read it scaled", "Its unit is by", "To leave out a joint", "Commented out beside"];
 /// Width of a line of comments.
 const WIDTH: usize = 118;
 
@@ -27,18 +29,20 @@ impl Display for Draft {
         }
         comment(out, &self.rate)?;
         writeln!(out, "rate_hz = {:?}", self.spec.rate_hz)?;
-        // What holds for several tables stands at the first of them.
-        let mut written = BTreeSet::new();
+        let mut shared = BTreeSet::new();
+        let mut is_new = |reason: &&String| {
+            !SHARED.iter().any(|known| reason.starts_with(known)) || shared.insert((*reason).clone())
+        };
         for camera in &self.cameras {
             writeln!(out)?;
-            let mut reasons = camera.reasons.iter().filter(|reason| written.insert(reason.as_str()));
+            let mut reasons = camera.reasons.iter().filter(&mut is_new);
             reasons.try_for_each(|reason| comment(out, reason))?;
             camera_spec(out, &camera.spec)?;
         }
         for action in [false, true] {
             for field in self.fields.iter().filter(|field| field.action == action) {
                 writeln!(out)?;
-                let mut reasons = field.reasons.iter().filter(|reason| written.insert(reason.as_str()));
+                let mut reasons = field.reasons.iter().filter(&mut is_new);
                 reasons.try_for_each(|reason| comment(out, reason))?;
                 let table = if action { "action" } else { "proprioception" };
                 if field.is_aside {

@@ -95,7 +95,8 @@ class Jobs:
     ) -> Pipeline:
         """Queues a chain of jobs up to the last stage that is given: pretrain, score, a dataset, train, evaluate.
 
-        For example `pipeline(task, pretrain={"steps": 1}, top_fraction=0.1, train={"steps": 2000}, evaluate={})`. Each
+        The dataset leaves out cohorts that the scores rank above experts, unless `shape` has `min_expert_auroc` 0. For
+        example `pipeline(task, pretrain={"steps": 1}, top_fraction=0.1, train={"steps": 2000}, evaluate={})`. Each
         stage has its own settings; the pipeline sets what it works on. A chain with the same `key` none of whose jobs
         failed or was cancelled is returned instead of a new one: without a key the call has one of its own, with which
         it is retried over a broken connection.

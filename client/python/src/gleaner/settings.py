@@ -70,7 +70,7 @@ class PipelineStages(TypedDict, total=False):
     score: ScoreValues  # also a stage if a later one is given
     beta: float  # the dataset: segments with q > β
     top_fraction: float  # or the best part of them
-    shape: Mapping[str, Any]  # of the dataset, such as {"min_run": 5}
+    shape: Mapping[str, Any]  # of the dataset, such as {"min_run": 5}; {"min_expert_auroc": 0} keeps every cohort
     train: TrainValues  # needs beta or top_fraction
     evaluate: EvaluateValues  # needs train
 

@@ -195,6 +195,7 @@ mod tests {
         assert_eq!(selection_to_proto(Selection::beta(0.5)).shape, None);
         let most = u32::MAX;
         for (shape, field) in [
+            (v1::SelectionShape { min_expert_auroc: Some(-0.1), ..off }, "min_expert_auroc"),
             (v1::SelectionShape { min_expert_auroc: Some(1.5), ..off }, "min_expert_auroc"),
             (v1::SelectionShape { min_expert_auroc: Some(f64::NAN), ..off }, "min_expert_auroc"),
             (v1::SelectionShape { close_gaps: most, ..off }, "close_gaps"),

@@ -63,47 +63,31 @@ impl ExpertRanking {
             )];
         }
         let of_cohort = |(cohort, share): &(String, f64)| {
-            let (these, remedy) = (these(cohort), self.remedy(cohort));
             let (their, them) = if cohort.is_empty() { ("their", "them") } else { ("its", "its episodes") };
+            let fact = format!("an expert's step has the higher q in {} of pairs", percent(*share));
+            let these = these(cohort);
+            let leave_out = |below: f64| {
+                let command = format!("`gleaner dataset create --min-expert-auroc {below}`");
+                format!("If steps with a high q are bad, leave {them} out: {command}")
+            };
             match *share {
                 share if share < left_out_below => Some(format!(
-                    "the dataset leaves out {these}: of a step of each, the expert's has the higher q in {} of pairs only, so \
-                     the scores may not see what is wrong there. `--min-expert-auroc 0` keeps {their} steps with a high q",
-                    percent(share)
+                    "the dataset leaves out {these}: {fact}, so the scores may not see what is wrong there. \
+                     `--min-expert-auroc 0` keeps {their} steps with a high q"
                 )),
                 share if share < 0.5 => Some(format!(
-                    "the scores favour {these} over experts: of a step of each, the expert's has the higher q in {} of pairs \
-                     only. Check {their} labels, and look at some of {them}. If steps with a high q are bad, {remedy}",
-                    percent(share)
+                    "the scores favour {these} over experts: {fact}. Check {their} labels, and look at some of {them}. {}",
+                    leave_out(0.5)
                 )),
                 share if share < HARDLY => Some(format!(
-                    "the scores hardly tell {these} from experts: of a step of each, the expert's has the higher q in {} of \
-                     pairs. Either {their} steps are as good, or the scorer does not see what is wrong with them. If steps \
-                     with a high q are bad, {remedy}",
-                    percent(share)
+                    "the scores hardly tell {these} from experts: {fact}. Either {their} steps are as good, or the scorer does \
+                     not see what is wrong with them. {}",
+                    leave_out(HARDLY)
                 )),
                 _ => None,
             }
         };
         self.cohorts.iter().filter_map(of_cohort).collect()
-    }
-
-    /// What to do about a cohort whose steps with a high q are bad.
-    fn remedy(&self, cohort: &str) -> String {
-        if cohort.is_empty() {
-            let remedy = "name the kind of each in the column `cohort` of labels.csv, and leave out those kinds";
-            return remedy.to_owned();
-        }
-        let others = self.cohorts.iter().filter(|(other, _)| other != cohort);
-        // In single quotes a shell changes nothing of a name that somebody else chose.
-        let option = |name: &str| format!("--imperfect-cohort '{}'", name.replace('\'', r"'\''"));
-        let others: Vec<String> = others.map(|(other, _)| option(other)).collect();
-        match others.as_slice() {
-            [] => "train on experts alone (`gleaner train --experts-in SNAPSHOT`)".to_owned(),
-            others => {
-                format!("leave it out: `gleaner pipeline --quick --wait {}` has the other cohorts", others.join(" "))
-            }
-        }
     }
 }
 
@@ -166,33 +150,25 @@ mod tests {
         assert!(ranking(0.7, &[("a", 0.6), ("b", 0.99)]).warnings(0.0).is_empty());
         assert!(ExpertRanking::default().warnings(0.0).is_empty());
         let warnings = ranking(0.6, &[("a", 0.48), ("b", 0.52), ("c", 0.9)]).warnings(0.0);
+        let [favoured, alike] = warnings.as_slice() else { panic!("{warnings:?}") };
+        let begin = "the scores favour cohort \"a\" over experts: an expert's step has the higher q in 48 % of pairs. Check its";
+        assert!(favoured.starts_with(begin), "{favoured}");
         assert!(
-            warnings[0]
-                .contains("favour cohort \"a\" over experts: of a step of each, the expert's has the higher q in 48 %"),
-            "{warnings:?}"
+            favoured.ends_with("leave its episodes out: `gleaner dataset create --min-expert-auroc 0.5`"),
+            "{favoured}"
         );
-        assert!(
-            warnings[1].contains(
-                "hardly tell cohort \"b\" from experts: of a step of each, the expert's has the higher q in 52 %"
-            ),
-            "{warnings:?}"
-        );
-        let command = "`gleaner pipeline --quick --wait --imperfect-cohort 'a' --imperfect-cohort 'c'`";
-        assert!(warnings[1].ends_with(&format!("leave it out: {command} has the other cohorts")), "{warnings:?}");
-        let hostile = ranking(0.6, &[("a", 0.48), ("$(x) it's", 0.9)]).warnings(0.0);
-        assert!(hostile[0].contains(r"--imperfect-cohort '$(x) it'\''s'`"), "{hostile:?}");
-        assert_eq!(warnings.len(), 2);
+        assert!(alike.starts_with("the scores hardly tell cohort \"b\" from experts: an expert's step has"), "{alike}");
+        assert!(alike.ends_with("--min-expert-auroc 0.55`"), "{alike}");
         let left_out = ranking(0.6, &[("a", 0.48), ("b", 0.52), ("c", 0.9)]).warnings(0.5);
-        assert!(left_out[0].starts_with("the dataset leaves out cohort \"a\": of a step of each"), "{left_out:?}");
+        assert!(left_out[0].starts_with("the dataset leaves out cohort \"a\": an expert's step has"), "{left_out:?}");
         assert!(left_out[0].contains("`--min-expert-auroc 0` keeps its steps"), "{left_out:?}");
         assert!(left_out.len() == 2 && left_out[1].contains("hardly tell cohort \"b\""), "{left_out:?}");
         let left_out = ranking(0.4, &[("a", 0.4), ("", 0.3), ("c", 0.5)]).warnings(0.5);
         let ending = "it leaves out cohort \"a\", episodes without a cohort";
         assert!(left_out.len() == 1 && left_out[0].ends_with(ending), "{left_out:?}");
         let unnamed = ranking(0.6, &[("", 0.48)]).warnings(0.0);
-        assert!(unnamed[0].contains("favour episodes without a cohort over experts: of a step of each"), "{unnamed:?}");
+        assert!(unnamed[0].contains("favour episodes without a cohort over experts: an expert's step"), "{unnamed:?}");
         assert!(unnamed[0].contains("Check their labels, and look at some of them"), "{unnamed:?}");
-        assert!(unnamed[0].ends_with("in the column `cohort` of labels.csv, and leave out those kinds"), "{unnamed:?}");
         let unnamed = ranking(0.6, &[("", 0.52)]).warnings(0.0);
         assert!(unnamed[0].contains("hardly tell episodes without a cohort from experts"), "{unnamed:?}");
         let reversed = ranking(0.4, &[("a", 0.4)]).warnings(0.0);

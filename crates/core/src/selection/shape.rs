@@ -13,12 +13,13 @@ use crate::{
 const MOST_STEPS: u64 = 1_000_000;
 
 crate::settings! {
-    /// The shape of what a selection keeps, applied after its rule in the order of the settings; off by default. A run is
-    /// a sequence of kept segments of one episode that end at consecutive steps.
+    /// The shape of what a selection keeps; off by default. Cohorts are left out before the rule, and the rest is applied
+    /// after it in the order of the settings. A run is a sequence of kept segments of one episode that end at consecutive
+    /// steps.
     #[derive(Copy)]
     pub struct SelectionShape {
-        /// Keep nothing of a cohort of which an expert's segment has the higher q in less than this share of pairs (0: off).
-        /// Higher values leave out more kinds of failures, those that q does not tell from experts first.
+        /// Leave out a cohort if an expert's segment has the higher q in less than this share of pairs (ties count half; 0:
+        /// off). Higher values leave out more kinds of failures, those that q does not tell from experts first.
         pub min_expert_auroc: f64 = 0.0, number_in(0.0, 1.0);
         /// Keep gaps between two runs too, up to this many steps (0: off). Higher values give longer runs, and keep
         /// segments that the rule rejects, with their low q as weight.

@@ -79,7 +79,7 @@ fn gaps_of_the_clock_and_of_a_stream_are_findings() {
     let clock = Scene::steps(12).change("/command", |at, _, _| !(4..8).contains(&at));
     let finding = check(&clock.report(&numbers_only()), Severity::Warning, FindingCode::Gap, "clock");
     assert_eq!(finding.first_step, Some(4));
-    assert!(finding.detail.contains("500 ms"), "{}", finding.detail);
+    assert!(finding.detail.contains("after the one before, at most 500 ms"), "{}", finding.detail);
     let stream = Scene::steps(12).change("/tool", |at, _, _| !(4..8).contains(&at));
     let finding = check(&stream.report(&numbers_only()), Severity::Warning, FindingCode::Gap, "/tool");
     assert_eq!(finding.first_step, Some(6));

@@ -170,10 +170,14 @@ fn a_message_for_robots_is_a_command_where_no_name_is_one() {
     assert_eq!(names(&drafted), ["twist", "pinch"], "{drafted}");
     let text = drafted.to_string().replace("\n# ", " ");
     assert!(text.contains("and geometry_msgs/msg/TwistStamped is sent to robots as a rule"), "{text}");
-    // A pendant is held by a person.
-    assert_eq!(names(&of(vec![twist("/pendant/twist"), pinch("/pendant/pinch")]).unwrap()), ["twist", "pinch"]);
     // Named commands come first, and what is named like a measurement is none.
     let named = of(vec![twist("/tcp/twist"), topic("/cmd", "cdr", vec![numbers("x", &[range(0.0, 1.0)])])]).unwrap();
     assert_eq!(names(&named), ["cmd"], "{named}");
     assert!(of(vec![twist("/tcp/twist")]).unwrap_err().contains("name them with --action TOPIC"));
+    // A caller that names the commands knows that the others are measured.
+    let other = topic("/wheels", "cdr", vec![numbers("x", &[range(0.0, 1.0)])]);
+    let survey = recording(vec![camera("/front", "cdr", (96, 96)), twist("/vehicle/twist"), other]);
+    let named = draft([&survey], &Known { name: "t".into(), action: vec!["/wheels".into()] }).unwrap();
+    assert_eq!(names(&named), ["wheels"], "{named}");
+    assert!(named.spec.proprioception.iter().any(|field| field.name == "twist"), "{named}");
 }

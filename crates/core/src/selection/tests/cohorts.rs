@@ -7,7 +7,7 @@ fn shaped(min_expert_auroc: f64, shape: SelectionShape) -> Selection {
 }
 
 #[test]
-fn cohorts_that_do_not_rank_below_experts_are_left_out() {
+fn cohorts_that_rank_above_experts_are_left_out() {
     // Of four pairs each, the expert wins four, one and two.
     let candidates = [
         candidate("dropped", &[0.6, 0.1]),
