@@ -51,6 +51,7 @@ fn velocities_and_efforts_of_joints_with_positions_are_comments_that_can_be_used
         ] {
             assert!(text.contains(part), "{part}: {text}");
         }
+        assert_eq!(text.matches("Commented out beside").count(), 1, "{text}");
         let all = in_use(&draft);
         assert_eq!(names(&all.proprioception), ["joint_position", "joint_velocity", "joint_effort"]);
         assert_eq!(all.mappings[0].fields.len(), 4);
@@ -62,8 +63,11 @@ fn velocities_and_efforts_of_joints_with_positions_are_comments_that_can_be_used
 fn velocities_and_efforts_without_the_positions_of_their_joints_are_observations() {
     let mut survey = arm(&["arm1", "arm2"]);
     survey.topics[1].fields.remove(0);
-    let spec = written(&draft([&survey], &known("t")).unwrap());
-    assert_eq!(names(&spec.proprioception), ["joint_velocity", "joint_effort"]);
+    let draft_of_rates = draft([&survey], &known("t")).unwrap();
+    assert_eq!(names(&written(&draft_of_rates).proprioception), ["joint_velocity", "joint_effort"]);
+    for shared in ["Its unit is by the conventions of ROS.", "To leave out a joint, delete"] {
+        assert_eq!(draft_of_rates.to_string().matches(shared).count(), 1, "at the first field alone: {draft_of_rates}");
+    }
     // Positions of other joints.
     let state = |part: &str, path: &str, joint: &str| SurveyedField {
         names: vec![joint.to_owned()],

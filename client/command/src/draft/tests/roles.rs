@@ -170,7 +170,7 @@ fn a_message_for_robots_is_a_command_where_no_name_is_one() {
     assert_eq!(names(&drafted), ["twist", "pinch"], "{drafted}");
     let text = drafted.to_string().replace("\n# ", " ");
     assert!(text.contains("and geometry_msgs/msg/TwistStamped is sent to robots as a rule"), "{text}");
-    // Named commands come first, and what is named like a measurement is none.
+    // Topics named like commands come first; a topic named like a measurement is not a command.
     let named = of(vec![twist("/tcp/twist"), topic("/cmd", "cdr", vec![numbers("x", &[range(0.0, 1.0)])])]).unwrap();
     assert_eq!(names(&named), ["cmd"], "{named}");
     assert!(of(vec![twist("/tcp/twist")]).unwrap_err().contains("name them with --action TOPIC"));
