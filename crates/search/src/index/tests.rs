@@ -129,6 +129,7 @@ fn near_duplicates() -> (Vec<Points>, Points) {
 
 mod coded;
 mod filter;
+mod halves;
 mod windows;
 
 #[test]
