@@ -1,10 +1,20 @@
 //! Trainings, score runs and evaluations that several nodes share, by srun.
 
+use std::collections::BTreeSet;
+
 use gleaner_proto::v1::*;
 use serde_json::json;
 
 use super::losses;
-use crate::support::{api::Api, files::forget_features, lab, scores::digest, server::TestServer, slurm::Cluster};
+use crate::support::{
+    api::Api,
+    files::{blobs, forget_features},
+    lab,
+    scores::digest,
+    server::TestServer,
+    slurm::Cluster,
+    wait::until,
+};
 
 #[tokio::test]
 async fn training_over_two_nodes_equals_a_local_one_and_resumes_after_a_node_is_killed() {
@@ -12,12 +22,17 @@ async fn training_over_two_nodes_equals_a_local_one_and_resumes_after_a_node_is_
     let Some(mut cluster) = Cluster::start(2).await else { return };
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
-    let two = ["--pretrain-ranks", "2", "--rank-timeout-seconds", "30"];
+    let two = ["--pretrain-ranks", "2", "--train-ranks", "2", "--rank-timeout-seconds", "30"];
     let mut server = TestServer::start_over(&data, &two).await;
     let mut api = Api::connect(&server).await;
     lab::set_up(&mut api).await;
     let local = api.succeed(lab::TASK, lab::pretrain(STEPS)).await;
+    let train = || lab::train(train_spec::Data::ExpertsOf(local.result_id.clone()), 2);
+    let trained = api.succeed(lab::TASK, train()).await;
     assert!(server.stop().await);
+    // Recordings, the encoder and the policy: checkpoints end with their jobs.
+    let stored = || blobs(&data).into_iter().collect::<BTreeSet<_>>();
+    let results = stored();
 
     let flags = cluster.flags_for_lost_nodes();
     let flags: Vec<&str> = flags.iter().map(String::as_str).chain(two).collect();
@@ -28,6 +43,10 @@ async fn training_over_two_nodes_equals_a_local_one_and_resumes_after_a_node_is_
     assert_eq!(losses(&mut api, &remote.id).await, expected);
     assert!(remote.node.contains("1-2"), "both nodes: {remote:?}");
     assert_eq!(remote.attempt, 1);
+    let policy = api.succeed(lab::TASK, train()).await;
+    assert_eq!(losses(&mut api, &policy.id).await, losses(&mut api, &trained.id).await);
+    assert!(policy.node.contains("1-2"), "both nodes: {policy:?}");
+    until("the results are the files of the local ones", async || (stored() == results).then_some(())).await;
 
     let killed = api.submit(lab::TASK, lab::pretrain(STEPS)).await.unwrap();
     api.watch_until(&killed.id, |job| job.done >= 7).await;

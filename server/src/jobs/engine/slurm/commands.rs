@@ -14,6 +14,9 @@ const LONGEST: usize = 400;
 const PROGRAM: &str = "check --slurm-bin, the folder of Slurm's commands";
 /// What to check where they get no answer.
 const CONTROLLER: &str = "check that slurmctld runs and that munged does, and that SLURM_CONF, or this machine's own configuration, names it";
+/// What to check where Slurm refuses to cancel a job.
+const OWNER: &str =
+    "check that gleaner-server runs as the user of that job, and that --slurm-bin and SLURM_CONF are of its cluster";
 /// Parts of the words of Slurm's commands for a controller that does not answer, in small letters.
 const AWAY: [&str; 8] = [
     "slurm controller",
@@ -128,7 +131,15 @@ impl Commands {
     pub(super) async fn cancel(&self, id: &str) -> Result<(), Problem> {
         let mut command = self.command("scancel");
         command.args(["--quiet", id]);
-        self.run("scancel", command, None).await.map(drop)
+        let answer = self.run("scancel", command, None).await.map_err(|problem| match problem {
+            Problem::Refused(words) => Problem::NoAnswer(format!("{words}; {OWNER}")),
+            Problem::NoAnswer(words) => Problem::NoAnswer(words),
+        })?;
+        if answer.trim().is_empty() {
+            return Ok(());
+        }
+        let answer = shortened(&answer);
+        Err(Problem::NoAnswer(format!("scancel printed {answer:?}, and Slurm's own prints no text; {PROGRAM}")))
     }
 
     fn command(&self, name: &str) -> Command {

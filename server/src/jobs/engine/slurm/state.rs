@@ -84,6 +84,14 @@ mod tests {
     }
 
     #[test]
+    fn a_failed_worker_is_reported_with_the_flags_by_which_it_starts() {
+        let end = end(&Entry { reason: "NonZeroExitCode".to_owned(), ..entry("FAILED") }, false);
+        let expected = "the worker of Slurm job 7 on node1 failed (FAILED, NonZeroExitCode); see the log, and where the \
+                        worker did not start, --slurm-worker and --slurm-setup";
+        assert_eq!(end, Some(End::Broken(expected.to_owned())));
+    }
+
+    #[test]
     fn failures_of_the_cluster_are_no_failures_of_the_job() {
         for state in ["NODE_FAIL", "PREEMPTED", "BOOT_FAIL", "DEADLINE"] {
             let end = end(&entry(state), true);

@@ -1,5 +1,6 @@
 //! The engine with commands that are missing, refuse, hang or print nonsense: scripts in a folder of the test.
 
+mod cancelling;
 mod failures;
 mod fake;
 
