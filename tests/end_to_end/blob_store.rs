@@ -1,5 +1,7 @@
 //! Blobs in a bucket: what a folder does, a bucket does, and a store that fails loses nothing that was acknowledged.
 
+mod outages;
+mod sweep;
 mod workers;
 
 use std::fs;
@@ -119,25 +121,39 @@ async fn one_in_the_bucket(store: &TestStore) -> (TestServer, Api, Episode) {
 }
 
 #[tokio::test]
-async fn an_altered_object_is_an_error_of_check_and_is_never_sent() {
+async fn an_altered_cut_or_lost_object_is_never_sent_and_is_named_with_the_remedy() {
     let Some(store) = TestStore::start().unwrap() else { return };
     let (server, mut api, episode) = one_in_the_bucket(&store).await;
-    let altered = server.data_dir().join("altered");
-    let mut bytes = RECORDINGS[0].bytes.to_vec();
-    *bytes.last_mut().unwrap() ^= 1;
-    fs::write(&altered, bytes).unwrap();
     let bucket = store.bucket("one").unwrap();
     let name = bucket.list("blobs").unwrap().remove(0).name;
-    bucket.put(&name, &altered).unwrap();
-
-    let request = DownloadEpisodeRequest { episode_id: episode.id.clone(), accept_url: false };
-    let sent = match api.episodes.download_episode(request).await {
-        Ok(stream) => stream.into_inner().message().await.map(drop),
-        Err(error) => Err(error),
-    };
-    assert_eq!(sent.unwrap_err().code(), Code::Internal);
-    let (sound, text) = server_text(&["check"], server.data_dir()).await;
-    assert!(!sound && text.contains("is damaged"), "{text}");
+    let content = &*RECORDINGS[0].bytes;
+    let mut altered = content.to_vec();
+    *altered.last_mut().unwrap() ^= 1;
+    let file = server.data_dir().join("damaged");
+    for (damaged, found) in [
+        (Some(altered.as_slice()), "is damaged"),
+        (content.get(..content.len() / 2), "is damaged"),
+        (None, "is not there"),
+    ] {
+        match damaged {
+            Some(bytes) => {
+                fs::write(&file, bytes).unwrap();
+                bucket.put(&name, &file).unwrap();
+            }
+            None => bucket.remove(&name).unwrap(),
+        }
+        let error = api.try_download(&episode.id).await.unwrap_err();
+        assert_eq!(error.code(), Code::DataLoss, "{error}");
+        for part in [name.as_str(), "--blob-store", "gleaner-server check"] {
+            assert!(error.message().contains(part), "{found}: {error}");
+        }
+        assert_eq!(api.episodes().await, std::slice::from_ref(&episode), "the server answers");
+        let (sound, text) = server_text(&["check"], server.data_dir()).await;
+        assert!(!sound && text.contains(found), "{text}");
+    }
+    fs::write(&file, content).unwrap();
+    bucket.put(&name, &file).unwrap();
+    assert!(api.download(&episode.id).await == content, "the restored object is sent");
 }
 
 /// Proved by the server's folder, which has a copy of what the server has sent.

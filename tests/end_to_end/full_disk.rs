@@ -5,16 +5,18 @@ use tonic::Code;
 
 use crate::support::{
     api::Api,
-    command::expect_sound,
+    command::{expect_sound, server_text},
+    data_folder::UsedFolder,
     disk::{SmallDisk, label, label_until_rejected},
     errors::expect_error,
     files::files,
     lab::{self, RECORDINGS},
     server::TestServer,
+    skipped::skipped,
 };
 
 fn expect_full(status: &tonic::Status) {
-    expect_error(status, Code::ResourceExhausted, &["disk is full"]);
+    expect_error(status, Code::ResourceExhausted, &["disk is full", "--data-dir"]);
 }
 
 #[tokio::test]
@@ -85,6 +87,30 @@ async fn job_survives_a_full_disk() {
     let ended = api.watch(&job.id).await;
     assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "{}", ended.error);
     expect_sound(&disk.data()).await;
+}
+
+/// Its disk is not that of the data folder, so the message names the folder of the backup.
+#[tokio::test]
+async fn backup_to_a_full_or_read_only_disk_names_the_folder_of_the_backup() {
+    let Some(disk) = SmallDisk::mount(64) else { return };
+    let lab = UsedFolder::copy().await;
+    let target = disk.path().join("backup");
+    let target = target.to_str().unwrap();
+    let expect_named = async || {
+        let (made, text) = server_text(&["backup", target], lab.path()).await;
+        let named = text.contains(&format!("the disk of the backup {target} is full or cannot be written"));
+        assert!(!made && named && !text.contains("--data-dir"), "{text}");
+    };
+    let ballast = disk.fill();
+    expect_named().await;
+    std::fs::remove_file(ballast).unwrap();
+    if !disk.set_read_only(true) {
+        return skipped("a disk cannot be mounted again here, so none was read-only");
+    }
+    expect_named().await;
+    assert!(disk.set_read_only(false));
+    let (made, text) = server_text(&["backup", target], lab.path()).await;
+    assert!(made && text.contains("backed up to"), "{text}");
 }
 
 #[tokio::test]

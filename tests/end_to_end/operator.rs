@@ -89,7 +89,7 @@ async fn read_only_data_folder_stops_the_start() {
         return skipped("a disk cannot be mounted again here, so none was read-only");
     }
     let (started, text) = start(&disk.data(), &[]).await;
-    assert!(!started && text.contains("Read-only"), "{text}");
+    assert!(!started && text.contains("Read-only") && text.contains("--data-dir"), "{text}");
     assert!(disk.set_read_only(false));
     let server = swept(&disk.data(), &["--workers", "0"]).await;
     assert_eq!(Api::connect(&server).await.episode_ids().await, lab.ids());

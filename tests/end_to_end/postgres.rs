@@ -7,6 +7,7 @@ use tonic::Code;
 use crate::support::{
     api::Api,
     command::{self, server_text},
+    data_folder::start,
     lab::{self, RECORDINGS},
     postgres::postgres,
     server::{TestServer, serve},
@@ -152,6 +153,19 @@ async fn lab_moves_to_postgresql_and_back() {
     // The database in PostgreSQL is the older one now.
     let output = command::run(&mut serve(&data, &flags, "127.0.0.1:0")).await;
     assert!(!output.success && output.text().contains("older than the blobs"), "{}", output.text());
+}
+
+/// The clock of PostgreSQL is an hour ahead: a function of the same name that is found before its own plays it.
+#[tokio::test]
+async fn clock_of_postgresql_that_differs_is_a_warning_at_the_start() {
+    let Some((database, url)) = postgres() else { return };
+    let ahead = "create function public.clock_timestamp() returns timestamptz language sql as \
+                 $$ select pg_catalog.clock_timestamp() + interval '1 hour' $$";
+    database.execute("test_0", ahead);
+    database.execute("test_0", "alter database test_0 set search_path = public, pg_catalog");
+    let folder = tempfile::tempdir().unwrap();
+    let (started, text) = start(folder.path(), &["--database", &url]).await;
+    assert!(started && text.contains("seconds behind that of PostgreSQL"), "{text}");
 }
 
 #[tokio::test]

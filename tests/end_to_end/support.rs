@@ -12,6 +12,7 @@ pub mod disk;
 pub mod errors;
 pub mod experiments;
 pub mod files;
+pub mod gate;
 pub mod http;
 pub mod lab;
 pub mod postgres;

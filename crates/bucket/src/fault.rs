@@ -61,10 +61,10 @@ impl Bucket {
             "the blob store failed while {doing} an object"
         );
         if is_missing(&error) {
-            return Error::internal(format!("{doing} {name} in {shown}"), "the object is missing");
+            return Error::damaged(format!("the object {name} is missing in {shown} (--blob-store)"));
         }
         let message = self.reason(doing, &error, &text);
-        Error::unavailable(format!("the blob store {shown} failed while {doing} an object: {message}"))
+        Error::unavailable(format!("the blob store {shown} (--blob-store) failed while {doing} an object: {message}"))
     }
 
     fn reason(&self, doing: &str, error: &Fault, text: &str) -> String {

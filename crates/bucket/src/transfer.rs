@@ -65,17 +65,17 @@ impl Bucket {
     /// Writes a file with this digest to `to` and returns its size. Nothing reads `to` unless this succeeds.
     ///
     /// # Errors
-    /// Internal when the object is missing, or is altered or truncated; Unavailable when the store fails; Exhausted when
+    /// Damaged when the object is missing, or is altered or truncated; Unavailable when the store fails; Exhausted when
     /// the disk is full.
     pub fn fetch(&self, name: &str, digest: &BlobId, to: &File) -> Result<u64> {
         let to = to.try_clone().map_err(|error| Error::internal(format!("writing {name}"), error))?;
         let (found, size) = self.read(name, to)?;
         match found == *digest {
             true => Ok(size),
-            false => Err(Error::internal(
-                format!("reading {name} in {}", self.shown()),
-                format!("the object is damaged: its {size} bytes do not have the digest of its name"),
-            )),
+            false => Err(Error::damaged(format!(
+                "the object {name} in {} (--blob-store) is damaged: its {size} bytes do not have the digest of its name",
+                self.shown()
+            ))),
         }
     }
 
@@ -90,7 +90,7 @@ impl Bucket {
     /// Gives a file another name, and the present time. After a failure it has one of the two names, or both.
     ///
     /// # Errors
-    /// Internal when it is missing; Unavailable when the store fails.
+    /// Damaged when it is missing; Unavailable when the store fails.
     pub fn rename(&self, from: &str, to: &str) -> Result<()> {
         let (store, source, target) = (Arc::clone(&self.store), self.key(from), self.key(to));
         let copied = wait(async move {
@@ -114,10 +114,11 @@ impl Bucket {
         match failure {
             Failure::Store(error) => self.fault(doing, name, error),
             Failure::Disk(error) => Error::internal(format!("{doing} {name}"), error),
-            Failure::Short => Error::internal(
-                format!("{doing} {name} in {}", self.shown()),
-                "the store sent another number of bytes than the object has by its size",
-            ),
+            Failure::Short => Error::damaged(format!(
+                "the object {name} in {} (--blob-store) is damaged: the store sent another number of bytes than it has by \
+                 its size",
+                self.shown()
+            )),
         }
     }
 }

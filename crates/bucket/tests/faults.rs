@@ -240,7 +240,10 @@ fn stored(body: &'static str) -> Bucket {
 #[test]
 fn an_altered_object_is_an_error() {
     let error = fetch(&stored("stepz"), "steps").unwrap_err();
-    assert!(error.kind() == Kind::Internal && error.to_string().contains("damaged"), "{error}");
+    assert_eq!(error.kind(), Kind::Damaged, "{error}");
+    for part in [NAME, "--blob-store", "is damaged", "gleaner-server check"] {
+        assert!(error.message().contains(part), "{error}");
+    }
 }
 
 #[test]

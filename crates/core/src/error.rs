@@ -31,6 +31,8 @@ pub enum Kind {
     Late,
     /// A resource is not ready or is going away; the caller may retry.
     Unavailable,
+    /// A stored file is missing or damaged; an operator has to restore it.
+    Damaged,
     /// A fault of the server. Its message is logged, not sent.
     Internal,
 }
@@ -97,6 +99,17 @@ impl Error {
         Self::new(Kind::Unavailable, message)
     }
 
+    /// A stored file is missing or damaged; `what` names it, and the setting of the place where it is kept.
+    pub fn damaged(what: impl std::fmt::Display) -> Self {
+        Self::new(
+            Kind::Damaged,
+            format!(
+                "{what}. `gleaner-server check` lists every such file; restore it from a backup, or push its recording \
+                 again if it is missing"
+            ),
+        )
+    }
+
     /// A fault of the server; `doing` names what failed. A disk that rejects writes is not a fault of the server: the
     /// error is then Exhausted.
     pub fn internal(doing: impl Into<String>, source: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
@@ -145,11 +158,11 @@ impl StdError for Error {
 }
 
 /// The caller's message when a disk is full or cannot be written.
-pub const DISK_FULL: &str =
-    "the server's disk is full: no part of this request was stored. Free some space there, then retry";
+pub const DISK_FULL: &str = "the server's disk is full: no part of this request was stored. Free some space on the disk \
+     of its data folder (--data-dir), then retry";
 /// The caller's message when a disk is read-only.
-pub const DISK_READ_ONLY: &str =
-    "the server's disk cannot be written: no part of this request was stored. Repair or remount it, then retry";
+pub const DISK_READ_ONLY: &str = "the server's disk cannot be written: no part of this request was stored. Repair or \
+     remount the disk of its data folder (--data-dir), then retry";
 
 /// The message for a write beyond the largest file that the process or the file system allows.
 pub const FILE_TOO_LARGE: &str = "a file of the server has reached the largest size that its process or its file \

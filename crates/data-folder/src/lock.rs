@@ -87,7 +87,7 @@ impl DataLock {
 }
 
 fn unusable(data_dir: &Path, error: std::io::Error) -> Error {
-    Error::precondition(format!("cannot use the data folder {}: {error}", data_dir.display()))
+    Error::precondition(format!("cannot use the data folder {} (--data-dir): {error}", data_dir.display()))
 }
 
 /// Creates a folder and its missing parents, and syncs their names.
@@ -141,6 +141,6 @@ mod tests {
     fn a_folder_that_cannot_be_created_is_named() {
         let file = tempfile::NamedTempFile::new().unwrap();
         let message = DataLock::take(&file.path().join("lab")).unwrap_err().message().to_owned();
-        assert!(message.contains("lab"), "{message}");
+        assert!(message.contains("lab (--data-dir)"), "{message}");
     }
 }

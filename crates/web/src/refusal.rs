@@ -52,6 +52,6 @@ pub(super) fn status(kind: Kind) -> StatusCode {
         Kind::Exhausted => StatusCode::TOO_MANY_REQUESTS,
         Kind::Cancelled | Kind::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
         Kind::Late => StatusCode::GATEWAY_TIMEOUT,
-        Kind::Internal => StatusCode::INTERNAL_SERVER_ERROR,
+        Kind::Damaged | Kind::Internal => StatusCode::INTERNAL_SERVER_ERROR,
     }
 }

@@ -30,6 +30,8 @@ pub(crate) struct Episodes(Arc<Folder>);
 /// Where the episodes of one task are.
 struct Folder {
     paths: FramePaths,
+    /// Where the server keeps decoded steps, if this machine has a folder of its own.
+    shared: Option<FramePaths>,
     blobs: Blobs,
     task: TaskSpec,
     shape: TaskShape,
@@ -45,10 +47,11 @@ pub(crate) struct Stored {
 }
 
 impl Episodes {
-    /// The episodes of `task` in a server's data directory with these blobs.
-    pub(crate) fn new(data_dir: &Path, blobs: Blobs, task: TaskSpec) -> Self {
-        let (paths, shape) = (FramePaths::new(data_dir, &task), TaskShape::from(&task));
-        Self(Arc::new(Folder { paths, blobs, task, shape, rebuilding: Mutex::default() }))
+    /// The episodes of `task` with the recordings among these blobs.
+    pub(crate) fn new(blobs: Blobs, task: TaskSpec) -> Self {
+        let (paths, shape) = (FramePaths::new(blobs.steps_folder(), &task), TaskShape::from(&task));
+        let shared = blobs.shared_folder().map(|folder| FramePaths::new(folder, &task));
+        Self(Arc::new(Folder { paths, shared, blobs, task, shape, rebuilding: Mutex::default() }))
     }
 
     /// The shape of one step.
@@ -123,6 +126,9 @@ impl Folder {
     fn rebuild(&self, input: &InputEpisode, problem: &RecordingError) -> Result<(), Failure> {
         tracing::info!(episode.id = %input.id, %problem, "rebuilding a frame cache");
         let fault = |error| Failure::recording(input.id.as_str(), &error);
+        if self.copy_shared(input)? {
+            return Ok(());
+        }
         match self.write_cache(input)? {
             Ok(()) => Ok(()),
             // The recording was sound when it was stored. The copy of one in a bucket may be damaged since.
@@ -133,17 +139,30 @@ impl Folder {
         }
     }
 
+    /// Copies the server's steps of an episode to this machine's folder, if that has none; returns whether they are usable.
+    fn copy_shared(&self, input: &InputEpisode) -> Result<bool, Failure> {
+        let Some(shared) = &self.shared else { return Ok(false) };
+        let (from, to) = (shared.of(&input.recording), self.paths.of(&input.recording));
+        Ok(!to.exists() && self.blobs.copy_steps(&from, &to)? && self.open(input).is_ok())
+    }
+
     /// Writes the cache of an episode. The inner error is the recording's.
     fn write_cache(&self, input: &InputEpisode) -> Result<Result<(), RecordingError>, Failure> {
         let recording = self.blobs.fetched(&input.recording)?;
+        let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
         // Compressed pictures take about as much as the recording that they come from, often less.
-        self.blobs.make_cache_room(std::fs::metadata(&recording).map_or(0, |file| file.len()))?;
+        let expected = size(&recording);
+        self.blobs.make_cache_room(expected)?;
         let cache = self.paths.of(&input.recording);
         // The recording was accepted, possibly under wider limits than the present ones.
         let count = thread::available_parallelism().map_or(1, |processors| processors.get().min(OPENING));
         let threads = ImageThreads { count, bytes: REBUILDING };
         let limits = (&Limits::ADMITTED, threads);
-        Ok(gleaner_recording::cache_episode(&recording, &self.task, limits, &cache).map(drop))
+        let written = gleaner_recording::cache_episode(&recording, &self.task, limits, &cache);
+        if written.is_ok() {
+            self.blobs.count_cache(size(&cache).saturating_sub(expected))?;
+        }
+        Ok(written.map(drop))
     }
 }
 

@@ -61,6 +61,7 @@ impl From<Error> for Failure {
             | Kind::Exhausted
             | Kind::Late
             | Kind::Unavailable
+            | Kind::Damaged
             | Kind::Internal => Self::Retryable(message),
         }
     }

@@ -65,7 +65,7 @@ impl Work {
     }
 
     fn episodes(&self) -> Episodes {
-        Episodes::new(&self.data_dir, self.blobs.clone(), self.inputs.task.clone())
+        Episodes::new(self.blobs.clone(), self.inputs.task.clone())
     }
 
     /// The checkpoint of an earlier attempt, if any.

@@ -55,6 +55,7 @@ async fn serve(config: WorkerConfig) -> Result<()> {
     let mut client = Client::new(&config)?;
     let calls = BlobCalls::new(client.clone(), Handle::current());
     let blobs = Blobs::open_by(&config.data_dir, Arc::new(calls))?;
+    let blobs = blobs.caching_in(config.cache_dir.as_deref())?;
     let blobs = blobs.sparing(config.min_free_bytes).limiting_caches(config.max_cache_bytes)?;
     let (job_id, order, inputs) = client.assignment().await?;
     tracing::info!(job.id = %job_id, "working");

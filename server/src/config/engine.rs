@@ -110,6 +110,11 @@ pub struct SlurmConfig {
     /// Path of gleaner-worker on the nodes. Default: its path on this machine, beside gleaner-server.
     #[arg(long, env = "GLEANER_SLURM_WORKER", value_name = "FILE")]
     pub slurm_worker: Option<PathBuf>,
+    /// Folder on each node's own disk, an absolute path, in which workers keep decoded steps and, with --blob-store, copies of
+    /// recordings, at most --max-cache-bytes of both. A job reads its recordings over the network once and then from there;
+    /// the disk holds them a second time. Default: those in the data folder, which all nodes share.
+    #[arg(long, env = "GLEANER_SLURM_CACHE_DIR", value_name = "DIR")]
+    pub slurm_cache_dir: Option<PathBuf>,
     /// Folder of sbatch, squeue and scancel on this machine. Default: those in PATH.
     #[arg(long, env = "GLEANER_SLURM_BIN", value_name = "DIR")]
     pub slurm_bin: Option<PathBuf>,
@@ -169,6 +174,12 @@ impl EngineConfig {
                  (`gleaner-server tls init` creates both files), or accept the risk with --insecure"
             ));
         }
+        if let Some(folder) = self.slurm.slurm_cache_dir.as_ref().filter(|folder| folder.is_relative()) {
+            return Err(format!(
+                "--slurm-cache-dir {}: must be an absolute path, such as /scratch/gleaner",
+                folder.display()
+            ));
+        }
         match &self.worker_url {
             None if listen.ip().is_unspecified() => Err(format!(
                 "--worker-listen {listen}: nodes cannot call this address; set --worker-url to the one at which they reach \
@@ -217,6 +228,8 @@ mod tests {
             (slurm(&["--worker-listen", "0.0.0.0:7402", "--worker-url", "https://lab:7402"]), true, false, None),
             (slurm(&["--worker-listen", "10.0.0.5:7402", "--worker-url", "http://lab"]), true, false, Some("https://")),
             (slurm(&["--worker-listen", "127.0.0.1:7402", "--worker-url", "lab"]), false, false, Some("http://")),
+            (slurm(&["--worker-listen", "127.0.0.1:7402", "--slurm-cache-dir", "a"]), false, false, Some("absolute")),
+            (slurm(&["--worker-listen", "127.0.0.1:7402", "--slurm-cache-dir", "/a"]), false, false, None),
         ] {
             let problem = config.validate(encrypted, insecure).err();
             assert_eq!(problem.is_some(), expected.is_some(), "{config:?}: {problem:?}");

@@ -104,7 +104,10 @@ pub(super) fn create(path: &Path) -> Result<()> {
 
 pub(super) fn refused(doing: &str, path: &Path, error: io::Error) -> Error {
     if matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) {
-        return Error::exhausted("the server's disk is full; free some space there and resume the upload");
+        return Error::exhausted(
+            "the server's disk is full; free some space on the disk of its data folder (--data-dir) and resume the \
+             upload",
+        );
     }
     if error.kind() == io::ErrorKind::FileTooLarge {
         return Error::exhausted(

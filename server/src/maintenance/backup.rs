@@ -29,7 +29,7 @@ use crate::{
     config::BackupConfig,
     data_folder::{DATABASE, DUMP, stamp::Stamp, ways_out},
     domain::id::BlobId,
-    error::{Error, Result},
+    error::{DISK_FULL, DISK_READ_ONLY, Error, Result},
     store::{Database, NamedBlob, Postgres, ReadOnlyDatabase, Store},
 };
 
@@ -37,9 +37,27 @@ use crate::{
 ///
 /// # Errors
 /// Precondition when the target is not usable for a backup or is that of another lab, there is no database to back up or it
-/// does not belong to the blobs, or `pg_dump` is missing or fails; Exhausted when its disk is full; Internal when a disk
-/// fails.
+/// does not belong to the blobs, or `pg_dump` is missing or fails; Exhausted when the disk of the target is full or cannot
+/// be written; Internal when a disk fails.
 pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> Result<bool> {
+    copy_to_target(config, out).await.map_err(|error| of_target(&config.target, error))
+}
+
+/// The target alone is written, so a disk that rejects writes is that of the target and not that of the data folder.
+fn of_target(target: &Path, error: Error) -> Error {
+    if ![DISK_FULL, DISK_READ_ONLY].contains(&error.message()) {
+        return error;
+    }
+    let cause = std::error::Error::source(&error).map(|cause| cause.to_string()).unwrap_or_default();
+    let why = format!(
+        "the disk of the backup {} is full or cannot be written. An earlier backup there is unchanged. Free some space on \
+         it or remount it, then retry",
+        target.display()
+    );
+    Error::refused_by_disk(&why, "backing up", cause)
+}
+
+async fn copy_to_target(config: &BackupConfig, out: &mut impl io::Write) -> Result<bool> {
     let (source, target) = (config.data_dir.as_path(), config.target.as_path());
     let database = Database::configured(source, &config.database)?;
     let _lock = target::claim(&database, target)?;

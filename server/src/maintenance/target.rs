@@ -58,6 +58,8 @@ pub(super) fn claim(database: &Database, target: &Path) -> Result<DataLock> {
             "{shown} and the data folder lie within one another; back up to another place, best to another disk"
         )));
     }
+    // Before the lock, whose error names --data-dir.
+    drop(tempfile::tempfile_in(target).map_err(fault)?);
     let lock = DataLock::take(target)?;
     fs::write(&mark, NOTICE).map_err(fault)?;
     Ok(lock)

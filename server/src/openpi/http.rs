@@ -140,7 +140,7 @@ fn status(kind: Kind) -> StatusCode {
         Kind::Forbidden => StatusCode::FORBIDDEN,
         Kind::Exhausted => StatusCode::TOO_MANY_REQUESTS,
         Kind::Unavailable | Kind::Late | Kind::Cancelled => StatusCode::SERVICE_UNAVAILABLE,
-        Kind::Internal => StatusCode::INTERNAL_SERVER_ERROR,
+        Kind::Damaged | Kind::Internal => StatusCode::INTERNAL_SERVER_ERROR,
     }
 }
 

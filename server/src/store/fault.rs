@@ -14,6 +14,12 @@ const FILE_LIMIT_REACHED: &str = "the server's database cannot be written: its f
      of the server's process, or the disk fails. No part of this request was stored. Raise the limit (`ulimit -f`, \
      LimitFSIZE= of its service), then retry";
 
+/// The messages in place of [`DISK_FULL`] and [`DISK_READ_ONLY`] for PostgreSQL, whose disk is not that of the data folder.
+const POSTGRES_FULL: &str = "the disk of PostgreSQL (--database) is full: no part of this request was stored. Free some \
+     space there, then retry";
+const POSTGRES_READ_ONLY: &str = "PostgreSQL (--database) accepts no writes, because it is a standby or its disk fails: no \
+     part of this request was stored. Repair it, or name its primary with --database, then retry";
+
 /// SQLite's codes, extended ones where they are needed.
 const BUSY: i32 = 5;
 const READ_ONLY: i32 = 8;
@@ -33,8 +39,8 @@ pub(super) fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
         }
         if let Some(code) = error.as_database_error().and_then(|error| error.try_downcast_ref::<PgDatabaseError>()) {
             return match cause(code.code()) {
-                Cause::Full => Error::refused_by_disk(DISK_FULL, doing, error),
-                Cause::Unwritable => Error::refused_by_disk(DISK_READ_ONLY, doing, error),
+                Cause::Full => Error::refused_by_disk(POSTGRES_FULL, doing, error),
+                Cause::Unwritable => Error::refused_by_disk(POSTGRES_READ_ONLY, doing, error),
                 Cause::Busy => too_slow(),
                 Cause::Away => away(doing, error),
                 Cause::Text => Error::invalid("text", "contains a NUL character, which cannot be stored"),
@@ -129,7 +135,7 @@ pub(super) fn connecting(shown: impl Display, error: sqlx::Error) -> Error {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{ReadOnlyDatabase, testing};
+    use super::super::{ReadOnlyDatabase, Store, testing};
     use crate::{domain::episode::Outcome, error::Kind};
 
     /// SQLite reports a database at its maximum size in the same way as a full disk.
@@ -149,7 +155,8 @@ mod tests {
         }
         let error = refused.unwrap();
         assert_eq!(error.kind(), Kind::Exhausted, "{error}");
-        assert!(error.message().contains("disk is full") && error.to_string().contains("opening an upload"), "{error}");
+        assert!(error.message().contains("disk is full") && error.message().contains("--data-dir"), "{error}");
+        assert!(error.to_string().contains("opening an upload"), "{error}");
         assert_eq!(store.tasks().await.unwrap().len(), 1, "reading still works");
         // SQLite has rolled back automatically: the connection must not stay in the ended transaction.
         let again = store.insert_upload(&testing::upload(&task, &[7; 100]), None).await.err().map(|error| error.kind());
@@ -166,7 +173,22 @@ mod tests {
         let database = ReadOnlyDatabase::open(&dir.path().join("gleaner.db")).await.unwrap();
         let error = database.store.insert_upload(&testing::upload(&task, b"x"), None).await.unwrap_err();
         assert_eq!(error.kind(), Kind::Exhausted, "{error}");
-        assert!(error.message().contains("cannot be written"), "{error}");
+        assert!(error.message().contains("cannot be written") && error.message().contains("--data-dir"), "{error}");
+    }
+
+    #[tokio::test]
+    async fn a_postgresql_without_writes_is_reported_with_its_own_flag() {
+        if !testing::postgres_selected() {
+            return;
+        }
+        let store = Store::serve_postgres(&testing::postgres().await).await.unwrap();
+        let task = testing::task(&store).await;
+        testing::set_read_only(&store, true).await;
+        let error = store.insert_upload(&testing::upload(&task, b"x"), None).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Exhausted, "{error}");
+        assert!(error.message().contains("--database") && !error.message().contains("--data-dir"), "{error}");
+        testing::set_read_only(&store, false).await;
+        assert!(store.insert_upload(&testing::upload(&task, b"x"), None).await.unwrap());
     }
 
     /// The end-to-end tests have a real limit; this test covers every code.

@@ -25,6 +25,7 @@ pub(crate) fn from_error(error: Error) -> Status {
         Kind::Cancelled => Code::Cancelled,
         Kind::Late => Code::DeadlineExceeded,
         Kind::Unavailable => Code::Unavailable,
+        Kind::Damaged => Code::DataLoss,
         Kind::Internal => {
             let request_id = request::id();
             tracing::error!(request.id = %request_id, %error, "request failed");
@@ -34,6 +35,8 @@ pub(crate) fn from_error(error: Error) -> Status {
     if error.kind() == Kind::Exhausted && std::error::Error::source(&error).is_some() {
         // Caused by the disk, which the operator must fix.
         tracing::error!(%error, "the disk rejects writes");
+    } else if error.kind() == Kind::Damaged {
+        tracing::error!(%error, "a stored file cannot be used");
     } else {
         tracing::debug!(%error, ?code, "request refused");
     }

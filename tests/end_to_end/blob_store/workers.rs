@@ -116,6 +116,7 @@ async fn an_altered_recording_fails_its_job_with_the_reason() {
     let job = api.submit(lab::TASK, lab::pretrain(4)).await.unwrap();
     let ended = api.watch(&job.id).await;
     assert_eq!(ended.state(), JobState::Failed);
-    assert!(ended.error.contains("the object is damaged") && ended.error.contains(&name), "{}", ended.error);
+    let named = format!("the object {name} in {} (--blob-store) is damaged", store.config("one").url);
+    assert!(ended.error.contains(&named), "{}", ended.error);
     assert!(!files::blob(server.data_dir(), &digest).exists());
 }

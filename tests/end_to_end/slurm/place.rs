@@ -1,5 +1,7 @@
 //! The address, the files and the options of workers on a cluster: TLS, a bucket, refused options.
 
+use std::path::{Path, PathBuf};
+
 use gleaner_bucket::testing::TestStore;
 use gleaner_client::UploadLabel;
 use gleaner_proto::v1::*;
@@ -7,7 +9,7 @@ use gleaner_proto::v1::*;
 use super::{ENDLESS, resumes_whole};
 use crate::support::{
     api::Api,
-    blob_store,
+    blob_store, files,
     lab::{self, RECORDINGS},
     secure::SecureServer,
     server::TestServer,
@@ -48,7 +50,8 @@ async fn workers_on_a_cluster_call_by_tls_with_the_authority_of_the_server() {
     assert_eq!((ended.state(), ended.engine.as_str()), (JobState::Succeeded, "slurm"), "{}", ended.error);
 }
 
-/// The nodes have no recording and no encoder in the shared folder until their workers fetch them, without credentials.
+/// The shared folder has no recording, no steps and no encoder until workers fetch or make them, without credentials, and
+/// recordings and steps are on the disk of the nodes.
 #[tokio::test]
 async fn jobs_on_nodes_read_and_write_a_bucket() {
     let Some(cluster) = Cluster::start(2).await else { return };
@@ -56,7 +59,9 @@ async fn jobs_on_nodes_read_and_write_a_bucket() {
     let folder = tempfile::tempdir().unwrap();
     let environment = folder.path().join("environment");
     let setup = format!("env >> '{}'", environment.display());
-    let flags = [cluster.flags(), vec!["--slurm-setup".to_owned(), setup]].concat();
+    let near = folder.path().join("near");
+    let own = ["--slurm-setup", &setup, "--slurm-cache-dir", near.to_str().unwrap()].map(str::to_owned);
+    let flags = [cluster.flags(), own.into()].concat();
     let mut server = blob_store::start(&store, "one", &flags.iter().map(String::as_str).collect::<Vec<_>>()).await;
     let mut api = Api::connect(&server).await;
     let episodes = lab::set_up(&mut api).await;
@@ -64,6 +69,10 @@ async fn jobs_on_nodes_read_and_write_a_bucket() {
     let pretrain = api.succeed(lab::TASK, lab::pretrain(4)).await;
     blob_store::forget_copies(server.data_dir());
     let score = api.succeed(lab::TASK, lab::score(&pretrain.result_id)).await;
+    let is_steps = |file: &PathBuf| file.extension().is_some_and(|kind| kind == "frames");
+    let of_steps = |folder: &Path| files::files(folder).into_iter().filter(is_steps).count();
+    assert_eq!(of_steps(&near), episodes.len(), "the nodes decoded them once, on their own disk");
+    assert_eq!(of_steps(&server.data_dir().join("cache")), 0);
     assert_eq!((pretrain.engine.as_str(), score.engine.as_str()), ("slurm", "slurm"));
     assert!(server.stop().await);
     let environment = std::fs::read_to_string(environment).unwrap();

@@ -40,11 +40,12 @@ impl Blobs {
         for turn in 0..=URLS {
             let want = Want::Content { accept_url: turn < URLS && server.urls.is_open() };
             let found = server.calls.locate(id, want)?;
-            let missing = || Error::internal(format!("reading {}", self.name(id)), "the object is missing");
+            let missing = || Error::damaged(format!("the object {} is missing (--blob-store)", self.name(id)));
             let Located { size_bytes, url } = found.ok_or_else(missing)?;
             let Some(url) = url else {
-                wait_for(path);
-                return Ok(());
+                let shared = self.path(id);
+                wait_for(&shared);
+                return if shared == path { Ok(()) } else { self.copy_near(id, &shared, path) };
             };
             let (draft, part) = match begun.take() {
                 Some(begun) => begun,
@@ -68,7 +69,7 @@ impl Blobs {
     }
 
     fn begin(&self, size: u64, path: &Path) -> Result<(NamedTempFile, Part)> {
-        self.make_room(size)?;
+        self.make_copy_space(size)?;
         let draft = self.draft_of(path)?;
         let to = draft.as_file().try_clone().map_err(fault("opening", path))?;
         Ok((draft, Part::new(to, size)))

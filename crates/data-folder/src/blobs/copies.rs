@@ -60,11 +60,11 @@ impl Blobs {
     /// The file of a blob, which is fetched from the bucket if it is missing.
     ///
     /// # Errors
-    /// Internal when the object is missing or damaged, or its copies are removed as fast as they are fetched; Unavailable
-    /// when the store fails; Exhausted when the disk is full.
+    /// Damaged when the object is missing or damaged; Internal when its copies are removed as fast as they are fetched;
+    /// Unavailable when the store fails; Exhausted when the disk is full.
     pub fn fetched(&self, id: &BlobId) -> Result<Fetched> {
-        let path = self.path(id);
-        let Some(remote) = &self.remote else { return Ok(path.into()) };
+        let Some(remote) = &self.remote else { return Ok(self.path(id).into()) };
+        let path = self.copy_path(id);
         for _ in 0..ATTEMPTS {
             match File::open(&path) {
                 // Without it, the copy looks older than it is.
@@ -135,7 +135,7 @@ impl Blobs {
     /// # Errors
     /// Unavailable when the store fails; Internal when the disk fails.
     pub fn drop_damaged_copy(&self, id: &BlobId) -> Result<bool> {
-        let (Some(remote), path) = (&self.remote, self.path(id)) else { return Ok(false) };
+        let (Some(remote), path) = (&self.remote, self.copy_path(id)) else { return Ok(false) };
         // A part that the disk cannot read is damage too.
         if digest(&path).ok().as_ref() == Some(id) || self.remote_size(remote, id)?.is_none() {
             return Ok(false);

@@ -80,7 +80,7 @@ impl Blobs {
         let draft = tempfile::Builder::new().prefix("copy-").tempfile_in(&self.unfinished);
         let mut draft = draft.map_err(fault("making a file in", &self.unfinished))?;
         match bucket.fetch(name, id, draft.as_file()) {
-            Err(error) if error.kind() == Kind::Internal => return Ok(Copied::Lacking(error.to_string())),
+            Err(error) if error.kind() == Kind::Damaged => return Ok(Copied::Lacking(error.to_string())),
             fetched => fetched?,
         };
         self.place(id, draft.path())?;

@@ -12,8 +12,10 @@ mod copies;
 mod copy;
 mod hold;
 mod list;
+mod near;
 mod place;
 mod remote;
+mod room;
 mod sidecar;
 mod space;
 mod stream;
@@ -53,6 +55,8 @@ pub struct Blobs {
     unfinished: PathBuf,
     naming: Arc<tokio::sync::RwLock<()>>,
     space: space::Space,
+    /// The folder of this machine alone for copies and decoded steps. `None`: they are in the data directory.
+    near: Option<space::Space>,
     /// The way to the bucket that holds the blobs. `None`: the folder does.
     remote: Option<Arc<remote::Remote>>,
 }
@@ -96,8 +100,8 @@ impl Blobs {
 
     fn of(data_dir: &Path, remote: Option<Arc<remote::Remote>>) -> Self {
         let (root, unfinished) = (data_dir.join(BLOBS), data_dir.join("tmp"));
-        let space = space::Space::of(data_dir);
-        Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space, remote }
+        let space = space::Space::of(data_dir, space::SERVERS_DISK);
+        Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space, near: None, remote }
     }
 
     /// The path of a blob, whether or not it exists. With a bucket, the path of its copy.
@@ -153,21 +157,20 @@ impl Blobs {
     /// The bytes of a blob.
     ///
     /// # Errors
-    /// Internal when it is missing or does not match its name; Unavailable when the store fails.
+    /// Damaged when it is missing or does not match its name; Unavailable when the store fails.
     pub fn get(&self, id: &BlobId) -> Result<Vec<u8>> {
-        let read = |path: &Path| fs::read(path).map_err(fault("reading", path));
+        let read = |path: &Path| fs::read(path).map_err(|error| unreadable(id, path, error));
         let mut bytes = read(&self.fetched(id)?)?;
-        let path = self.path(id);
+        let path = self.copy_path(id);
         if let Some(remote) = self.remote.as_ref().filter(|_| BlobId::from(blake3::hash(&bytes)) != *id) {
             // The copy is damaged, which says nothing of the object.
             self.fetch(remote, id, &path)?;
             bytes = read(&self.fetched(id)?)?;
         }
         if BlobId::from(blake3::hash(&bytes)) != *id {
-            return Err(Error::internal(
-                format!("reading {}", path.display()),
-                "the blob is damaged: its digest differs",
-            ));
+            return Err(Error::damaged(format!(
+                "the blob {id} in the data folder (--data-dir) is damaged: its digest differs"
+            )));
         }
         Ok(bytes)
     }
@@ -225,6 +228,14 @@ pub fn sync_folder(folder: &Path) -> Result<()> {
 
 fn fault<'a>(doing: &'a str, path: &'a Path) -> impl FnOnce(io::Error) -> Error + 'a {
     move |error| Error::internal(format!("{doing} {}", path.display()), error)
+}
+
+/// The error of a blob whose file in the data folder cannot be opened.
+fn unreadable(id: &BlobId, path: &Path, error: io::Error) -> Error {
+    if is_missing(&error) {
+        return Error::damaged(format!("the blob {id} is missing in the data folder (--data-dir)"));
+    }
+    fault("reading", path)(error)
 }
 
 /// Name of the trash among the blobs.

@@ -1,57 +1,54 @@
-//! The free space of the disk, and the limit below which new data is rejected.
-//!
-//! Blobs, parts of uploads and recordings lie on the disk of the database. Large writes are rejected while the database
-//! still has room, because a full disk would keep it from storing labels or ends of jobs.
+//! The disk of a folder: its free space, what of it stays free, and the derived files that make room.
 
 #[cfg(any(test, feature = "testing"))]
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::{path::Path, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use rustix::fs::{StatVfs, StatVfsMountFlags, statvfs};
 
-use super::Blobs;
 use crate::caches::Caches;
-use gleaner_core::error::{DISK_FULL, Error, Kind, Result};
+use gleaner_core::error::{Error, Result};
 
-/// With less than this free, a writing process will probably find the disk full.
-const NOTHING: u64 = 1 << 20;
 /// The share of the disk for derived files is 1 / this: decoded steps take about as much as their recordings.
 const CACHE_SHARE: u64 = 2;
 
-/// The space to keep free, the files that can make room, and how free space is measured.
+/// The subject of messages about the disk of a data folder.
+pub(super) const SERVERS_DISK: &str = "the server's disk (--data-dir)";
+
+/// A folder's disk: the space to keep free, the files that can make room, and how free space is measured.
 #[derive(Debug, Clone)]
 pub(super) struct Space {
-    spare: u64,
-    caches: Arc<Caches>,
+    folder: PathBuf,
+    /// The subject of its messages.
+    subject: &'static str,
+    pub(super) spare: u64,
+    pub(super) caches: Arc<Caches>,
     /// The free space in tests, in place of the disk's.
     #[cfg(any(test, feature = "testing"))]
-    played: Option<Arc<AtomicU64>>,
+    pub(super) played: Option<Arc<AtomicU64>>,
 }
 
 impl Space {
-    /// The disk of a data folder; none of its space is reserved, and its derived files have no limit.
-    pub(super) fn of(data_dir: &Path) -> Self {
+    /// The disk of a folder; none of its space is reserved, and its derived files have no limit.
+    pub(super) fn of(folder: &Path, subject: &'static str) -> Self {
         Self {
+            folder: folder.to_owned(),
+            subject,
             spare: 0,
-            caches: Arc::new(Caches::at(data_dir)),
+            caches: Arc::new(Caches::at(folder)),
             #[cfg(any(test, feature = "testing"))]
             played: None,
         }
     }
-}
 
-impl Blobs {
-    /// The same blobs with this many bytes of the disk reserved.
-    pub fn sparing(mut self, bytes: u64) -> Self {
-        self.space.spare = bytes;
-        self
+    pub(super) fn folder(&self) -> &Path {
+        &self.folder
     }
 
-    /// The same blobs with a limit on the size of derived files. `None`: half of the disk; 0: no limit.
-    ///
-    /// # Errors
-    /// Internal when the size of the disk cannot be read.
-    pub fn limiting_caches(mut self, most_bytes: Option<u64>) -> Result<Self> {
+    pub(super) fn limit_caches(&mut self, most_bytes: Option<u64>) -> Result<()> {
         let most = match most_bytes {
             Some(0) => None,
             Some(most) => Some(most),
@@ -60,33 +57,16 @@ impl Blobs {
                 Some(disk.f_blocks.saturating_mul(disk.f_frsize) / CACHE_SHARE)
             }
         };
-        self.space.caches = Arc::new(Caches::at(&self.folder).limited(most));
-        Ok(self)
+        self.caches = Arc::new(Caches::at(&self.folder).limited(most));
+        Ok(())
     }
 
-    /// The derived files, which make room for other data.
-    pub fn caches(&self) -> &Caches {
-        &self.space.caches
-    }
-
-    /// The same blobs with simulated free space, for tests.
-    #[cfg(any(test, feature = "testing"))]
-    pub fn playing(mut self, free: &Arc<AtomicU64>) -> Self {
-        self.space.played = Some(Arc::clone(free));
-        self
-    }
-
-    /// Makes room for this many more bytes: while too little would stay free, the least recently used derived files are
-    /// removed. The call reserves no space, and may list a folder of many files.
-    ///
-    /// # Errors
-    /// Exhausted when too little would stay free without derived files too, or the disk is read-only.
-    pub fn make_room(&self, bytes: u64) -> Result<()> {
-        let missing = self.space.spare.saturating_add(bytes).saturating_sub(self.free()?);
+    pub(super) fn make_room(&self, bytes: u64) -> Result<()> {
+        let missing = self.spare.saturating_add(bytes).saturating_sub(self.free()?);
         if missing > 0 {
-            let freed = self.space.caches.evict(missing)?;
+            let freed = self.caches.evict(missing)?;
             #[cfg(any(test, feature = "testing"))]
-            if let Some(played) = &self.space.played {
+            if let Some(played) = &self.played {
                 played.fetch_add(freed, Ordering::Relaxed);
             }
             tracing::debug!(disk.missing = missing, disk.freed = freed, "the disk is short of space");
@@ -94,175 +74,38 @@ impl Blobs {
         self.expect_room(bytes)
     }
 
-    /// As [`Blobs::make_room`], off the runtime when files have to be removed.
-    ///
-    /// # Errors
-    /// As for [`Blobs::make_room`].
-    pub async fn room_for(&self, bytes: u64) -> Result<()> {
-        if self.expect_room(bytes).is_ok() {
-            return Ok(());
-        }
-        let blobs = self.clone();
-        let making = tokio::task::spawn_blocking(move || blobs.make_room(bytes));
-        making.await.map_err(|error| Error::internal("making room on the disk", error))?
-    }
-
-    /// Makes room for a new derived file: below the limit of such files, and on the disk.
-    ///
-    /// # Errors
-    /// As for [`Blobs::make_room`].
-    pub fn make_cache_room(&self, bytes: u64) -> Result<()> {
-        self.space.caches.fit(bytes)?;
+    /// As [`Blobs::make_cache_room`].
+    pub(super) fn make_cache_room(&self, bytes: u64) -> Result<()> {
+        self.caches.fit(bytes)?;
         self.make_room(bytes)
     }
 
-    /// Checks that this many more bytes may be written. The check reserves no space.
-    ///
-    /// # Errors
-    /// Exhausted when too little would stay free, or the disk is read-only.
-    pub fn expect_room(&self, bytes: u64) -> Result<()> {
-        let free = self.free()?;
-        let spare = self.space.spare;
+    pub(super) fn expect_room(&self, bytes: u64) -> Result<()> {
+        let (free, spare, subject) = (self.free()?, self.spare, self.subject);
         if free.saturating_sub(bytes) >= spare {
             return Ok(());
         }
         let wanted = if bytes > 0 { format!(", and this would take {bytes} of them") } else { String::new() };
         Err(Error::exhausted(format!(
-            "the server's disk is nearly full: {free} bytes are free{wanted}, and {spare} must stay free \
-             (--min-free-bytes). Free some space there, then retry"
+            "{subject} is nearly full: {free} bytes are free{wanted}, and {spare} must stay free (--min-free-bytes). Free \
+             some space there, then retry"
         )))
     }
 
-    /// Whether no new work may start: too little or hardly any space is free.
-    pub fn is_full(&self) -> bool {
-        self.expect_room(0).is_err() || self.free().is_ok_and(|free| free < NOTHING)
-    }
-
-    /// Maps an error of another process on this disk: without free space, the full disk is its probable cause.
-    pub fn blame(&self, fault: Error) -> Error {
-        let full = self.free().is_ok_and(|free| free < NOTHING);
-        if fault.kind() == Kind::Internal && full {
-            return Error::refused_by_disk(DISK_FULL, "another process failed", fault);
-        }
-        fault
-    }
-
     /// The bytes that may still be written.
-    fn free(&self) -> Result<u64> {
+    pub(super) fn free(&self) -> Result<u64> {
         #[cfg(any(test, feature = "testing"))]
-        if let Some(played) = &self.space.played {
+        if let Some(played) = &self.played {
             return Ok(played.load(Ordering::Relaxed));
         }
-        free(&self.folder)
+        let disk = disk(&self.folder)?;
+        if disk.f_flag.contains(StatVfsMountFlags::RDONLY) {
+            return Err(Error::exhausted(format!("{} is read-only; remount it for writing, then retry", self.subject)));
+        }
+        Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
 }
 
-fn disk(folder: &Path) -> Result<StatVfs> {
+pub(super) fn disk(folder: &Path) -> Result<StatVfs> {
     statvfs(folder).map_err(|error| Error::internal("reading the space of the disk", std::io::Error::from(error)))
-}
-
-fn free(folder: &Path) -> Result<u64> {
-    let disk = disk(folder)?;
-    if disk.f_flag.contains(StatVfsMountFlags::RDONLY) {
-        return Err(Error::exhausted("the server's disk is read-only; remount it for writing, then retry"));
-    }
-    Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn data_that_would_leave_too_little_is_refused() {
-        let dir = tempfile::tempdir().unwrap();
-        let free = Arc::new(AtomicU64::new(100));
-        let blobs = Blobs::open(dir.path()).unwrap().sparing(40).playing(&free);
-        blobs.expect_room(0).unwrap();
-        blobs.expect_room(60).unwrap();
-        let error = blobs.expect_room(61).unwrap_err();
-        assert_eq!(error.kind(), Kind::Exhausted);
-        for part in ["100 bytes", "61", "40 must stay", "--min-free-bytes"] {
-            assert!(error.message().contains(part), "{error}");
-        }
-        free.store(39, Ordering::Relaxed);
-        assert!(blobs.expect_room(0).is_err());
-        free.store(u64::MAX, Ordering::Relaxed);
-        blobs.expect_room(u64::MAX - 40).unwrap();
-    }
-
-    #[tokio::test]
-    async fn derived_files_make_room_for_other_data() {
-        let dir = tempfile::tempdir().unwrap();
-        let caches = dir.path().join(crate::CACHE);
-        std::fs::create_dir(&caches).unwrap();
-        let cached =
-            ["one", "two"].map(|content| caches.join(format!("{}-00.frames", blake3::hash(content.as_bytes()))));
-        cached.iter().for_each(|path| std::fs::write(path, [0; 10]).unwrap());
-        let free = Arc::new(AtomicU64::new(100));
-        let blobs = Blobs::open(dir.path()).unwrap().sparing(40).playing(&free);
-        let left = || cached.iter().filter(|path| path.exists()).count();
-        blobs.room_for(60).await.unwrap();
-        assert_eq!(left(), 2, "there was room");
-        blobs.room_for(61).await.unwrap();
-        assert_eq!((left(), free.load(Ordering::Relaxed)), (1, 110));
-        let error = blobs.make_room(81).unwrap_err();
-        assert!(error.message().contains("120 bytes are free"), "{error}");
-        assert_eq!(left(), 0);
-    }
-
-    #[test]
-    fn the_limit_of_derived_files_is_half_of_the_disk_by_default() {
-        let dir = tempfile::tempdir().unwrap();
-        let caches = dir.path().join(crate::CACHE);
-        std::fs::create_dir(&caches).unwrap();
-        let blobs = |most| Blobs::open(dir.path()).unwrap().limiting_caches(most).unwrap();
-        let cached = caches.join(format!("{}-00.frames", blake3::hash(b"one")));
-        let disk = disk(dir.path()).unwrap();
-        let half = disk.f_blocks * disk.f_frsize / 2;
-        std::fs::write(&cached, [0; 10]).unwrap();
-        for (most, bytes, stays) in [
-            (Some(0), u64::MAX, true),
-            (None, half - 10, true),
-            (Some(20), 10, true),
-            (Some(20), 11, false),
-            (None, half, false),
-        ] {
-            std::fs::write(&cached, [0; 10]).unwrap();
-            blobs(most).caches().fit(bytes).unwrap();
-            assert_eq!(cached.exists(), stays, "{most:?} {bytes}");
-        }
-    }
-
-    #[test]
-    fn a_fault_on_a_full_disk_is_reported_as_a_full_disk() {
-        let dir = tempfile::tempdir().unwrap();
-        let free = Arc::new(AtomicU64::new(4096));
-        let blobs = Blobs::open(dir.path()).unwrap().playing(&free);
-        let fault = || Error::internal("inspecting a recording", "exit status: 1");
-        assert_eq!(blobs.blame(fault()).kind(), Kind::Exhausted);
-        assert_eq!(blobs.blame(Error::invalid("recording", "torn")).kind(), Kind::Invalid);
-        free.store(u64::MAX, Ordering::Relaxed);
-        assert_eq!(blobs.blame(fault()).kind(), Kind::Internal);
-    }
-
-    #[test]
-    fn a_full_disk_is_reported_for_any_reserve() {
-        let dir = tempfile::tempdir().unwrap();
-        let free = Arc::new(AtomicU64::new(4096));
-        let blobs = Blobs::open(dir.path()).unwrap().playing(&free);
-        blobs.expect_room(0).unwrap();
-        assert!(blobs.is_full());
-        free.store(2 << 20, Ordering::Relaxed);
-        assert!(!blobs.is_full() && blobs.sparing(3 << 20).is_full());
-    }
-
-    #[test]
-    fn the_free_space_of_a_real_disk_is_read() {
-        let dir = tempfile::tempdir().unwrap();
-        let blobs = Blobs::open(dir.path()).unwrap();
-        blobs.expect_room(1).unwrap();
-        assert!(blobs.expect_room(u64::MAX).is_ok(), "no space is kept free");
-        assert!(blobs.clone().sparing(u64::MAX).expect_room(0).is_err());
-    }
 }

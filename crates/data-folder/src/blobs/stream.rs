@@ -6,7 +6,7 @@ use bytes::{Bytes, BytesMut};
 use futures::{Stream, StreamExt as _, TryStreamExt as _, stream::try_unfold};
 use tokio::{fs::File, io::AsyncReadExt as _};
 
-use super::Blobs;
+use super::{Blobs, unreadable};
 use gleaner_core::{
     Secret,
     error::{Error, Result},
@@ -21,10 +21,13 @@ impl Blobs {
     /// here too, and removed at the end of the stream if it is damaged: the next reader fetches it again.
     ///
     /// # Errors
-    /// Internal when the blob is missing, cannot be read or is a damaged copy; Unavailable when the store fails.
+    /// Damaged when the blob is missing or damaged; Internal when it cannot be read; Unavailable when the store fails, and
+    /// at the end of a damaged copy.
     pub async fn stream(&self, id: &BlobId) -> Result<impl Stream<Item = Result<Bytes>> + Send + 'static> {
         if self.remote.is_none() {
-            return Ok(stream_file(self.path(id)).await?.left_stream());
+            let path = self.path(id);
+            let file = File::open(&path).await.map_err(|error| unreadable(id, &path, error))?;
+            return Ok(pieces(file, path).left_stream());
         }
         let (blobs, wanted) = (self.clone(), id.clone());
         let fetching = tokio::task::spawn_blocking(move || blobs.fetched(&wanted));
@@ -64,7 +67,7 @@ fn checked(
             let damaged = format!("the copy of {id} is damaged: its digest differs; retry, which fetches it again");
             let dropping = tokio::task::spawn_blocking(move || blobs.drop_damaged_copy(&id));
             dropping.await.map_err(|error| Error::internal("removing a damaged copy", error))??;
-            Err(Error::internal("streaming a blob", damaged))
+            Err(Error::unavailable(damaged))
         }
     })
 }
@@ -76,12 +79,16 @@ fn checked(
 pub async fn stream_file(path: PathBuf) -> Result<impl Stream<Item = Result<Bytes>> + Send + 'static> {
     let fault = |error| Error::internal(format!("reading {}", path.display()), error);
     let file = File::open(&path).await.map_err(fault)?;
-    Ok(try_unfold((file, path), |(mut file, path)| async move {
+    Ok(pieces(file, path))
+}
+
+fn pieces(file: File, path: PathBuf) -> impl Stream<Item = Result<Bytes>> + Send + 'static {
+    try_unfold((file, path), |(mut file, path)| async move {
         let mut piece = BytesMut::with_capacity(PIECE_BYTES);
         let fault = |error| Error::internal(format!("reading {}", path.display()), error);
         let read = (&mut file).take(PIECE_BYTES as u64).read_buf(&mut piece).await.map_err(fault)?;
         Ok((read > 0).then(|| (piece.freeze(), (file, path))))
-    }))
+    })
 }
 
 #[cfg(test)]

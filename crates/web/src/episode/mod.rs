@@ -143,7 +143,7 @@ async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> 
     let beta = beta.unwrap_or_else(|| ScoreSpec::default().normaliser.default_beta());
     let numbers = backend.numbers(id).await;
     if let Err(error) = &numbers
-        && error.kind() == Kind::Internal
+        && matches!(error.kind(), Kind::Damaged | Kind::Internal)
     {
         tracing::error!(%error, episode.id = %id, "an episode's steps cannot be read");
     }

@@ -52,7 +52,7 @@ impl Lab {
 
     fn episodes(&self) -> Episodes {
         let blobs = Blobs::open(self.folder.path()).unwrap();
-        Episodes::new(self.folder.path(), blobs, self.task.clone())
+        Episodes::new(blobs, self.task.clone())
     }
 
     fn cache(&self) -> PathBuf {
@@ -166,4 +166,37 @@ fn an_episode_of_another_length_is_refused() {
     let other = InputEpisode { steps: 11, ..lab.input.clone() };
     let refused = lab.episodes().stored(&other).map(|_| ()).unwrap_err();
     assert!(matches!(&refused, Failure::Permanent(why) if why.contains("reads as 12 steps now")), "{refused:?}");
+}
+
+/// As `cache` of a [`Lab`], in a folder of one machine.
+fn near_cache(lab: &Lab, near: &tempfile::TempDir) -> PathBuf {
+    frames_path(near.path(), &lab.input.recording, &lab.task)
+}
+
+#[test]
+fn a_machines_own_folder_has_the_steps_and_takes_those_that_the_server_has() {
+    let (lab, near) = (Lab::new(), tempfile::tempdir().unwrap());
+    let expected = frames(&lab.episodes().stored(&lab.input).unwrap());
+    let whole = fs::read(lab.cache()).unwrap();
+    let blobs = || Blobs::open(lab.folder.path()).unwrap().caching_in(Some(near.path())).unwrap();
+    let read = || frames(&Episodes::new(blobs(), lab.task.clone()).stored(&lab.input).unwrap());
+    let near_cache = near_cache(&lab, &near);
+    assert!(read() == expected && fs::read(&near_cache).unwrap() == whole);
+    // It is read here from then on, and made here where the server has none or a damaged one.
+    let damaged = whole.get(..whole.len() / 2).unwrap();
+    for of_server in [None, Some(damaged)] {
+        fs::remove_file(&near_cache).unwrap();
+        match of_server {
+            Some(bytes) => fs::write(lab.cache(), bytes).unwrap(),
+            None => fs::remove_file(lab.cache()).unwrap(),
+        }
+        assert!(read() == expected && fs::read(&near_cache).unwrap() == whole);
+        assert_eq!(fs::read(lab.cache()).ok().as_deref(), of_server, "the server's files stay as they are");
+    }
+    // Without the recording only a copy can give the steps.
+    fs::remove_dir_all(lab.folder.path().join("blobs")).unwrap();
+    fs::create_dir(lab.folder.path().join("blobs")).unwrap();
+    fs::remove_file(&near_cache).unwrap();
+    fs::write(lab.cache(), &whole).unwrap();
+    assert!(read() == expected);
 }

@@ -104,12 +104,18 @@ impl Store {
 
 /// Warns when the clock of this machine differs from that of PostgreSQL, and so probably from that of other servers.
 async fn warn_of_clocks(at: &Postgres, readers: &PgPool) -> Result<()> {
-    let theirs = sqlx::query_scalar("select cast(extract(epoch from clock_timestamp()) * 1000 as bigint)");
-    let theirs: i64 = theirs.fetch_one(readers).await.map_err(|error| connecting(at, error))?;
-    if let Some(problem) = clocks(Millis::now().0, theirs) {
+    if let Some(problem) = problem_of_clocks(at, readers, Millis::now).await? {
         tracing::warn!(database = %at, "{problem}");
     }
     Ok(())
+}
+
+/// A sentence about the clock of PostgreSQL, if it differs from that of this machine, which `now` reads.
+async fn problem_of_clocks(at: &Postgres, readers: &PgPool, now: impl FnOnce() -> Millis) -> Result<Option<String>> {
+    let theirs = sqlx::query_scalar("select cast(extract(epoch from clock_timestamp()) * 1000 as bigint)");
+    let theirs: i64 = theirs.fetch_one(readers).await.map_err(|error| connecting(at, error))?;
+    // After the answer, which may have waited for a connection.
+    Ok(clocks(now().0, theirs))
 }
 
 /// A sentence about two clocks that differ, in milliseconds.
@@ -167,7 +173,10 @@ async fn writing(connection: &mut PgConnection, wait: Duration) -> sqlx::Result<
 
 #[cfg(test)]
 mod tests {
-    use super::clocks;
+    use std::time::Duration;
+
+    use super::{Millis, clocks, problem_of_clocks};
+    use crate::store::{Store, sql::Pool, testing};
 
     #[test]
     fn clocks_that_differ_by_a_minute_are_reported() {
@@ -176,5 +185,22 @@ mod tests {
         let ahead = clocks(2 * hour, hour).unwrap();
         assert!(ahead.contains("3600 seconds ahead of") && ahead.contains("Synchronise"), "{ahead}");
         assert!(clocks(hour, 2 * hour).unwrap().contains("3600 seconds behind"));
+    }
+
+    #[tokio::test]
+    async fn clock_of_this_machine_is_compared_with_that_of_postgresql() {
+        if !testing::postgres_selected() {
+            return;
+        }
+        let at = testing::postgres().await;
+        let store = Store::serve_postgres(&at).await.unwrap();
+        let Pool::Postgres(readers) = &store.readers else { panic!("not PostgreSQL") };
+        assert_eq!(problem_of_clocks(&at, readers, Millis::now).await.unwrap(), None);
+        let hour = Duration::from_secs(60 * 60);
+        let ahead = problem_of_clocks(&at, readers, || Millis::now().after(hour)).await.unwrap().unwrap();
+        assert!(ahead.contains("the clock of this machine is 36") && ahead.contains("ahead of that of"), "{ahead}");
+        let before = || Millis::of(Millis::now().time() - hour);
+        let behind = problem_of_clocks(&at, readers, before).await.unwrap().unwrap();
+        assert!(behind.contains("seconds behind that of PostgreSQL"), "{behind}");
     }
 }

@@ -74,6 +74,46 @@ async fn lab_is_the_same_after_a_round_trip() {
     assert!(error.kind() == Kind::Precondition && error.message().contains("is not empty"), "{error}");
 }
 
+/// A copy to a target that alters the reason of label 201 is refused, and succeeds once the trigger there is dropped.
+async fn expect_refused_until(repair: &str, source: &Store, target: &Store) {
+    let error = source.transfer(target).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Internal, "{error}");
+    assert!(error.to_string().contains("row 201 of labels differs"), "{error}");
+    target.expect_empty().await.unwrap();
+    testing::run(target, repair).await;
+    let copied = source.transfer(target).await.unwrap();
+    assert!(copied.contains(&("labels", 250)), "{copied:?}");
+}
+
+/// One column of one row, in the second batch, is another in the target than it was in the source.
+#[tokio::test]
+async fn a_copy_that_differs_is_refused_and_leaves_the_target_empty() {
+    if !testing::postgres_selected() {
+        return;
+    }
+    let (_dir, sqlite) = testing::sqlite().await;
+    fill(&sqlite).await;
+    let postgres = Store::serve_postgres(&testing::postgres().await).await.unwrap();
+    testing::run(
+        &postgres,
+        "create function alter_reason() returns trigger language plpgsql as $$ begin \
+         new.reason := 'altered'; return new; end $$; \
+         create trigger altered before insert on labels for each row when (new.id = 201) \
+         execute function alter_reason()",
+    )
+    .await;
+    expect_refused_until("drop trigger altered on labels", &sqlite, &postgres).await;
+
+    let (_other, back) = testing::sqlite().await;
+    testing::run(
+        &back,
+        "create trigger altered after insert on labels when new.id = 201 begin \
+         update labels set reason = 'altered' where id = new.id; end",
+    )
+    .await;
+    expect_refused_until("drop trigger altered", &postgres, &back).await;
+}
+
 /// A column or a table of one database alone would be lost.
 #[tokio::test]
 async fn both_databases_have_the_same_tables_and_columns() {

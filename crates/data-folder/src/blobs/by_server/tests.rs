@@ -11,6 +11,8 @@ use tempfile::TempDir;
 use super::*;
 use crate::blobs::{BlobServer, remote};
 
+mod near;
+
 /// The answer of a server to a call for content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Answer {
@@ -133,7 +135,7 @@ fn a_process_without_credentials_stores_by_its_server_and_reads_at_urls() {
     let gone = BlobId::from(blake3::hash(b"gone"));
     assert!(bench.worker.size(&gone).unwrap().is_none() && !bench.worker.contains(&gone));
     let error = bench.worker.get(&gone).unwrap_err();
-    assert!(error.kind() == Kind::Internal && error.to_string().contains("missing"), "{error}");
+    assert!(error.kind() == Kind::Damaged && error.message().contains("--blob-store"), "{error}");
 }
 
 #[test]

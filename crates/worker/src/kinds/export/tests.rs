@@ -39,7 +39,7 @@ fn export<'a>(dir: &'a Path, blobs: &'a Blobs, inputs: &'a Inputs, monitor: &'a 
         blobs,
         inputs,
         monitor,
-        episodes: Episodes::new(dir, blobs.clone(), task()),
+        episodes: Episodes::new(blobs.clone(), task()),
         pieces: Vec::new(),
         open: None,
         files: Vec::new(),

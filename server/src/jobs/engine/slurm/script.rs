@@ -93,6 +93,9 @@ impl Template {
         if let Some(most) = config.maintenance.max_cache_bytes {
             option("max-cache-bytes", most.to_string());
         }
+        if let Some(folder) = &config.jobs.engine.slurm.slurm_cache_dir {
+            option("cache-dir", folder.to_string_lossy().into_owned());
+        }
         if ranks > 1 {
             option("ranks", ranks.to_string());
             option("rank-timeout-seconds", config.jobs.ranks.rank_timeout_seconds.to_string());
