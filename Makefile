@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker check-worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-foxglove check-lerobot-policy check-mlflow check-ros2 check-simulators lint-python check-lerobot check-robomimic exports differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker check-worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-foxglove check-lerobot-policy check-mlflow check-nccl check-ros2 check-simulators lint-python check-lerobot check-robomimic exports differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -103,6 +103,10 @@ check-mlflow: .libtorch $(MLFLOW_ENV)
 	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
 	$(MLFLOW_ENV)/bin/pip install -q client/python 'mlflow==3.17.2' 'pytest>=8'
 	cd client/python && ../../$(MLFLOW_ENV)/bin/pytest tests/test_track.py
+
+# The groups of ranks in a CUDA build with NCCL, from PyTorch's wheels (6 GB, ten minutes); a GPU is used if there is one.
+check-nccl:
+	PYTHON=$(PYTHON) CARGO=$(CARGO) scripts/check_nccl.sh
 
 # The node of examples/ros2 over DDS, with rclpy from wheels. Installs 0.3 GB the first time; without dependencies, because
 # one of them, which only generators of messages use, has no wheel.

@@ -2,12 +2,16 @@
 //! headers of both are there.
 
 use std::{
-    env,
+    env, fs,
     path::{Path, PathBuf},
 };
 
 /// Variables that name the folders of CUDA's and NCCL's headers; Debian's are in the compiler's own path.
 const INCLUDES: [&str; 2] = ["CUDA_HOME", "NCCL_HOME"];
+
+/// Headers that c10d's header of NCCL includes, of which PyTorch's wheels bring only some.
+const HEADERS: [&str; 7] =
+    ["nccl.h", "cuda_runtime_api.h", "crt/host_config.h", "nv/target", "cublas_v2.h", "cusparse.h", "cusolverDn.h"];
 
 fn main() -> Result<(), String> {
     for file in ["cpp/group.cpp", "cpp/gloo", "build.rs"] {
@@ -33,10 +37,12 @@ fn main() -> Result<(), String> {
         .flag(include.join("torch/csrc/api/include").display().to_string())
         // A thin layer, which waits for the network.
         .opt_level(1);
-    if let Some(folders) = nccl(&lib) {
-        build.define("USE_C10D_NCCL", None).define("USE_CUDA", None).includes(folders);
+    if lib.join("libtorch_cuda.so").is_file() {
+        build.define("GLEANER_CUDA", None);
+        if let Some(folders) = nccl(&lib) {
+            build.define("USE_C10D_NCCL", None).define("USE_CUDA", None).includes(folders);
+        }
         println!("cargo::rustc-link-lib=torch_cuda");
-        println!("cargo::rustc-link-lib=c10_cuda");
     }
     build.try_compile("gleaner_group").map_err(|error| error.to_string())?;
     println!("cargo::rustc-link-search=native={}", lib.display());
@@ -45,22 +51,25 @@ fn main() -> Result<(), String> {
     Ok(())
 }
 
-/// The folders of CUDA's and NCCL's headers, if this libtorch has NCCL and they are found.
+/// The folders of CUDA's and NCCL's headers, if they are found.
 fn nccl(lib: &Path) -> Option<Vec<PathBuf>> {
-    if !lib.join("libtorch_cuda.so").is_file() {
-        return None;
-    }
-    let homes = INCLUDES.iter().filter_map(env::var_os).map(|home| PathBuf::from(home).join("include"));
-    let folders: Vec<PathBuf> = homes.chain(["/usr/include".into(), "/usr/local/cuda/include".into()]).collect();
-    let found = |header: &str| folders.iter().any(|folder| folder.join(header).is_file());
-    if found("nccl.h") && found("cuda_runtime_api.h") {
+    let mut folders: Vec<PathBuf> =
+        INCLUDES.iter().filter_map(env::var_os).map(|home| PathBuf::from(home).join("include")).collect();
+    // The wheels on which PyTorch's depends have the NCCL with which it was built.
+    let wheels = fs::read_dir(lib.join("../../nvidia")).into_iter().flatten().flatten();
+    folders.extend(wheels.map(|wheel| wheel.path().join("include")));
+    folders.extend(["/usr/include".into(), "/usr/local/cuda/include".into()]);
+    let missing: Vec<&str> =
+        HEADERS.into_iter().filter(|header| !folders.iter().any(|folder| folder.join(header).is_file())).collect();
+    if missing.is_empty() {
         return Some(
             folders.into_iter().filter(|folder| folder.is_dir() && folder != Path::new("/usr/include")).collect(),
         );
     }
     println!(
-        "cargo::warning=libtorch has CUDA, but nccl.h or cuda_runtime_api.h is not found: sums of several GPUs go through \
-         main memory; set NCCL_HOME and CUDA_HOME"
+        "cargo::warning=libtorch has CUDA, but these headers are not found: {}; sums of several GPUs go through main \
+         memory; set NCCL_HOME and CUDA_HOME",
+        missing.join(", ")
     );
     None
 }

@@ -13,6 +13,13 @@
 
 using Milliseconds = std::chrono::milliseconds;
 
+#ifdef GLEANER_CUDA
+// Of libtorch_cuda.so, in the declaration of ATen/cuda/CUDAContextLight.h, which needs CUDA's headers.
+namespace at::cuda {
+int warp_size();
+}
+#endif
+
 struct gleaner_store {
   c10::intrusive_ptr<c10d::TCPStore> store;
 };
@@ -98,6 +105,11 @@ int gleaner_group_join(gleaner_store *store, const char *name, int rank, int ran
     auto named = c10::make_intrusive<c10d::PrefixStore>(name, store->store);
 #ifdef USE_C10D_NCCL
     if (gpu) {
+      // The header's `Options` contain a struct that grows with NCCL's versions, and libtorch fills in its own.
+      const auto found = torch::cuda::nccl::version();
+      const auto major = found >> 32, minor = found >> 16 & 0xffff;
+      TORCH_CHECK(major == NCCL_MAJOR && minor == NCCL_MINOR, "this program was built with the header of NCCL ", NCCL_MAJOR,
+                  ".", NCCL_MINOR, ", and libtorch has NCCL ", major, ".", minor);
       auto options = c10d::ProcessGroupNCCL::Options::create();
       options->timeout = Milliseconds(timeout_ms);
       *out = new gleaner_group{c10::make_intrusive<c10d::ProcessGroupNCCL>(named, rank, ranks, options), true};
@@ -132,6 +144,12 @@ int gleaner_group_broadcast(gleaner_group *group, void *tensor, char *message, s
 // Sets whether a GPU may multiply f32 matrices, and convolve, in TF32.
 int gleaner_tf32_allow(int allowed, char *message, size_t room) {
   return guarded(message, room, [&] {
+#ifdef GLEANER_CUDA
+    // libtorch finds GPUs only where libtorch_cuda.so is loaded, and the linker leaves out a library of which no name is
+    // used. Every program that computes on a GPU calls this function.
+    int (*volatile of_cuda)() = &at::cuda::warp_size;
+    (void)of_cuda;
+#endif
     at::globalContext().setAllowTF32CuBLAS(allowed != 0);
     at::globalContext().setAllowTF32CuDNN(allowed != 0);
   });
