@@ -93,8 +93,9 @@ async fn steps_score_like_the_stored_episode() {
     let mut api = Api::connect(&shared.server).await;
     let client = Client::connect(shared.server.url(), None).await.unwrap();
     let folder = tempfile::tempdir().unwrap();
-    // With a lookahead or a lead-in the q of the stored episode knows later steps.
-    let alone = lab::with(lab::score(&shared.encoder), json!({"lookahead": 0.0, "lead_in": 0.0}));
+    // With a lookahead, a lead-in or earliness the q of the stored episode knows later steps or its length.
+    let own = json!({"lookahead": 0.0, "lead_in": 0.0, "earliness": 0.0});
+    let alone = lab::with(lab::score(&shared.encoder), own);
     let run = api.succeed(lab::TASK, alone).await.result_id;
     let stored = api.episode_scores(&run, &shared.episodes[FAILURE].id).await;
     let mut live = StepScorer::open(&client, &run).await.unwrap();

@@ -198,6 +198,7 @@ mod tests {
                 "raw segments + local scale",
                 "raw segments + local scale + lookahead",
                 "raw segments + local scale + pace + lead-in",
+                "raw segments + local scale + pace + lead-in + earliness",
                 "classifier",
                 "deminf",
                 "progress",
@@ -212,11 +213,11 @@ mod tests {
         assert_eq!(scales(1), (Some(false.into()), Some("plain".into())));
         assert_eq!((scales(2).0, scales(3).0), (Some(false.into()), Some(true.into())));
         let lookahead = |index: usize| scoring[index].settings.settings.get("lookahead").and_then(Json::as_f64);
-        assert_eq!([1, 2, 5, 6, 7].map(lookahead), [0.0, 0.0, 0.0, 0.5, 0.5].map(Some));
+        assert_eq!([1, 2, 5, 6, 7, 8].map(lookahead), [0.0, 0.0, 0.0, 0.5, 0.5, 0.5].map(Some));
         // The last is the default, whatever the base.
         let default = gleaner_core::ScoreSpec::default().scorer.settings;
-        let here = &scoring[7].settings.settings;
-        for name in ["similarity", "local_scale", "lookahead", "progress", "lead_in"] {
+        let here = &scoring[8].settings.settings;
+        for name in ["similarity", "local_scale", "lookahead", "progress", "lead_in", "earliness"] {
             assert_eq!(here.get(name), default.get(name), "{name}");
         }
     }

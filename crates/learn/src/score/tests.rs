@@ -39,6 +39,7 @@ fn specs() -> Vec<ScoreSpec> {
 pub(super) fn without_lookahead(mut spec: ScoreSpec) -> ScoreSpec {
     spec.scorer.settings.insert("lookahead".into(), 0.0.into());
     spec.scorer.settings.insert("lead_in".into(), 0.0.into());
+    spec.scorer.settings.insert("earliness".into(), 0.0.into());
     spec
 }
 

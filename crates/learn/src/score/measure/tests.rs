@@ -116,7 +116,13 @@ fn episodes() -> (Vec<Trajectory>, Vec<Trajectory>) {
 /// In the form that needs no experts whose matches advance.
 fn spec(lookahead: f64, normaliser: NormaliserKind) -> ScoreSpec {
     let furthest = ("progress", "furthest".into());
-    ScoreSpec { normaliser, ..spec_of("raw", &[("lookahead", lookahead.into()), ("lead_in", 0.0.into()), furthest]) }
+    ScoreSpec {
+        normaliser,
+        ..spec_of(
+            "raw",
+            &[("lookahead", lookahead.into()), ("lead_in", 0.0.into()), ("earliness", 0.0.into()), furthest],
+        )
+    }
 }
 
 fn run(spec: &ScoreSpec) -> Scores {
@@ -188,7 +194,10 @@ fn one_expert_has_no_shares() {
     let (experts, imperfect) = episodes();
     let of = |lookahead: f64| {
         let local = ("local_scale", false.into());
-        let spec = spec_of("raw", &[("lookahead", lookahead.into()), ("lead_in", 0.0.into()), local]);
+        let spec = spec_of(
+            "raw",
+            &[("lookahead", lookahead.into()), ("lead_in", 0.0.into()), ("earliness", 0.0.into()), local],
+        );
         let spec = ScoreSpec { normaliser: NormaliserKind::MinMax, ..spec };
         (score_anew(&experts[..1], &imperfect, &spec, &mut Silent).unwrap(), spec)
     };
@@ -231,7 +240,7 @@ fn the_way_back_to_what_experts_do_counts_as_good() {
     });
     imperfect.push(Trajectory { id: "joined".into(), ..joined });
     let of = |lead_in: f64| {
-        let spec = spec_of("raw", &[("lookahead", 0.0.into()), ("lead_in", lead_in.into())]);
+        let spec = spec_of("raw", &[("lookahead", 0.0.into()), ("lead_in", lead_in.into()), ("earliness", 0.0.into())]);
         let spec = ScoreSpec { normaliser: NormaliserKind::Calibrated, ..spec };
         let scores = score_anew(&experts, &imperfect, &spec, &mut Silent).unwrap();
         let live = LiveScorer::load(&encoder(), &experts, &spec, scores.normaliser.clone()).unwrap();

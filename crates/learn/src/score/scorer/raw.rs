@@ -36,6 +36,6 @@ gleaner_core::settings! {
         /// Weight of how early a segment lies in its episode, beside likeness and progress: most failures are good until a
         /// fault and bad after it. A larger weight finds more of what comes before a fault, and keeps more of a bad beginning;
         /// 0: where a segment lies does not count, as in the paper.
-        earliness: f64 = 0.0, number_in(0.0, 1.0);
+        earliness: f64 = 0.2, number_in(0.0, 1.0);
     }
 }
