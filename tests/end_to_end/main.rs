@@ -70,3 +70,4 @@ mod standby;
 mod task_reference;
 mod telemetry;
 mod tidy;
+mod video;

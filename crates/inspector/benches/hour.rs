@@ -16,7 +16,8 @@ fn main() {
     let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let begun = Instant::now();
     let threads = [1, processors];
-    let hour = Long { cameras: 4, height: 480, width: 640, learned: Some(128), rate_hz: 15, steps: 15 * seconds };
+    let steps = 15 * seconds;
+    let hour = Long { cameras: 4, height: 480, width: 640, learned: Some(128), rate_hz: 15, steps, films: &[] };
     for (threads, took) in threads.iter().zip(hour.passes_within(512 << 20, &threads)) {
         println!("{seconds} s of recording inspected in {took:.1} s on {threads} threads");
     }

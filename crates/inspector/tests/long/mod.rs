@@ -8,8 +8,8 @@ use std::time::Instant;
 
 use gleaner_inspector::{Order, RecordingsConfig, Verdict};
 use gleaner_recording::{
-    CameraRef, CameraSpec, EpisodeWriter, FieldSpec, FrameCache, ImageRef, Limits, ObservationRef, PixelFormat,
-    RecordedSize, TaskSpec, encode_jpeg,
+    CameraMessage, CameraRef, CameraSpec, EpisodeWriter, FieldSpec, FrameCache, ImageRef, Limits, ObservationRef,
+    PixelFormat, RecordedSize, TaskSpec, encode_jpeg,
 };
 
 /// A recording to be made: cameras of one size, all at the rate of the steps.
@@ -21,6 +21,30 @@ pub(crate) struct Long {
     pub(crate) learned: Option<u32>,
     pub(crate) rate_hz: u32,
     pub(crate) steps: u32,
+    /// Streams of `gleaner-video`'s fixtures that the cameras show again and again, one each; none: JPEG.
+    pub(crate) films: &'static [&'static str],
+}
+
+/// A stream: its format, and a packet for each picture.
+struct Film {
+    format: String,
+    packets: Vec<Vec<u8>>,
+}
+
+impl Film {
+    fn read(name: &str) -> Self {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../video/fixtures");
+        let described = std::fs::read(folder.join(format!("{name}.json"))).unwrap();
+        let described: serde_json::Value = serde_json::from_slice(&described).unwrap();
+        let bytes = std::fs::read(folder.join(format!("{name}.packets"))).unwrap();
+        let (mut rest, mut packets) = (bytes.as_slice(), Vec::new());
+        while let Some((length, after)) = rest.split_first_chunk() {
+            let (data, after) = after.split_at(u32::from_le_bytes(*length) as usize);
+            packets.push(data.to_vec());
+            rest = after;
+        }
+        Self { format: described["format"].as_str().unwrap().to_owned(), packets }
+    }
 }
 
 /// Pictures that a camera shows in turn.
@@ -64,7 +88,9 @@ impl Long {
     }
 
     fn write(&self, path: &Path) {
-        let pictures: Vec<Vec<u8>> = (0..PICTURES).map(|at| self.picture(at)).collect();
+        let films: Vec<Film> = self.films.iter().map(|name| Film::read(name)).collect();
+        let pictures = if films.is_empty() { PICTURES } else { 0 };
+        let pictures: Vec<Vec<u8>> = (0..pictures).map(|at| self.picture(at)).collect();
         let mut writer = EpisodeWriter::create(std::fs::File::create(path).unwrap(), &self.spec(None)).unwrap();
         for step in 0..self.steps {
             let values: Vec<f32> =
@@ -73,9 +99,17 @@ impl Long {
                 let data = &pictures[((step + 7 * at) % PICTURES) as usize];
                 CameraRef { color: ImageRef { format: PixelFormat::Jpeg, data }, depth: None }
             };
-            let cameras: Vec<_> = (0..u32::try_from(self.cameras).unwrap()).map(camera).collect();
             let stamp = i64::from(step) * 1_000_000_000 / i64::from(self.rate_hz);
-            writer.observe(stamp, ObservationRef { cameras: &cameras, proprioception: &values }).unwrap();
+            if films.is_empty() {
+                let cameras: Vec<_> = (0..u32::try_from(self.cameras).unwrap()).map(camera).collect();
+                writer.observe(stamp, ObservationRef { cameras: &cameras, proprioception: &values }).unwrap();
+            } else {
+                for (at, Film { format, packets }) in films.iter().enumerate() {
+                    let data = &packets[step as usize % packets.len()];
+                    writer.camera_message(at, stamp, CameraMessage::Video { format, data }).unwrap();
+                }
+                writer.sense(stamp, &values).unwrap();
+            }
             writer.act(stamp, &values).unwrap();
         }
         writer.finish().unwrap();

@@ -194,11 +194,14 @@ fn video_that_cannot_be_read_names_the_reason() {
 
 #[test]
 fn a_size_that_changes_is_refused() {
-    let mut film = Film::read("h264_baseline");
-    film.messages.truncate(6);
-    film.messages.extend(Film::read("h264_cropped").messages.into_iter().take(6));
-    let finding = check(&film.scene().report(&task()), Severity::Error, FindingCode::WrongSize, "/front/color");
-    assert_eq!(finding.first_step, Some(6));
+    for (name, other) in [("h264_baseline", "h264_cropped"), ("h265_low_delay", "h265_cropped"), ("av1_aom", "av1_odd")]
+    {
+        let mut film = Film::read(name);
+        film.messages.truncate(6);
+        film.messages.extend(Film::read(other).messages.into_iter().take(6));
+        let finding = check(&film.scene().report(&task()), Severity::Error, FindingCode::WrongSize, "/front/color");
+        assert_eq!(finding.first_step, Some(6), "{name}");
+    }
 }
 
 #[test]

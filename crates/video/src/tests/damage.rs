@@ -65,12 +65,19 @@ fn every_message_of_another_size_is_refused_with_both_sizes() {
 
 #[test]
 fn a_size_that_changes_is_refused_from_there() {
-    let (small, other) = (Fixture::read("h264_baseline"), Fixture::read("h264_cropped"));
-    let messages = small.data.iter().take(6).chain(&other.data).cloned().enumerate();
-    let pictures = decode(Codec::H264, (48, 64), messages);
-    for (at, picture) in &pictures {
-        let refused = matches!(picture, Err(VideoError::WrongSize { found_height: 50, found_width: 66, .. }));
-        assert_eq!(refused, *at >= 6, "message {at}: {picture:?}");
+    for (name, other) in [("h264_baseline", "h264_cropped"), ("h265_low_delay", "h265_cropped"), ("av1_aom", "av1_odd")]
+    {
+        let (small, other) = (Fixture::read(name), Fixture::read(other));
+        let messages = small.data.iter().take(6).chain(&other.data).cloned().enumerate();
+        let pictures = decode(small.codec(), (48, 64), messages);
+        assert_eq!(pictures.len(), 6 + other.data.len(), "{name}");
+        assert_eq!(assert_true(&small, &pictures, name), [0, 1, 2, 3, 4, 5], "{name}");
+        for (at, picture) in pictures.range(6..) {
+            let Err(VideoError::WrongSize { height: 48, width: 64, found_height, found_width }) = picture else {
+                panic!("{name}, message {at}: {picture:?}")
+            };
+            assert_eq!((*found_height, *found_width), (other.height, other.width), "{name}, message {at}");
+        }
     }
 }
 

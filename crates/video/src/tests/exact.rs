@@ -59,7 +59,7 @@ fn av1_is_exact_at_odd_sizes_and_in_each_layout() {
 
 #[test]
 fn matrix_range_and_cropping_of_the_stream_are_followed() {
-    for name in ["h264_709", "h264_full", "h264_cropped", "h265_709_full"] {
+    for name in ["h264_709", "h264_full", "h264_cropped", "h265_709_full", "h265_cropped"] {
         check(name);
     }
 }
