@@ -43,6 +43,9 @@ fn main() -> Result<(), String> {
             build.define("USE_C10D_NCCL", None).define("USE_CUDA", None).includes(folders);
         }
         println!("cargo::rustc-link-lib=torch_cuda");
+        if wheels(&lib).is_dir() {
+            println!("cargo::rerun-if-changed={}", wheels(&lib).display());
+        }
     }
     build.try_compile("gleaner_group").map_err(|error| error.to_string())?;
     println!("cargo::rustc-link-search=native={}", lib.display());
@@ -51,12 +54,17 @@ fn main() -> Result<(), String> {
     Ok(())
 }
 
+/// The folder of the wheels of NVIDIA on which PyTorch's depends.
+fn wheels(lib: &Path) -> PathBuf {
+    lib.join("../../nvidia")
+}
+
 /// The folders of CUDA's and NCCL's headers, if they are found.
 fn nccl(lib: &Path) -> Option<Vec<PathBuf>> {
     let mut folders: Vec<PathBuf> =
         INCLUDES.iter().filter_map(env::var_os).map(|home| PathBuf::from(home).join("include")).collect();
     // The wheels on which PyTorch's depends have the NCCL with which it was built.
-    let wheels = fs::read_dir(lib.join("../../nvidia")).into_iter().flatten().flatten();
+    let wheels = fs::read_dir(wheels(lib)).into_iter().flatten().flatten();
     folders.extend(wheels.map(|wheel| wheel.path().join("include")));
     folders.extend(["/usr/include".into(), "/usr/local/cuda/include".into()]);
     let missing: Vec<&str> =

@@ -104,8 +104,8 @@ impl Error {
         Self::new(
             Kind::Damaged,
             format!(
-                "{what}. `gleaner-server check` lists every such file; restore it from a backup, or push its recording \
-                 again if it is missing"
+                "{what}. `gleaner-server check` lists every such file; restore it from a backup. A recording that is \
+                 missing can also be pushed again"
             ),
         )
     }

@@ -121,11 +121,30 @@ impl Caches {
             *listed = Some(self.list()?);
         }
         let there = listed.as_ref().map_or(0, |listing| listing.bytes);
-        let freed = self.remove_oldest(&mut listed, there.saturating_add(bytes).saturating_sub(most))?;
+        let freed = self.remove_oldest(&mut listed, there.saturating_add(bytes).saturating_sub(most), None)?;
         if let Some(listing) = listed.as_mut() {
             listing.bytes = listing.bytes.saturating_add(bytes);
         }
         Ok(freed)
+    }
+
+    /// Counts a new file by its own size, where [`Caches::fit`] expected `expected` bytes: others are removed if they exceed
+    /// the limit with it.
+    ///
+    /// # Errors
+    /// Internal when the disk fails.
+    pub fn count(&self, path: &Path, expected: u64) -> Result<()> {
+        let Some(most) = self.most_bytes else { return Ok(()) };
+        let bytes = std::fs::metadata(path).map_err(|error| self.fault(error))?.len();
+        let mut listed = self.listed.lock().unwrap_or_else(PoisonError::into_inner);
+        let there = match listed.as_mut().filter(|listing| listing.at.elapsed() < LISTING_LASTS) {
+            Some(listing) => {
+                listing.bytes = listing.bytes.saturating_sub(expected).saturating_add(bytes);
+                listing.bytes
+            }
+            None => listed.insert(self.list()?).bytes,
+        };
+        self.remove_oldest(&mut listed, there.saturating_sub(most), Some(path)).map(drop)
     }
 
     /// Removes at least `bytes`, if there are as many, and returns the bytes removed.
@@ -133,10 +152,11 @@ impl Caches {
     /// # Errors
     /// Internal when the disk fails.
     pub fn evict(&self, bytes: u64) -> Result<u64> {
-        self.remove_oldest(&mut self.listed.lock().unwrap_or_else(PoisonError::into_inner), bytes)
+        self.remove_oldest(&mut self.listed.lock().unwrap_or_else(PoisonError::into_inner), bytes, None)
     }
 
-    fn remove_oldest(&self, listed: &mut Option<Listing>, bytes: u64) -> Result<u64> {
+    /// As [`Caches::evict`]; the file `kept` stays.
+    fn remove_oldest(&self, listed: &mut Option<Listing>, bytes: u64, kept: Option<&Path>) -> Result<u64> {
         let (mut freed, mut removed, mut in_vain) = (0_u64, 0_u64, false);
         while freed < bytes {
             let Some(file) = listed.as_mut().and_then(|listing| listing.next.pop()) else {
@@ -147,6 +167,9 @@ impl Caches {
                 in_vain = true;
                 continue;
             };
+            if kept == Some(file.path.as_path()) {
+                continue;
+            }
             // It may have been used or written again since the listing.
             let same = Derived::read(file.path.clone()).is_ok_and(|now| now.is_some_and(|now| now.used <= file.used));
             if same && self.remove(&file)? {

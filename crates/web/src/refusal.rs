@@ -32,6 +32,9 @@ impl IntoResponse for Refusal {
             tracing::error!(request.id = %request_id, error = %self.0, "a page failed");
             format!("The server failed; see its log for request {request_id}.")
         } else {
+            if self.0.kind() == Kind::Damaged {
+                tracing::error!(error = %self.0, "a stored file cannot be used");
+            }
             tracing::debug!(error = %self.0, %status, "a page was refused");
             self.0.message().to_owned()
         };

@@ -17,7 +17,8 @@ pub struct WorkerConfig {
     /// The server's data directory.
     #[arg(long)]
     pub data_dir: PathBuf,
-    /// Folder on this machine's own disk for decoded steps and copies of recordings. Default: the data directory.
+    /// Folder on this machine's own disk for decoded steps and copies of stored files, at most `--max-cache-bytes` of both.
+    /// Default: the data directory.
     #[arg(long)]
     pub cache_dir: Option<PathBuf>,
     /// Threads of the tensor library. A training or score run uses one more, which reads episodes ahead.

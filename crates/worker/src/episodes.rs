@@ -2,9 +2,9 @@
 //! or damaged, also while the job runs.
 
 use std::{
+    io::ErrorKind,
     ops::Range,
     panic::resume_unwind,
-    path::Path,
     sync::{Arc, Mutex, PoisonError},
     thread::{self, Builder, ScopedJoinHandle},
 };
@@ -15,7 +15,10 @@ use gleaner_learn::{
 use gleaner_recording::{FrameCache, ImageThreads, Limits, RecordingError, TaskSpec};
 
 use super::failure::Failure;
-use gleaner_core::work::{InputEpisode, KeptInput};
+use gleaner_core::{
+    error::Error,
+    work::{InputEpisode, KeptInput},
+};
 use gleaner_data_folder::{FramePaths, blobs::Blobs, caches::note_use};
 
 /// Threads that open episodes: most of their time they wait for the disk, 0.1 ms for each of 100,000 files.
@@ -29,14 +32,20 @@ pub(crate) struct Episodes(Arc<Folder>);
 
 /// Where the episodes of one task are.
 struct Folder {
-    paths: FramePaths,
-    /// Where the server keeps decoded steps, if this machine has a folder of its own.
-    shared: Option<FramePaths>,
-    blobs: Blobs,
+    /// The node folder if there is one, and else the data folder.
+    own: Place,
+    /// The data folder beside a node folder: its steps are copied, and it is used where the node folder is full.
+    shared: Option<Place>,
     task: TaskSpec,
     shape: TaskShape,
     /// One cache is rebuilt at a time.
     rebuilding: Mutex<()>,
+}
+
+/// A folder of decoded steps, with the blobs by which they are made.
+struct Place {
+    paths: FramePaths,
+    blobs: Blobs,
 }
 
 /// The steps of one episode.
@@ -49,9 +58,10 @@ pub(crate) struct Stored {
 impl Episodes {
     /// The episodes of `task` with the recordings among these blobs.
     pub(crate) fn new(blobs: Blobs, task: TaskSpec) -> Self {
-        let (paths, shape) = (FramePaths::new(blobs.steps_folder(), &task), TaskShape::from(&task));
-        let shared = blobs.shared_folder().map(|folder| FramePaths::new(folder, &task));
-        Self(Arc::new(Folder { paths, shared, blobs, task, shape, rebuilding: Mutex::default() }))
+        let place = |blobs: Blobs| Place { paths: FramePaths::new(blobs.steps_folder(), &task), blobs };
+        let (shared, own) = (blobs.without_node_folder().map(place), place(blobs));
+        let shape = TaskShape::from(&task);
+        Self(Arc::new(Folder { own, shared, task, shape, rebuilding: Mutex::default() }))
     }
 
     /// The shape of one step.
@@ -96,6 +106,7 @@ impl Episodes {
     /// One episode.
     pub(crate) fn stored(&self, input: &InputEpisode) -> Result<Stored, Failure> {
         let folder = Arc::clone(&self.0);
+        folder.take_shared(input);
         let cache = match folder.open(input) {
             Ok(cache) => cache,
             Err(problem) => {
@@ -117,53 +128,90 @@ impl Episodes {
 }
 
 impl Folder {
+    /// The file of an episode, of the first place that has one; else the error of the last.
     fn open(&self, input: &InputEpisode) -> Result<FrameCache, RecordingError> {
-        let path = self.paths.of(&input.recording);
-        note_use(&path);
-        FrameCache::open(&path, &self.task)
+        let open = |place: &Place| {
+            let path = place.paths.of(&input.recording);
+            note_use(&path);
+            FrameCache::open(&path, &self.task)
+        };
+        match (open(&self.own), &self.shared) {
+            (Err(_), Some(shared)) => open(shared),
+            (opened, _) => opened,
+        }
+    }
+
+    /// Copies the server's steps of an episode to the node folder, if that has none.
+    fn take_shared(&self, input: &InputEpisode) {
+        let Some(shared) = &self.shared else { return };
+        let (from, to) = (shared.paths.of(&input.recording), self.own.paths.of(&input.recording));
+        if to.exists() {
+            return;
+        }
+        if let Err(error) = self.own.blobs.copy_steps(&from, &to) {
+            tracing::warn!(episode.id = %input.id, %error, "steps were not copied to the node folder");
+        }
     }
 
     fn rebuild(&self, input: &InputEpisode, problem: &RecordingError) -> Result<(), Failure> {
         tracing::info!(episode.id = %input.id, %problem, "rebuilding a frame cache");
-        let fault = |error| Failure::recording(input.id.as_str(), &error);
-        if self.copy_shared(input)? {
-            return Ok(());
+        // An error of the store is that of every place.
+        let unusable = |error: Error| Failure::from(error).of_episode(input.id.as_str());
+        let _recording = self.own.blobs.fetched(&input.recording).map_err(unusable)?;
+        match (self.write_cache(&self.own, input), &self.shared) {
+            (Err(Failure::Retryable(error)), Some(shared)) => {
+                tracing::warn!(episode.id = %input.id, %error, "steps are made in the data folder");
+                self.write_cache(shared, input)
+            }
+            (written, _) => written,
         }
-        match self.write_cache(input)? {
+    }
+
+    /// Writes the cache of an episode.
+    fn write_cache(&self, place: &Place, input: &InputEpisode) -> Result<(), Failure> {
+        let fault = |error| Failure::recording(input.id.as_str(), &error);
+        match self.write_once(place, input)? {
             Ok(()) => Ok(()),
+            Err(error) if found_full(&error) => match place.blobs.make_cache_space(self.most_written(input))? {
+                true => self.write_once(place, input)?.map_err(fault),
+                false => Err(fault(error)),
+            },
             // The recording was sound when it was stored. The copy of one in a bucket may be damaged since.
-            Err(_) if self.blobs.drop_damaged_copy(&input.recording).unwrap_or(false) => {
-                self.write_cache(input)?.map_err(fault)
+            Err(_) if place.blobs.drop_damaged_copy(&input.recording).unwrap_or(false) => {
+                self.write_once(place, input)?.map_err(fault)
             }
             Err(error) => Err(fault(error)),
         }
     }
 
-    /// Copies the server's steps of an episode to this machine's folder, if that has none; returns whether they are usable.
-    fn copy_shared(&self, input: &InputEpisode) -> Result<bool, Failure> {
-        let Some(shared) = &self.shared else { return Ok(false) };
-        let (from, to) = (shared.of(&input.recording), self.paths.of(&input.recording));
-        Ok(!to.exists() && self.blobs.copy_steps(&from, &to)? && self.open(input).is_ok())
+    /// The largest file of an episode's steps.
+    fn most_written(&self, input: &InputEpisode) -> u64 {
+        input.steps.saturating_mul(StepWidths::from(&self.shape).frame_bytes as u64)
     }
 
     /// Writes the cache of an episode. The inner error is the recording's.
-    fn write_cache(&self, input: &InputEpisode) -> Result<Result<(), RecordingError>, Failure> {
-        let recording = self.blobs.fetched(&input.recording)?;
-        let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
+    fn write_once(&self, place: &Place, input: &InputEpisode) -> Result<Result<(), RecordingError>, Failure> {
+        let recording = place.blobs.fetched(&input.recording)?;
         // Compressed pictures take about as much as the recording that they come from, often less.
-        let expected = size(&recording);
-        self.blobs.make_cache_room(expected)?;
-        let cache = self.paths.of(&input.recording);
+        let expected = std::fs::metadata(&recording).map_or(0, |file| file.len());
+        place.blobs.make_cache_room(expected)?;
+        let cache = place.paths.of(&input.recording);
         // The recording was accepted, possibly under wider limits than the present ones.
         let count = thread::available_parallelism().map_or(1, |processors| processors.get().min(OPENING));
         let threads = ImageThreads { count, bytes: REBUILDING };
         let limits = (&Limits::ADMITTED, threads);
         let written = gleaner_recording::cache_episode(&recording, &self.task, limits, &cache);
         if written.is_ok() {
-            self.blobs.count_cache(size(&cache).saturating_sub(expected))?;
+            place.blobs.count_cache(&cache, expected)?;
         }
         Ok(written.map(drop))
     }
+}
+
+/// Whether the disk was full.
+fn found_full(error: &RecordingError) -> bool {
+    let full = |kind| matches!(kind, ErrorKind::StorageFull | ErrorKind::QuotaExceeded);
+    matches!(error, RecordingError::Io { source, .. } if full(source.kind()))
 }
 
 impl Stored {
@@ -174,12 +222,12 @@ impl Stored {
             read => return Ok(read?),
         }
         let _one = self.folder.rebuilding.lock().unwrap_or_else(PoisonError::into_inner);
-        match read(&self.cache) {
+        // Another thread may have rebuilt it, or the data folder may have it.
+        match self.folder.open(&self.input).and_then(|cache| read(&cache)) {
             Err(problem) if problem.is_of_the_cache() => self.folder.rebuild(&self.input, &problem)?,
-            // Another thread rebuilt it.
             read => return Ok(read?),
         }
-        Ok(read(&self.cache)?)
+        Ok(read(&self.folder.open(&self.input)?)?)
     }
 }
 

@@ -68,6 +68,17 @@ impl From<Error> for Failure {
 }
 
 impl Failure {
+    /// The same failure, with the episode to which it belongs.
+    pub(crate) fn of_episode(self, episode: &str) -> Self {
+        let named = |message| format!("episode {episode}: {message}");
+        match self {
+            Self::Cancelled => Self::Cancelled,
+            Self::Permanent(message) => Self::Permanent(named(message)),
+            Self::Lost(message) => Self::Lost(named(message)),
+            Self::Retryable(message) => Self::Retryable(named(message)),
+        }
+    }
+
     /// The failure of an unusable recording of `episode`.
     pub(crate) fn recording(episode: &str, error: &RecordingError) -> Self {
         let message = format!("episode {episode}: {error}");

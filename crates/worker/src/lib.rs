@@ -55,7 +55,14 @@ async fn serve(config: WorkerConfig) -> Result<()> {
     let mut client = Client::new(&config)?;
     let calls = BlobCalls::new(client.clone(), Handle::current());
     let blobs = Blobs::open_by(&config.data_dir, Arc::new(calls))?;
-    let blobs = blobs.caching_in(config.cache_dir.as_deref())?;
+    let blobs = match config.cache_dir.as_deref().map(|folder| blobs.caching_in(folder)) {
+        Some(Ok(caching)) => caching,
+        Some(Err(error)) => {
+            tracing::warn!(%error, "the folder of --slurm-cache-dir cannot be used; the data folder is");
+            blobs
+        }
+        None => blobs,
+    };
     let blobs = blobs.sparing(config.min_free_bytes).limiting_caches(config.max_cache_bytes)?;
     let (job_id, order, inputs) = client.assignment().await?;
     tracing::info!(job.id = %job_id, "working");

@@ -110,9 +110,9 @@ pub struct SlurmConfig {
     /// Path of gleaner-worker on the nodes. Default: its path on this machine, beside gleaner-server.
     #[arg(long, env = "GLEANER_SLURM_WORKER", value_name = "FILE")]
     pub slurm_worker: Option<PathBuf>,
-    /// Folder on each node's own disk, an absolute path, in which workers keep decoded steps and, with --blob-store, copies of
-    /// recordings, at most --max-cache-bytes of both. A job reads its recordings over the network once and then from there;
-    /// the disk holds them a second time. Default: those in the data folder, which all nodes share.
+    /// The node folder: an absolute path on each node's own disk, in which workers keep decoded steps and, with --blob-store,
+    /// copies of the files that they read, at most --max-cache-bytes of both. A job reads its recordings over the network once
+    /// and then from there; the disk holds them a second time. Default: those in the data folder, which all nodes share.
     #[arg(long, env = "GLEANER_SLURM_CACHE_DIR", value_name = "DIR")]
     pub slurm_cache_dir: Option<PathBuf>,
     /// Folder of sbatch, squeue and scancel on this machine. Default: those in PATH.

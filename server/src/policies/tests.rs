@@ -223,7 +223,7 @@ async fn an_unreadable_checkpoint_is_not_deployed() {
     let acted = policies.act("arm", vec![observation(1, &[])]).await.unwrap();
     assert_eq!(acted.policy_id, good);
     let gone = results::policy(&lab.store, &lab.task, &lab.encoder, blake3::hash(b"gone").into()).await;
-    assert_eq!(policies.deploy("arm", Assignment::of(&gone.id)).await.unwrap_err().kind(), Kind::Internal);
+    assert_eq!(policies.deploy("arm", Assignment::of(&gone.id)).await.unwrap_err().kind(), Kind::Damaged);
 }
 
 #[tokio::test]

@@ -45,7 +45,7 @@ impl Blobs {
             let Some(url) = url else {
                 let shared = self.path(id);
                 wait_for(&shared);
-                return if shared == path { Ok(()) } else { self.copy_near(id, &shared, path) };
+                return if shared == path { Ok(()) } else { self.copy_to_node(id, &shared, path) };
             };
             let (draft, part) = match begun.take() {
                 Some(begun) => begun,
@@ -69,7 +69,7 @@ impl Blobs {
     }
 
     fn begin(&self, size: u64, path: &Path) -> Result<(NamedTempFile, Part)> {
-        self.make_copy_space(size)?;
+        self.make_copy_room_here(size)?;
         let draft = self.draft_of(path)?;
         let to = draft.as_file().try_clone().map_err(fault("opening", path))?;
         Ok((draft, Part::new(to, size)))

@@ -10,7 +10,7 @@ use std::{
 };
 
 use gleaner_core::{
-    error::{Error, Result},
+    error::{Error, Kind, Result},
     id::BlobId,
 };
 use tempfile::{NamedTempFile, TempPath};
@@ -19,6 +19,7 @@ use super::{
     Blobs, across, digest, fault,
     hold::Naming,
     remote::{self, OwnBucket, Remote},
+    unreadable,
 };
 
 /// The time for which a listing of the copies is used. Other processes fetch copies too.
@@ -60,16 +61,27 @@ impl Blobs {
     /// The file of a blob, which is fetched from the bucket if it is missing.
     ///
     /// # Errors
-    /// Damaged when the object is missing or damaged; Internal when its copies are removed as fast as they are fetched;
+    /// Damaged when the object, or the file without a bucket, is missing or the object is damaged; Internal when its copies
+    /// are removed as fast as they are fetched;
     /// Unavailable when the store fails; Exhausted when the disk is full.
     pub fn fetched(&self, id: &BlobId) -> Result<Fetched> {
-        let Some(remote) = &self.remote else { return Ok(self.path(id).into()) };
+        let Some(remote) = &self.remote else {
+            let path = self.path(id);
+            fs::metadata(&path).map_err(|error| unreadable(id, &path, error))?;
+            return Ok(path.into());
+        };
         let path = self.copy_path(id);
         for _ in 0..ATTEMPTS {
             match File::open(&path) {
                 // Without it, the copy looks older than it is.
                 Ok(file) => drop(file.set_times(FileTimes::new().set_accessed(SystemTime::now()))),
-                Err(_) => self.fetch(remote, id, &path)?,
+                Err(_) => match (self.fetch(remote, id, &path), self.without_node_folder()) {
+                    (Err(error), Some(shared)) if error.kind() == Kind::Exhausted => {
+                        tracing::warn!(%error, "a copy is made in the data folder");
+                        return shared.fetched(id);
+                    }
+                    (fetched, _) => fetched?,
+                },
             }
             match across::link(&path) {
                 Ok(link) => return Ok(Fetched { path: link.to_path_buf(), _link: Some(link) }),

@@ -12,7 +12,7 @@ mod copies;
 mod copy;
 mod hold;
 mod list;
-mod near;
+mod node;
 mod place;
 mod remote;
 mod room;
@@ -55,8 +55,8 @@ pub struct Blobs {
     unfinished: PathBuf,
     naming: Arc<tokio::sync::RwLock<()>>,
     space: space::Space,
-    /// The folder of this machine alone for copies and decoded steps. `None`: they are in the data directory.
-    near: Option<space::Space>,
+    /// The node folder, for copies and decoded steps. `None`: they are in the data directory.
+    node: Option<space::Space>,
     /// The way to the bucket that holds the blobs. `None`: the folder does.
     remote: Option<Arc<remote::Remote>>,
 }
@@ -101,7 +101,7 @@ impl Blobs {
     fn of(data_dir: &Path, remote: Option<Arc<remote::Remote>>) -> Self {
         let (root, unfinished) = (data_dir.join(BLOBS), data_dir.join("tmp"));
         let space = space::Space::of(data_dir, space::SERVERS_DISK);
-        Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space, near: None, remote }
+        Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space, node: None, remote }
     }
 
     /// The path of a blob, whether or not it exists. With a bucket, the path of its copy.
@@ -146,7 +146,7 @@ impl Blobs {
     /// The digest of a stored blob's content, which differs from its name when the blob is damaged.
     ///
     /// # Errors
-    /// Internal when it is missing or cannot be read; Unavailable when the store fails.
+    /// Damaged when an object is missing; Internal when a file is, or cannot be read; Unavailable when the store fails.
     pub fn digest(&self, id: &BlobId) -> Result<BlobId> {
         match &self.remote {
             Some(remote) => remote.own()?.bucket.digest(&self.name(id)),
@@ -168,9 +168,8 @@ impl Blobs {
             bytes = read(&self.fetched(id)?)?;
         }
         if BlobId::from(blake3::hash(&bytes)) != *id {
-            return Err(Error::damaged(format!(
-                "the blob {id} in the data folder (--data-dir) is damaged: its digest differs"
-            )));
+            let flag = if self.node.is_some() { "--slurm-cache-dir" } else { "--data-dir" };
+            return Err(Error::damaged(format!("the file of the blob {id} ({flag}) is damaged: its digest differs")));
         }
         Ok(bytes)
     }

@@ -1,9 +1,11 @@
-//! A folder of one machine of a cluster, on its own disk: copies of the blobs of a bucket and decoded steps, in place of
-//! those in the data folder that all machines share. Its files are bounded together, the least recently used going first.
+//! The node folder: a folder on one machine's own disk for decoded steps and copies of the blobs of a bucket, in place of
+//! those in the data folder that all nodes of a cluster share. Its files have one limit together, by which the least recently
+//! used go first. Where it is full, the data folder is used.
 
 use std::{
     fs::{self, File},
     io,
+    os::unix::fs::MetadataExt as _,
     path::{Path, PathBuf},
     time::{Duration, SystemTime},
 };
@@ -12,65 +14,70 @@ use gleaner_core::{
     error::{Error, Result},
     id::BlobId,
 };
-
+use rustix::process::geteuid;
 use tempfile::NamedTempFile;
 
 use super::{Blobs, across, copies, digest, fault, names, space::Space};
-use crate::{CACHE, access::expect_unshared};
+use crate::{
+    CACHE,
+    access::{expect_unshared, make_private_folder},
+};
 
 /// The subject of messages about its disk.
-const NEAR_DISK: &str = "the disk of the node's cache (--slurm-cache-dir)";
+const NODE_DISK: &str = "the disk of the node folder (--slurm-cache-dir)";
 /// The suffix of copies, which are limited like files of decoded steps.
 const COPY: &str = "copy";
 /// The age from which a draft belongs to a process that was killed.
 const ABANDONED: Duration = Duration::from_secs(24 * 60 * 60);
+/// The bits of a folder's mode by which others than its owner may change it.
+const OTHERS_WRITE: u32 = 0o022;
 
 impl Blobs {
-    /// The same blobs, with their copies and decoded steps in a folder of this machine, which is made if missing. `None`
-    /// changes nothing.
+    /// The same blobs with a node folder, which is made if it is missing.
     ///
     /// # Errors
-    /// Precondition when other programs use the folder too; Internal when it cannot be made or read.
-    pub fn caching_in(mut self, folder: Option<&Path>) -> Result<Self> {
-        let Some(folder) = folder else { return Ok(self) };
+    /// Precondition when others may write to the folder; Internal when it cannot be made or read.
+    pub fn caching_in(&self, folder: &Path) -> Result<Self> {
         let cache = folder.join(CACHE);
-        fs::create_dir_all(&cache).map_err(fault("making the folder", &cache))?;
+        make_private_folder(&cache).map_err(fault("making the folder", &cache))?;
         expect_unshared(&cache)?;
-        let old = SystemTime::now().checked_sub(ABANDONED).unwrap_or(SystemTime::UNIX_EPOCH);
-        for draft in names(&cache)?.into_iter().filter(|path| across::is_draft(path)) {
-            if across::is_older(&draft, old).map_err(fault("reading", &draft))? {
-                // Another process may remove it too.
-                let _ = fs::remove_file(&draft);
-            }
+        let found = fs::metadata(&cache).map_err(fault("reading the folder", &cache))?;
+        if found.uid() != geteuid().as_raw() || found.mode() & OTHERS_WRITE != 0 {
+            return Err(Error::precondition(format!(
+                "other users may write to {}, and jobs would learn from what they write: use a folder that only the user of \
+                 gleaner's jobs may write to",
+                cache.display()
+            )));
         }
-        self.near = Some(Space::of(folder, NEAR_DISK));
-        Ok(self)
+        let now = SystemTime::now();
+        remove_drafts(&cache, now.checked_sub(ABANDONED).unwrap_or(SystemTime::UNIX_EPOCH))?;
+        Ok(Self { node: Some(Space::of(folder, NODE_DISK)), ..self.clone() })
+    }
+
+    /// The same blobs without the node folder, if they have one.
+    pub fn without_node_folder(&self) -> Option<Self> {
+        self.node.as_ref().map(|_| Self { node: None, ..self.clone() })
     }
 
     /// The folder of the decoded steps that this process reads and makes.
     pub fn steps_folder(&self) -> &Path {
-        self.near.as_ref().map_or(&self.folder, Space::folder)
-    }
-
-    /// The data folder, if decoded steps are read and made elsewhere: it may have files to copy.
-    pub fn shared_folder(&self) -> Option<&Path> {
-        self.near.as_ref().map(|_| self.folder.as_path())
+        self.node.as_ref().map_or(&self.folder, Space::folder)
     }
 
     /// The path of a blob's copy.
     pub(super) fn copy_path(&self, id: &BlobId) -> PathBuf {
-        match &self.near {
-            Some(near) => near.folder().join(CACHE).join(format!("{id}.{COPY}")),
+        match &self.node {
+            Some(node) => node.folder().join(CACHE).join(format!("{id}.{COPY}")),
             None => self.path(id),
         }
     }
 
     /// Makes room for a copy.
-    pub(super) fn make_copy_space(&self, bytes: u64) -> Result<()> {
-        self.near.as_ref().map_or_else(|| self.make_room(bytes), |near| near.make_cache_room(bytes))
+    pub(super) fn make_copy_room_here(&self, bytes: u64) -> Result<()> {
+        self.node.as_ref().map_or_else(|| self.make_room(bytes), |node| node.make_cache_room(bytes))
     }
 
-    /// Copies a file of decoded steps from the data folder; returns whether there was one.
+    /// Copies a file of decoded steps from the data folder to the node folder; returns whether there was one.
     ///
     /// # Errors
     /// As for [`Blobs::make_room`]; Internal when the disk fails.
@@ -80,11 +87,11 @@ impl Blobs {
         Ok(true)
     }
 
-    /// Copies the server's copy of a blob, if it is still there: the caller fetches it again otherwise.
+    /// Copies the server's copy of a blob to the node folder, if it is still there: the caller fetches it again otherwise.
     ///
     /// # Errors
     /// Damaged when it does not have its digest; as for [`Blobs::make_room`]; Internal when the disk fails.
-    pub(super) fn copy_near(&self, id: &BlobId, from: &Path, to: &Path) -> Result<()> {
+    pub(super) fn copy_to_node(&self, id: &BlobId, from: &Path, to: &Path) -> Result<()> {
         let Some(draft) = self.copy_of(from, to)? else { return Ok(()) };
         if digest(draft.path())? != *id {
             let what =
@@ -105,4 +112,15 @@ impl Blobs {
         io::copy(&mut file, draft.as_file_mut()).map_err(fault("copying to", to))?;
         Ok(Some(draft))
     }
+}
+
+/// Removes the drafts in a folder that were last changed before `time`.
+pub(super) fn remove_drafts(folder: &Path, time: SystemTime) -> Result<()> {
+    for draft in names(folder)?.into_iter().filter(|path| across::is_draft(path)) {
+        if across::is_older(&draft, time).map_err(fault("reading", &draft))? {
+            // Another process may remove it too.
+            let _ = fs::remove_file(&draft);
+        }
+    }
+    Ok(())
 }

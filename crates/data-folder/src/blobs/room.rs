@@ -6,6 +6,8 @@
 #[cfg(any(test, feature = "testing"))]
 use std::sync::{Arc, atomic::AtomicU64};
 
+use std::path::Path;
+
 use super::Blobs;
 use crate::caches::Caches;
 use gleaner_core::error::{DISK_FULL, Error, Kind, Result};
@@ -17,8 +19,8 @@ impl Blobs {
     /// The same blobs with this many bytes of the disk reserved.
     pub fn sparing(mut self, bytes: u64) -> Self {
         self.space.spare = bytes;
-        if let Some(near) = &mut self.near {
-            near.spare = bytes;
+        if let Some(node) = &mut self.node {
+            node.spare = bytes;
         }
         self
     }
@@ -29,8 +31,8 @@ impl Blobs {
     /// Internal when the size of the disk cannot be read.
     pub fn limiting_caches(mut self, most_bytes: Option<u64>) -> Result<Self> {
         self.space.limit_caches(most_bytes)?;
-        if let Some(near) = &mut self.near {
-            near.limit_caches(most_bytes)?;
+        if let Some(node) = &mut self.node {
+            node.limit_caches(most_bytes)?;
         }
         Ok(self)
     }
@@ -74,16 +76,25 @@ impl Blobs {
     /// # Errors
     /// As for [`Blobs::make_room`].
     pub fn make_cache_room(&self, bytes: u64) -> Result<()> {
-        self.near.as_ref().unwrap_or(&self.space).make_cache_room(bytes)
+        self.node.as_ref().unwrap_or(&self.space).make_cache_room(bytes)
     }
 
-    /// Counts what a file of decoded steps took beyond the bytes that room was made for: other files go if they exceed
-    /// their limit with it.
+    /// Removes derived files beside decoded steps that found the disk full, at least `bytes` of them if there are as many;
+    /// returns whether there were any.
     ///
     /// # Errors
     /// Internal when the disk fails.
-    pub fn count_cache(&self, bytes: u64) -> Result<()> {
-        self.near.as_ref().unwrap_or(&self.space).caches.fit(bytes).map(drop)
+    pub fn make_cache_space(&self, bytes: u64) -> Result<bool> {
+        Ok(self.node.as_ref().unwrap_or(&self.space).caches.evict(bytes)? > 0)
+    }
+
+    /// Counts a new file of decoded steps by its own size, where room was made for `expected` bytes: other files go if they
+    /// exceed their limit with it.
+    ///
+    /// # Errors
+    /// Internal when the disk fails.
+    pub fn count_cache(&self, path: &Path, expected: u64) -> Result<()> {
+        self.node.as_ref().unwrap_or(&self.space).caches.count(path, expected)
     }
 
     /// Checks that this many more bytes may be written. The check reserves no space.
@@ -155,18 +166,21 @@ mod tests {
     }
 
     #[test]
-    fn what_a_file_took_beyond_the_room_made_for_it_counts_too() {
+    fn a_file_counts_by_its_size_when_it_is_written_and_stays() {
         let dir = tempfile::tempdir().unwrap();
         let caches = dir.path().join(crate::CACHE);
         std::fs::create_dir(&caches).unwrap();
-        let before = caches.join(format!("{}-00.frames", blake3::hash(b"one")));
-        std::fs::write(&before, [0; 10]).unwrap();
-        let blobs = Blobs::open(dir.path()).unwrap().limiting_caches(Some(20)).unwrap();
-        blobs.make_cache_room(8).unwrap();
-        blobs.count_cache(2).unwrap();
-        assert!(before.exists());
-        blobs.count_cache(1).unwrap();
-        assert!(!before.exists());
+        let path = |content: &[u8]| caches.join(format!("{}-00.frames", blake3::hash(content)));
+        let (before, new) = (path(b"one"), path(b"two"));
+        for (bytes, stays) in [(10, true), (11, false), (30, false)] {
+            std::fs::write(&before, [0; 10]).unwrap();
+            let blobs = Blobs::open(dir.path()).unwrap().limiting_caches(Some(20)).unwrap();
+            blobs.make_cache_room(8).unwrap();
+            std::fs::write(&new, vec![0; bytes]).unwrap();
+            blobs.count_cache(&new, 8).unwrap();
+            assert_eq!((before.exists(), new.exists()), (stays, true), "{bytes}");
+            std::fs::remove_file(&new).unwrap();
+        }
     }
 
     #[test]

@@ -44,6 +44,12 @@ impl Space {
         }
     }
 
+    /// The same with this many bytes of the disk reserved.
+    #[cfg(test)]
+    pub(super) fn with_reserve(self, bytes: u64) -> Self {
+        Self { spare: bytes, ..self }
+    }
+
     pub(super) fn folder(&self) -> &Path {
         &self.folder
     }

@@ -6,7 +6,7 @@ use bytes::{Bytes, BytesMut};
 use futures::{Stream, StreamExt as _, TryStreamExt as _, stream::try_unfold};
 use tokio::{fs::File, io::AsyncReadExt as _};
 
-use super::{Blobs, unreadable};
+use super::{Blobs, digest, unreadable};
 use gleaner_core::{
     Secret,
     error::{Error, Result},
@@ -21,8 +21,8 @@ impl Blobs {
     /// here too, and removed at the end of the stream if it is damaged: the next reader fetches it again.
     ///
     /// # Errors
-    /// Damaged when the blob is missing or damaged; Internal when it cannot be read; Unavailable when the store fails, and
-    /// at the end of a damaged copy.
+    /// Damaged when the blob is missing, and at the end of a damaged copy whose object is missing too; Internal when it
+    /// cannot be read; Unavailable when the store fails, and at the end of another damaged copy.
     pub async fn stream(&self, id: &BlobId) -> Result<impl Stream<Item = Result<Bytes>> + Send + 'static> {
         if self.remote.is_none() {
             let path = self.path(id);
@@ -64,12 +64,22 @@ fn checked(
             if BlobId::from(hasher.finalize()) == id {
                 return Ok(None);
             }
-            let damaged = format!("the copy of {id} is damaged: its digest differs; retry, which fetches it again");
-            let dropping = tokio::task::spawn_blocking(move || blobs.drop_damaged_copy(&id));
-            dropping.await.map_err(|error| Error::internal("removing a damaged copy", error))??;
-            Err(Error::unavailable(damaged))
+            let dropping = tokio::task::spawn_blocking(move || damage(&blobs, &id));
+            Err(dropping.await.map_err(|error| Error::internal("removing a damaged copy", error))??)
         }
     })
+}
+
+/// The error of a damaged copy, which is removed if the bucket has the object.
+fn damage(blobs: &Blobs, id: &BlobId) -> Result<Error> {
+    let sound = || digest(&blobs.copy_path(id)).is_ok_and(|found| found == *id);
+    if blobs.drop_damaged_copy(id)? || sound() {
+        return Ok(Error::unavailable(format!(
+            "the copy of {id} is damaged: its digest differs; retry, which fetches it again"
+        )));
+    }
+    let name = blobs.name(id);
+    Ok(Error::damaged(format!("the object {name} is missing (--blob-store), and its copy (--data-dir) is damaged")))
 }
 
 /// The bytes of any file in pieces, also after its name is removed.

@@ -100,7 +100,8 @@ mod tests {
         for (status, kind) in [
             (Status::resource_exhausted("the disk is full"), Kind::Exhausted),
             (Status::unavailable("the blob store failed"), Kind::Unavailable),
-            (Status::failed_precondition("the object is damaged"), Kind::Internal),
+            (Status::data_loss("the object is damaged"), Kind::Internal),
+            (Status::failed_precondition("the file has another digest"), Kind::Internal),
             (Status::unauthenticated("this attempt is over"), Kind::Internal),
         ] {
             let message = status.message().to_owned();

@@ -168,35 +168,73 @@ fn an_episode_of_another_length_is_refused() {
     assert!(matches!(&refused, Failure::Permanent(why) if why.contains("reads as 12 steps now")), "{refused:?}");
 }
 
-/// As `cache` of a [`Lab`], in a folder of one machine.
-fn near_cache(lab: &Lab, near: &tempfile::TempDir) -> PathBuf {
-    frames_path(near.path(), &lab.input.recording, &lab.task)
-}
-
 #[test]
-fn a_machines_own_folder_has_the_steps_and_takes_those_that_the_server_has() {
-    let (lab, near) = (Lab::new(), tempfile::tempdir().unwrap());
+fn steps_are_in_the_node_folder_and_those_of_the_server_are_copied() {
+    let (lab, node) = (Lab::new(), tempfile::tempdir().unwrap());
     let expected = frames(&lab.episodes().stored(&lab.input).unwrap());
     let whole = fs::read(lab.cache()).unwrap();
-    let blobs = || Blobs::open(lab.folder.path()).unwrap().caching_in(Some(near.path())).unwrap();
+    let blobs = || Blobs::open(lab.folder.path()).unwrap().caching_in(node.path()).unwrap();
     let read = || frames(&Episodes::new(blobs(), lab.task.clone()).stored(&lab.input).unwrap());
-    let near_cache = near_cache(&lab, &near);
-    assert!(read() == expected && fs::read(&near_cache).unwrap() == whole);
-    // It is read here from then on, and made here where the server has none or a damaged one.
+    let copy = frames_path(node.path(), &lab.input.recording, &lab.task);
+    assert!(read() == expected && fs::read(&copy).unwrap() == whole);
+    // They are made here where the server has none or damaged ones.
     let damaged = whole.get(..whole.len() / 2).unwrap();
     for of_server in [None, Some(damaged)] {
-        fs::remove_file(&near_cache).unwrap();
+        fs::remove_file(&copy).unwrap();
         match of_server {
             Some(bytes) => fs::write(lab.cache(), bytes).unwrap(),
             None => fs::remove_file(lab.cache()).unwrap(),
         }
-        assert!(read() == expected && fs::read(&near_cache).unwrap() == whole);
+        assert!(read() == expected && fs::read(&copy).unwrap() == whole);
         assert_eq!(fs::read(lab.cache()).ok().as_deref(), of_server, "the server's files stay as they are");
     }
     // Without the recording only a copy can give the steps.
     fs::remove_dir_all(lab.folder.path().join("blobs")).unwrap();
     fs::create_dir(lab.folder.path().join("blobs")).unwrap();
-    fs::remove_file(&near_cache).unwrap();
+    fs::remove_file(&copy).unwrap();
     fs::write(lab.cache(), &whole).unwrap();
     assert!(read() == expected);
+}
+
+#[test]
+fn without_room_in_the_node_folder_steps_are_in_the_data_folder() {
+    let (lab, node) = (Lab::new(), tempfile::tempdir().unwrap());
+    let expected = frames(&lab.episodes().stored(&lab.input).unwrap());
+    fs::remove_file(lab.cache()).unwrap();
+    let blobs = Blobs::open(lab.folder.path()).unwrap().caching_in(node.path()).unwrap();
+    // Nothing can be written there, whatever the user may do.
+    fs::remove_dir(node.path().join("cache")).unwrap();
+    fs::write(node.path().join("cache"), b"a file").unwrap();
+    let stored = Episodes::new(blobs, lab.task.clone()).stored(&lab.input).unwrap();
+    assert!(frames(&stored) == expected && lab.cache().exists());
+    fs::remove_file(lab.cache()).unwrap();
+    assert!(frames(&stored) == expected, "evicted meanwhile");
+}
+
+/// Links to a device of the system on which every write fails as on a full disk stand for the file that is written, and go
+/// with the files that make room.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_disk_that_fills_while_steps_are_made_again_is_cleared_of_other_steps() {
+    let (lab, node) = (Lab::new(), tempfile::tempdir().unwrap());
+    let expected = frames(&lab.episodes().stored(&lab.input).unwrap());
+    let of_data = Blobs::open(lab.folder.path()).unwrap();
+    let of_node = of_data.caching_in(node.path()).unwrap();
+    let other = |folder: &tempfile::TempDir| frames_path(folder.path(), &blake3::hash(b"other").into(), &lab.task);
+    for (folder, blobs) in [(&lab.folder, of_data), (&node, of_node)] {
+        let _ = fs::remove_file(lab.cache());
+        for folder in [&lab.folder, &node] {
+            fs::write(other(folder), [0; 10]).unwrap();
+        }
+        let cache = frames_path(folder.path(), &lab.input.recording, &lab.task);
+        // Other tests of this process write files too, so the number in the name of the partial file is not known.
+        for number in 0..1000 {
+            let partial = format!("{}.{}-{number}.partial", cache.display(), std::process::id());
+            std::os::unix::fs::symlink("/dev/full", partial).unwrap();
+        }
+        assert!(frames(&Episodes::new(blobs, lab.task.clone()).stored(&lab.input).unwrap()) == expected);
+        let stayed = [&lab.folder, &node].map(|folder| other(folder).exists());
+        assert_eq!(stayed, [folder.path() != lab.folder.path(), folder.path() != node.path()]);
+        assert!(cache.exists());
+    }
 }

@@ -11,7 +11,7 @@ use tempfile::TempDir;
 use super::*;
 use crate::blobs::{BlobServer, remote};
 
-mod near;
+mod node;
 
 /// The answer of a server to a call for content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -18,6 +18,12 @@ async fn a_damaged_copy_is_streamed_once_and_then_fetched_again() {
     assert!(!blobs.path(&id).exists());
     assert_eq!(read().await.unwrap().concat(), b"steps");
     assert_eq!(fs::read(blobs.path(&id)).unwrap(), b"steps");
+    // Without its object no retry would help.
+    fs::write(blobs.path(&id), b"stepz").unwrap();
+    store.bucket("one").unwrap().remove(&blobs.name(&id)).unwrap();
+    let error = read().await.unwrap_err();
+    assert!(error.kind() == Kind::Damaged && error.message().contains("--blob-store"), "{error}");
+    assert!(blobs.path(&id).exists());
 }
 
 #[test]

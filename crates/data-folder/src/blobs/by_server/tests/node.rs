@@ -1,28 +1,28 @@
-//! Copies in a folder of one machine.
+//! Copies in a node folder.
 
 use super::*;
 
-/// The names of copies in a folder of one machine, in order; drafts are among them.
-fn copies(near: &Path) -> Vec<PathBuf> {
-    let mut found = names(&near.join("cache")).unwrap();
+/// The paths in a node folder, in order; drafts are among them.
+fn copies(node: &Path) -> Vec<PathBuf> {
+    let mut found = names(&node.join("cache")).unwrap();
     found.sort();
     found
 }
 
 #[test]
-fn copies_are_in_the_folder_of_the_machine_by_url_and_by_the_server() {
+fn copies_are_in_the_node_folder_by_url_and_by_the_server() {
     let Some(store) = TestStore::start().unwrap() else { return };
-    let (bench, near) = (Bench::new(&store), tempfile::tempdir().unwrap());
-    let worker = bench.worker.clone().caching_in(Some(near.path())).unwrap();
+    let (bench, node) = (Bench::new(&store), tempfile::tempdir().unwrap());
+    let worker = bench.worker.caching_in(node.path()).unwrap();
     let id = worker.put(b"steps").unwrap();
     bench.forget(&id);
-    let copy = near.path().join(format!("cache/{id}.copy"));
+    let copy = node.path().join(format!("cache/{id}.copy"));
     for (answer, of_server) in [(Answer::Signed, false), (Answer::Copy, true)] {
         bench.answers(&[answer]);
         assert_eq!(worker.get(&id).unwrap(), b"steps");
-        assert_eq!(copies(near.path()), std::slice::from_ref(&copy));
+        assert_eq!(copies(node.path()), std::slice::from_ref(&copy));
         assert_eq!(worker.path(&id).exists(), of_server, "{answer:?}");
-        // It is there: nothing is called.
+        // It is found without a call.
         bench.accepted();
         assert_eq!(fs::read(worker.fetched(&id).unwrap()).unwrap(), b"steps");
         assert!(bench.accepted().is_empty());
@@ -36,20 +36,20 @@ fn copies_are_in_the_folder_of_the_machine_by_url_and_by_the_server() {
 #[test]
 fn a_damaged_copy_of_the_server_is_not_copied() {
     let Some(store) = TestStore::start().unwrap() else { return };
-    let (bench, near) = (Bench::new(&store), tempfile::tempdir().unwrap());
-    let worker = bench.worker.clone().caching_in(Some(near.path())).unwrap();
+    let (bench, node) = (Bench::new(&store), tempfile::tempdir().unwrap());
+    let worker = bench.worker.caching_in(node.path()).unwrap();
     let id = worker.put(b"steps").unwrap();
     fs::write(worker.path(&id), b"stepz").unwrap();
-    let error = worker.copy_near(&id, &worker.path(&id), &worker.copy_path(&id)).unwrap_err();
+    let error = worker.copy_to_node(&id, &worker.path(&id), &worker.copy_path(&id)).unwrap_err();
     assert!(error.kind() == Kind::Damaged && error.message().contains("--data-dir"), "{error}");
-    assert!(copies(near.path()).is_empty());
+    assert!(copies(node.path()).is_empty());
 }
 
 #[test]
 fn copies_are_limited_and_the_least_recently_used_goes_first() {
     let Some(store) = TestStore::start().unwrap() else { return };
-    let (bench, near) = (Bench::new(&store), tempfile::tempdir().unwrap());
-    let worker = bench.worker.clone().caching_in(Some(near.path())).unwrap().limiting_caches(Some(12)).unwrap();
+    let (bench, node) = (Bench::new(&store), tempfile::tempdir().unwrap());
+    let worker = bench.worker.caching_in(node.path()).unwrap().limiting_caches(Some(12)).unwrap();
     let ids: Vec<_> = [&b"first"[..], b"second", b"third"].map(|content| worker.put(content).unwrap()).into();
     for id in &ids {
         assert!(worker.fetched(id).unwrap().is_file());
@@ -59,14 +59,57 @@ fn copies_are_limited_and_the_least_recently_used_goes_first() {
 }
 
 #[test]
-fn drafts_of_killed_processes_are_removed_at_the_next_opening() {
-    let near = tempfile::tempdir().unwrap();
-    let dir = tempfile::tempdir().unwrap();
-    let open = || Blobs::open(dir.path()).unwrap().caching_in(Some(near.path())).unwrap();
+fn a_file_in_use_outlives_its_copy_and_another_process_finds_the_copy() {
+    let Some(store) = TestStore::start().unwrap() else { return };
+    let (bench, node) = (Bench::new(&store), tempfile::tempdir().unwrap());
+    let open = || bench.worker.caching_in(node.path()).unwrap().limiting_caches(Some(8)).unwrap();
+    let (one, other) = (open(), open());
+    let (first, second) = (one.put(b"first").unwrap(), one.put(b"second").unwrap());
+    let held = one.fetched(&first).unwrap();
+    bench.accepted();
+    assert_eq!(other.get(&first).unwrap(), b"first");
+    assert!(bench.accepted().is_empty(), "the copy of the other process");
+    assert_eq!(one.get(&second).unwrap(), b"second");
+    assert!(!one.copy_path(&first).exists() && fs::read(&held).unwrap() == b"first");
+    assert_eq!(other.get(&first).unwrap(), b"first", "it is fetched again");
+}
+
+#[test]
+fn without_room_in_the_node_folder_copies_are_in_the_data_folder() {
+    let Some(store) = TestStore::start().unwrap() else { return };
+    let (bench, node) = (Bench::new(&store), tempfile::tempdir().unwrap());
+    let worker = bench.worker.caching_in(node.path()).unwrap();
+    let id = worker.put(b"steps").unwrap();
+    bench.forget(&id);
+    let mut full = worker.clone();
+    full.node = full.node.map(|space| space.with_reserve(u64::MAX));
+    assert_eq!(full.get(&id).unwrap(), b"steps");
+    assert!(copies(node.path()).is_empty() && worker.path(&id).exists());
+}
+
+#[test]
+fn drafts_of_killed_processes_are_removed_after_a_day() {
+    let (node, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let open = || Blobs::open(dir.path()).unwrap().caching_in(node.path()).unwrap();
     open();
-    let (young, other) = (near.path().join("cache/.draft-young"), near.path().join("cache/other"));
-    fs::write(&young, b"st").unwrap();
+    let cache = node.path().join("cache");
+    let (draft, other) = (cache.join(".draft-young"), cache.join("other"));
+    fs::write(&draft, b"st").unwrap();
     fs::write(&other, b"st").unwrap();
     open();
-    assert_eq!(copies(near.path()), [young, other], "the young one may be in use");
+    assert_eq!(copies(node.path()), [draft, other.clone()], "a young one may be in use");
+    crate::blobs::node::remove_drafts(&cache, std::time::SystemTime::now() + Duration::from_secs(24 * 60 * 60))
+        .unwrap();
+    assert_eq!(copies(node.path()), [other]);
+}
+
+#[test]
+fn a_folder_to_which_others_may_write_is_rejected() {
+    let (node, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let open = || Blobs::open(dir.path()).unwrap().caching_in(node.path());
+    open().unwrap();
+    let cache = node.path().join("cache");
+    fs::set_permissions(&cache, std::os::unix::fs::PermissionsExt::from_mode(0o777)).unwrap();
+    let error = open().unwrap_err();
+    assert!(error.kind() == Kind::Precondition && error.message().contains("other users may write"), "{error}");
 }
