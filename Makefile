@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker check-worker moto test test-ceph test-room test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-foxglove check-lerobot-policy check-mlflow check-nccl check-ros2 check-simulators lint-python check-lerobot check-robomimic exports differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker check-worker moto test test-ceph test-room test-gpu test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-foxglove check-lerobot-policy check-mlflow check-nccl check-ros2 check-simulators lint-python check-lerobot check-robomimic exports differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -46,6 +46,11 @@ test: .libtorch
 ROOM ?= store
 test-room: .libtorch
 	$(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests $(addprefix -p ,$(PACKAGE)) --lib $(ROOM)::
+
+# The tests of computing on a GPU, with the libtorch that is linked: "Compute on GPUs" in docs/operate.md has how to link one
+# for CUDA. Without it, or without a GPU, they print SKIPPED.
+test-gpu: .libtorch
+	$(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests --lib gpu::
 
 # Kills a server 200 times under a mixed load with 1,000 uploads, and a training job 50 times, at random moments and at
 # every fail point. Prints its seed; SEED=… sets it.

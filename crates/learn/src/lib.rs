@@ -44,6 +44,8 @@ mod device;
 mod error;
 mod family;
 mod finished;
+#[cfg(test)]
+mod gpu;
 mod history;
 mod kinds;
 mod model;

@@ -87,7 +87,7 @@ class Cancelled(Rejected):
 
 
 class ServerError(Rejected):
-    """An internal error of the server; see its log."""
+    """An internal error of the server, for which see its log, or a damaged stored file, which the message names."""
 
     code = grpc.StatusCode.INTERNAL
 

@@ -1,5 +1,7 @@
 //! Tests of the parent module.
 
+mod gpu;
+
 use super::*;
 use crate::batch::values;
 

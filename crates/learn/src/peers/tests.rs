@@ -1,5 +1,7 @@
 //! Trainings of two and three ranks, each on a thread of its own, beside the same training in one process.
 
+mod gpu;
+
 use gleaner_core::kinds::Family;
 use gleaner_core::{Augmentation, Chosen, PretrainSpec, TrainSpec};
 

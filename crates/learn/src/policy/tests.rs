@@ -5,6 +5,7 @@ mod course;
 mod draws;
 mod every_kind;
 mod finetune;
+mod gpu;
 mod gradients;
 mod hiding;
 mod identity;

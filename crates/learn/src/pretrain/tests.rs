@@ -1,5 +1,7 @@
 //! Pretraining of toy episodes: resumed, stopped and damaged runs, and the loss.
 
+mod gpu;
+
 use std::time::Duration;
 
 use super::*;

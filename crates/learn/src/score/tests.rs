@@ -237,5 +237,7 @@ impl FeatureStore for Shared {
 mod copies;
 /// Tests of runs that extend an earlier one.
 mod extend;
+/// Tests of runs on a GPU.
+mod gpu;
 /// Tests of runs that several ranks share.
 mod shards;

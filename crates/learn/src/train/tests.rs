@@ -1,5 +1,7 @@
 //! The loop on a line y = a x + b: its batches, its end by a stop or a failure, and its metrics.
 
+mod gpu;
+
 use gleaner_core::{ModelSpec, Precision, Values};
 use tch::Device;
 
@@ -215,6 +217,7 @@ fn metrics_are_means_over_the_batches_of_a_step() {
 
 #[test]
 fn tf32_is_allowed_in_steps_and_forbidden_between_them() {
+    let _alone = crate::gpu::alone();
     let allowed = |precision| {
         let seen = std::cell::RefCell::new(Vec::new());
         let note = || seen.borrow_mut().push(gleaner_group::tf32_allowed().unwrap());
