@@ -109,10 +109,8 @@ async fn missing_data_is_reported_and_the_rest_is_shown() {
     let bare = testing::episode(&lab.pages.services.store, &lab.task, Outcome::Unknown, "").await;
     let text = lab.get(&format!("/episodes/{}", bare.id)).await.text();
     assert!(text.contains("No finished score run has scored this episode"));
-    assert!(
-        text.contains("The recording&#39;s steps cannot be read")
-            || text.contains("The steps of the recording cannot be read")
-    );
+    let found = format!("The steps of the recording cannot be shown: the blob {} is missing", bare.recording);
+    assert!(text.contains(&found) && text.contains("--data-dir"), "{text}");
     assert!(text.contains("reach.mcap") && text.contains("data-label=\"success\""));
 
     lab.pages.services.store.delete_episodes(std::slice::from_ref(&bare.id), false).await.unwrap();
