@@ -25,7 +25,7 @@ pub(crate) fn alone() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The GPU for one test; `None`, after SKIPPED is printed, where there is none.
+/// The lock on the GPU for one test. On a machine without a GPU it prints SKIPPED and returns `None`.
 pub(crate) fn gpu() -> Option<MutexGuard<'static, ()>> {
     if Cuda::is_available() {
         return Some(alone());
