@@ -9,9 +9,16 @@ mod nodes;
 mod place;
 mod ranks;
 
+use gleaner_client::Client;
 use gleaner_proto::v1::*;
 
-use crate::support::{api::Api, lab, server::TestServer, slurm::Cluster, wait::until};
+use crate::support::{
+    api::Api,
+    lab,
+    server::TestServer,
+    slurm::Cluster,
+    wait::{until, within},
+};
 
 /// More steps than a test lasts.
 const ENDLESS: u32 = 1_000_000;
@@ -60,6 +67,29 @@ async fn resumes_whole(cluster: &Cluster, api: &mut Api, first: &Job, state: &st
 
 async fn job(api: &mut Api, id: &str) -> GetJobResponse {
     api.jobs.get_job(GetJobRequest { job_id: id.to_owned() }).await.unwrap().into_inner()
+}
+
+/// Runs a pretraining of two steps on the cluster by a client with TLS, which must succeed; returns its losses.
+async fn pretrain(client: &Client) -> Vec<(u64, f64)> {
+    let request = SubmitJobRequest {
+        task: lab::TASK.into(),
+        spec: Some(JobSpec { spec: Some(lab::pretrain(2)) }),
+        ..SubmitJobRequest::default()
+    };
+    let id = client.jobs().submit_job(request).await.unwrap().into_inner().job.unwrap().id;
+    let request = WatchJobRequest { job_id: id.clone() };
+    let mut events = client.jobs().watch_job(request).await.unwrap().into_inner();
+    let mut ended = Job::default();
+    let watching = async {
+        while let Some(event) = events.message().await.unwrap() {
+            ended = event.job.unwrap();
+        }
+    };
+    within("the job ends", watching).await;
+    let (state, engine, attempt) = (ended.state(), ended.engine.as_str(), ended.attempt);
+    assert_eq!((state, engine, attempt), (JobState::Succeeded, "slurm", 1), "{}", ended.error);
+    let metrics = client.jobs().list_metrics(ListMetricsRequest { job_id: id }).await.unwrap().into_inner().metrics;
+    metrics.into_iter().filter(|metric| metric.name == "loss").map(|metric| (metric.step, metric.value)).collect()
 }
 
 #[tokio::test]

@@ -172,7 +172,7 @@ impl Folder {
         let fault = |error| Failure::recording(input.id.as_str(), &error);
         match self.write_once(place, input)? {
             Ok(()) => Ok(()),
-            Err(error) if found_full(&error) => match place.blobs.make_cache_space(self.most_written(input))? {
+            Err(error) if found_full(&error) => match place.blobs.evict_steps(self.most_written(input))? {
                 true => self.write_once(place, input)?.map_err(fault),
                 false => Err(fault(error)),
             },

@@ -5,14 +5,7 @@ use std::{fs, path::Path, time::SystemTime};
 use gleaner_client::{Client, Credentials};
 use gleaner_proto::v1::*;
 
-use crate::support::{
-    api::Api,
-    command, lab,
-    server::TestServer,
-    skipped::skipped,
-    slurm::Cluster,
-    wait::{until, within},
-};
+use crate::support::{api::Api, command, lab, server::TestServer, skipped::skipped, slurm::Cluster, wait::until};
 
 /// The library that changes the clock of a process, for programs with several threads.
 const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
@@ -53,29 +46,6 @@ async fn job_whose_node_has_no_worker_or_no_srun_fails_with_the_flags_to_check()
     cluster.until_empty().await;
 }
 
-/// Runs a pretraining of two steps on the cluster, which must succeed; returns its losses.
-async fn pretrain(client: &Client) -> Vec<(u64, f64)> {
-    let request = SubmitJobRequest {
-        task: lab::TASK.into(),
-        spec: Some(JobSpec { spec: Some(lab::pretrain(2)) }),
-        ..SubmitJobRequest::default()
-    };
-    let id = client.jobs().submit_job(request).await.unwrap().into_inner().job.unwrap().id;
-    let request = WatchJobRequest { job_id: id.clone() };
-    let mut events = client.jobs().watch_job(request).await.unwrap().into_inner();
-    let mut ended = Job::default();
-    let watching = async {
-        while let Some(event) = events.message().await.unwrap() {
-            ended = event.job.unwrap();
-        }
-    };
-    within("the job ends", watching).await;
-    let (state, engine, attempt) = (ended.state(), ended.engine.as_str(), ended.attempt);
-    assert_eq!((state, engine, attempt), (JobState::Succeeded, "slurm", 1), "{}", ended.error);
-    let metrics = client.jobs().list_metrics(ListMetricsRequest { job_id: id }).await.unwrap().into_inner().metrics;
-    metrics.into_iter().filter(|metric| metric.name == "loss").map(|metric| (metric.step, metric.value)).collect()
-}
-
 /// The certificates are new: they begin a day before, so that they are valid by a clock that is behind, too.
 #[tokio::test]
 async fn jobs_by_tls_on_a_node_whose_clock_is_an_hour_off_succeed_with_the_losses_of_others() {
@@ -106,7 +76,7 @@ async fn jobs_by_tls_on_a_node_whose_clock_is_an_hour_off_succeed_with_the_losse
         // A clock that is off changes neither the monotonic clock nor the times of files.
         let faked = format!("LD_PRELOAD={FAKETIME} FAKETIME={hours:+}h FAKETIME_DONT_FAKE_MONOTONIC=1 NO_FAKE_STAT=1");
         fs::write(&setup, format!("export {faked}\ndate +%s > '{seen}'\n")).unwrap();
-        assert_eq!(pretrain(&client).await, expected, "{hours} h");
+        assert_eq!(super::pretrain(&client).await, expected, "{hours} h");
         let there: i64 = fs::read_to_string(&seen).unwrap().trim().parse().unwrap();
         let here = i64::try_from(SystemTime::UNIX_EPOCH.elapsed().unwrap().as_secs()).unwrap();
         assert!((there - here - 3600 * hours).abs() < 600, "{there} on the node, {here} here");

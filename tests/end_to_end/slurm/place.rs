@@ -14,7 +14,6 @@ use crate::support::{
     secure::SecureServer,
     server::TestServer,
     slurm::Cluster,
-    wait::within,
 };
 
 #[tokio::test]
@@ -33,21 +32,7 @@ async fn workers_on_a_cluster_call_by_tls_with_the_authority_of_the_server() {
         let label = UploadLabel { outcome: recording.outcome, cohort: String::new(), author: String::new() };
         client.upload(lab::TASK, file.path(), &label, |_| ()).await.unwrap();
     }
-    let request = SubmitJobRequest {
-        task: lab::TASK.into(),
-        spec: Some(JobSpec { spec: Some(lab::pretrain(2)) }),
-        ..Default::default()
-    };
-    let job = client.jobs().submit_job(request).await.unwrap().into_inner().job.unwrap();
-    let mut events = client.jobs().watch_job(WatchJobRequest { job_id: job.id }).await.unwrap().into_inner();
-    let mut ended = Job::default();
-    let watching = async {
-        while let Some(event) = events.message().await.unwrap() {
-            ended = event.job.unwrap();
-        }
-    };
-    within("the job ends", watching).await;
-    assert_eq!((ended.state(), ended.engine.as_str()), (JobState::Succeeded, "slurm"), "{}", ended.error);
+    assert_eq!(super::pretrain(&client).await.len(), 2);
 }
 
 /// The shared folder has no recording, no steps and no encoder until workers fetch or make them, without credentials, and

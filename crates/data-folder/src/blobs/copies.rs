@@ -61,9 +61,8 @@ impl Blobs {
     /// The file of a blob, which is fetched from the bucket if it is missing.
     ///
     /// # Errors
-    /// Damaged when the object, or the file without a bucket, is missing or the object is damaged; Internal when its copies
-    /// are removed as fast as they are fetched;
-    /// Unavailable when the store fails; Exhausted when the disk is full.
+    /// Damaged when the object, or the file without a bucket, is missing, or the object is damaged; Internal when its copies
+    /// are removed as fast as they are fetched; Unavailable when the store fails; Exhausted when the disk is full.
     pub fn fetched(&self, id: &BlobId) -> Result<Fetched> {
         let Some(remote) = &self.remote else {
             let path = self.path(id);

@@ -96,7 +96,7 @@ impl Blobs {
         Ok(true)
     }
 
-    /// Removes drafts made and last written before `time`, which killed processes left, and returns their number.
+    /// Removes the blobs' drafts made and last written before `time`, which killed processes left, and returns their number.
     ///
     /// # Errors
     /// When the folders cannot be read.
@@ -105,12 +105,7 @@ impl Blobs {
         let hex = |path: &PathBuf| path.file_name().and_then(|name| name.to_str()).is_some_and(is_hex);
         let tasks = self.root.join(sidecar::TASKS);
         for folder in names(&self.root)?.into_iter().filter(hex).chain([tasks]) {
-            for draft in names(&folder)?.into_iter().filter(|path| across::is_draft(path)) {
-                if across::is_older(&draft, time).map_err(fault("reading", &draft))? {
-                    fs::remove_file(&draft).map_err(fault("removing", &draft))?;
-                    removed += 1;
-                }
-            }
+            removed += remove_drafts(&folder, time)?;
         }
         Ok(removed)
     }
@@ -155,4 +150,19 @@ fn look(path: PathBuf, id: Option<BlobId>) -> Result<Option<Found>> {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(fault("reading", &path)(error)),
     }
+}
+
+/// Removes the drafts in a folder that were made and last written before `time`, and returns their number.
+pub(super) fn remove_drafts(folder: &Path, time: SystemTime) -> Result<u64> {
+    let mut removed = 0;
+    for draft in names(folder)?.into_iter().filter(|path| across::is_draft(path)) {
+        if across::is_older(&draft, time).map_err(fault("reading", &draft))? {
+            match fs::remove_file(&draft) {
+                // Another process has removed it.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                gone => gone.map(|()| removed += 1).map_err(fault("removing", &draft))?,
+            }
+        }
+    }
+    Ok(removed)
 }

@@ -17,7 +17,7 @@ use gleaner_core::{
 use rustix::process::geteuid;
 use tempfile::NamedTempFile;
 
-use super::{Blobs, across, copies, digest, fault, names, space::Space};
+use super::{Blobs, copies, digest, fault, list::remove_drafts, space::Space};
 use crate::{
     CACHE,
     access::{expect_unshared, make_private_folder},
@@ -112,15 +112,4 @@ impl Blobs {
         io::copy(&mut file, draft.as_file_mut()).map_err(fault("copying to", to))?;
         Ok(Some(draft))
     }
-}
-
-/// Removes the drafts in a folder that were last changed before `time`.
-pub(super) fn remove_drafts(folder: &Path, time: SystemTime) -> Result<()> {
-    for draft in names(folder)?.into_iter().filter(|path| across::is_draft(path)) {
-        if across::is_older(&draft, time).map_err(fault("reading", &draft))? {
-            // Another process may remove it too.
-            let _ = fs::remove_file(&draft);
-        }
-    }
-    Ok(())
 }

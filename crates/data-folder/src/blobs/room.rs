@@ -84,7 +84,7 @@ impl Blobs {
     ///
     /// # Errors
     /// Internal when the disk fails.
-    pub fn make_cache_space(&self, bytes: u64) -> Result<bool> {
+    pub fn evict_steps(&self, bytes: u64) -> Result<bool> {
         Ok(self.node.as_ref().unwrap_or(&self.space).caches.evict(bytes)? > 0)
     }
 

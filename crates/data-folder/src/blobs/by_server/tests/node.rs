@@ -98,7 +98,7 @@ fn drafts_of_killed_processes_are_removed_after_a_day() {
     fs::write(&other, b"st").unwrap();
     open();
     assert_eq!(copies(node.path()), [draft, other.clone()], "a young one may be in use");
-    crate::blobs::node::remove_drafts(&cache, std::time::SystemTime::now() + Duration::from_secs(24 * 60 * 60))
+    crate::blobs::list::remove_drafts(&cache, std::time::SystemTime::now() + Duration::from_secs(24 * 60 * 60))
         .unwrap();
     assert_eq!(copies(node.path()), [other]);
 }
