@@ -44,6 +44,16 @@ pub(crate) fn open(device: Device, threads: Option<u32>) -> Result<tch::Device, 
     }
 }
 
+/// The number of threads that assemble batches for work on `device`: one beside the threads of the tensor library, and all
+/// of these on a GPU, where they have nothing else to do.
+pub(crate) fn assembling_threads(device: tch::Device) -> usize {
+    if !device.is_cuda() {
+        return 1;
+    }
+    let process = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
+    process.and_then(|threads| usize::try_from(threads).ok()).unwrap_or(1).max(1)
+}
+
 /// TF32 on GPUs, allowed until it is dropped. A switch of the whole process, whose worker has one training.
 pub(crate) struct Tf32(());
 

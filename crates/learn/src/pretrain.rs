@@ -83,12 +83,19 @@ pub fn pretrain_with(
         };
         let (network, segments) = (training.network(), Segments::every(&data));
         let standard = network.statistics.proprioception.shared();
-        let (device, part) = (network.device(), peers.part());
-        let source = Source { shape, data: &data, segments: &segments, spec, device, standard, part };
-        let (held_out_segments, standard) = (Segments::every(&held_out), source.standard.shared());
-        let part = Part::WHOLE;
-        let unseen = Source { shape, data: &held_out, segments: &held_out_segments, spec, device, standard, part };
-        let draw = move |number| Ok((source.draw(number)?, number));
+        let (device, part, held_out_segments) = (network.device(), peers.part(), Segments::every(&held_out));
+        let source = |_: usize| Source {
+            shape,
+            data: &data,
+            segments: &segments,
+            spec,
+            device,
+            standard: standard.shared(),
+            part,
+        };
+        let unseen = Source { data: &held_out, segments: &held_out_segments, part: Part::WHOLE, ..source(0) };
+        let draws = (0..device::assembling_threads(device)).map(source);
+        let draws = draws.map(|source| move |number| Ok((source.draw(number)?, number))).collect();
         let loss = |network: &Network, (batch, number): (Batch, u64)| {
             pretrain_loss(&objectives, network, &batch, spec, number)
         };
@@ -100,7 +107,7 @@ pub fn pretrain_with(
             Ok(loss.map(|loss| (LOSS_VALIDATION, loss)).into_iter().collect())
         };
         let every = spec.run.checkpoint_every;
-        let finished = training.run(every, draw, &loss, &report, (peers, monitor))?;
+        let finished = training.run(every, draws, &loss, &report, (peers, monitor))?;
         finished.map(|finished| with_feature_scale(&finished, &data, spec)).transpose()
     })
 }

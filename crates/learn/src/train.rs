@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use tch::{Device, Tensor};
 
-use crate::ahead::{Assembled, Next, WAITING, ahead};
+use crate::ahead::{Assembled, Next, ahead, waiting};
 use crate::checkpoint::{self, CheckpointInfo};
 use crate::device::Tf32;
 use crate::error::LearnError;
@@ -134,20 +134,20 @@ impl<N: Learner> Training<N> {
     }
 
     /// Takes the remaining steps and returns the finished checkpoint, without optimiser state; `None` for a rank that does
-    /// not lead. `assemble` gives the batch of a number, from 0 at the first step on, and runs on a thread of its own, ahead of the steps. `report`
-    /// gives further metrics of the network after a number of steps. When it is asked to stop, it stores its present
-    /// state.
+    /// not lead. Each of `assemblers` gives the batch of a number, from 0 at the first step on, and runs on a thread of its
+    /// own, ahead of the steps. `report` gives further metrics of the network after a number of steps. When it is asked to
+    /// stop, it stores its present state.
     pub(crate) fn run<B: Send>(
         self,
         checkpoint_every: u32,
-        assemble: impl Fn(u64) -> Result<B, LearnError> + Send,
+        assemblers: Vec<impl Fn(u64) -> Result<B, LearnError> + Send>,
         loss: &dyn Fn(&N, B) -> Loss,
         report: &dyn Fn(&N, u64) -> Result<Metrics, LearnError>,
         (peers, monitor): (&mut Peers, &mut dyn Monitor),
     ) -> Result<Option<Vec<u8>>, LearnError> {
         let per_step = u64::from(self.optim.gradient_accumulation);
         let numbers = self.info.step * per_step..self.optim.steps * per_step;
-        ahead((numbers, WAITING), assemble, |next| {
+        ahead((numbers, waiting(assemblers.len())), assemblers, |next| {
             self.take_steps(checkpoint_every, next, loss, report, (peers, monitor))
         })
     }

@@ -21,7 +21,8 @@ pub struct WorkerConfig {
     /// Default: the data directory.
     #[arg(long)]
     pub cache_dir: Option<PathBuf>,
-    /// Threads of the tensor library. A training or score run uses one more, which reads episodes ahead.
+    /// Threads of the tensor library. A training or score run uses one more, which reads episodes ahead, and on a GPU
+    /// this many more.
     #[arg(long, default_value_t = 2)]
     pub threads: u32,
     /// Niceness of the process (0: unchanged).

@@ -6,7 +6,7 @@
 //! to −1 … 1, and then the same mix at the next step.
 //!
 //! Unlike in the original, a place of the chunk attends to later places too. A causal network cannot predict the gradient
-//! of the chunk's density, so its samples mix ways to act (docs/results.md).
+//! of the chunk's density, so its samples mix ways to act (docs/results/policies.md).
 
 use std::collections::BTreeMap;
 

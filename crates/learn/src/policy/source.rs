@@ -1,4 +1,4 @@
-//! A source of training batches, which a thread of its own assembles, and the mean loss of a batch drawn from it.
+//! A source of training batches, which threads of their own assemble, and the mean loss of a batch drawn from it.
 //! Independent of the policy.
 
 use gleaner_core::{Augmentation, TrainSpec};

@@ -90,12 +90,16 @@ pub fn train_policy_with(
             Resumed::Finished(bytes) => return Ok(peers.lead().then_some(bytes)),
             Resumed::Unfinished(training) => training,
         };
-        let assembly = Assembly::new(training.network().as_ref(), shape, spec, peers.part())?;
-        let sources = &sources;
-        let assemble = move |number| sources.assemble(&assembly, spec.run.seed, number);
+        let (sources, policy) = (&sources, training.network().as_ref());
+        let assembler = |_| {
+            let assembly = Assembly::new(policy, shape, spec, peers.part())?;
+            Ok(move |number| sources.assemble(&assembly, spec.run.seed, number))
+        };
+        let threads = 0..device::assembling_threads(policy.info().device);
+        let assemblers: Vec<_> = threads.map(assembler).collect::<Result<_, LearnError>>()?;
         let loss = |policy: &Policy, batches| sources.loss(policy.as_ref(), batches);
         let report = |policy: &Policy, done| sources.report(policy.as_ref(), spec, done);
-        training.run(spec.run.checkpoint_every, assemble, &loss, &report, (peers, monitor))
+        training.run(spec.run.checkpoint_every, assemblers, &loss, &report, (peers, monitor))
     })
 }
 

@@ -1,7 +1,7 @@
-//! The steps and kept features of episodes, read on a thread of their own ahead of the episode's turn, so that encoding
+//! The steps and kept features of episodes, read on threads of their own ahead of the episode's turn, so that encoding
 //! does not wait for a disk or for decompression. Independent of what is computed from them.
 
-use std::cell::Cell;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use gleaner_search::PointShape;
 use tch::Device;
@@ -23,7 +23,12 @@ pub(super) struct Source<'a> {
     pub(super) points: PointShape,
     /// Features of earlier runs; `None` where storing them does not pay off.
     pub(super) kept: Option<&'a dyn FeatureStore>,
+    /// How many read.
+    pub(super) threads: usize,
 }
+
+/// What was read of an episode's kept features, once for all of its pieces; its first piece takes them.
+type Lookup = OnceLock<(bool, Mutex<Option<Kept>>)>;
 
 /// A piece of an episode.
 enum Piece {
@@ -55,25 +60,27 @@ impl Source<'_> {
     ) -> Result<R, LearnError> {
         let of_episode = |(episode, of): (usize, &&Trajectory)| (0..chunks(of.steps())).map(move |at| (episode, at));
         let pieces: Vec<(usize, usize)> = episodes.iter().enumerate().flat_map(of_episode).collect();
-        let (numbers, is_kept) = (0..pieces.len() as u64, Cell::new(false));
-        let read = move |number: u64| {
+        let numbers = 0..pieces.len() as u64;
+        let lookups: Vec<Lookup> = episodes.iter().map(|_| Lookup::new()).collect();
+        let read = |number: u64| {
             let (episode, at) =
                 usize::try_from(number).ok().and_then(|number| pieces.get(number)).ok_or_else(beyond)?;
-            let episode = episodes[*episode];
-            if *at == 0 {
+            let (lookup, episode) = (&lookups[*episode], episodes[*episode]);
+            let (is_kept, kept) = lookup.get_or_init(|| {
                 let kept = self.kept_features(episode);
-                is_kept.set(kept.is_some());
-                if let Some(kept) = kept {
-                    return Ok(Piece::Kept(kept));
+                (kept.is_some(), Mutex::new(kept))
+            });
+            match (is_kept, at) {
+                (true, 0) => {
+                    let kept = kept.lock().unwrap_or_else(PoisonError::into_inner).take();
+                    kept.map(Piece::Kept).ok_or_else(beyond)
                 }
+                (true, _) => Ok(Piece::Nothing),
+                (false, at) => chunk(self.shape, episode, *at, self.device).map(Piece::Steps),
             }
-            if is_kept.get() {
-                return Ok(Piece::Nothing);
-            }
-            chunk(self.shape, episode, *at, self.device).map(Piece::Steps)
         };
-        // One chunk is read while another is encoded: two are in memory at once.
-        ahead((numbers, 0), read, |next| work(&mut Reader(next)))
+        // Each thread reads one chunk while another is encoded: with one thread, two are in memory at once.
+        ahead((numbers, 0), vec![read; self.threads], |next| work(&mut Reader(next)))
     }
 
     fn kept_features(&self, episode: &Trajectory) -> Option<Kept> {
@@ -127,33 +134,37 @@ mod tests {
         features
     }
 
-    #[test]
-    fn episodes_come_is_kept_with_their_steps_or_their_kept_features() {
+    /// Reads the episodes, the second of which has kept features, with this number of threads.
+    fn read_all(threads: usize) {
         let (shape, episodes, kept) = (toy::shape(), episodes(), Shared::default());
         kept.put(&episodes[1].id, &kept::exact_bytes(&features(300)).unwrap());
-        let source = Source { shape: &shape, device: Device::Cpu, points: [1; 3].into(), kept: Some(&kept) };
+        let source = Source { shape: &shape, device: Device::Cpu, points: [1; 3].into(), kept: Some(&kept), threads };
         let all: Vec<&Trajectory> = episodes.iter().collect();
-        source
-            .read_ahead(&all, |reader| {
-                for (place, episode) in all.iter().enumerate() {
-                    match reader.begin(episode)? {
-                        Begun::Kept(Kept::Exact(found)) => assert!(place == 1 && found.values(2)[299] == 3.0),
-                        Begun::Kept(Kept::Rough(_)) => panic!("exact features were kept"),
-                        Begun::Steps(first) => {
-                            assert_ne!(place, 1);
-                            let read = [first, reader.chunk()?, reader.chunk()?];
-                            for (at, read) in read.iter().enumerate() {
-                                let due = chunk(&shape, episode, at, Device::Cpu)?;
-                                assert_eq!(read.proprioception, due.proprioception);
-                                assert_eq!(read.images, due.images);
-                            }
+        let read = source.read_ahead(&all, |reader| {
+            for (place, episode) in all.iter().enumerate() {
+                match reader.begin(episode)? {
+                    Begun::Kept(Kept::Exact(found)) => assert!(place == 1 && found.values(2)[299] == 3.0),
+                    Begun::Kept(Kept::Rough(_)) => panic!("exact features were kept"),
+                    Begun::Steps(first) => {
+                        assert_ne!(place, 1);
+                        let read = [first, reader.chunk()?, reader.chunk()?];
+                        for (at, read) in read.iter().enumerate() {
+                            let due = chunk(&shape, episode, at, Device::Cpu)?;
+                            assert_eq!(read.proprioception, due.proprioception);
+                            assert_eq!(read.images, due.images);
                         }
                     }
                 }
-                assert!(reader.begin(all[0]).is_err() && reader.chunk().is_err(), "there are no more");
-                Ok(())
-            })
-            .unwrap();
+            }
+            assert!(reader.begin(all[0]).is_err() && reader.chunk().is_err(), "there are no more");
+            Ok(())
+        });
+        read.unwrap();
+    }
+
+    #[test]
+    fn episodes_come_with_their_steps_or_their_kept_features_by_any_number_of_threads() {
+        [1, 2, 3, 10].into_iter().for_each(read_all);
     }
 
     #[test]
@@ -175,7 +186,7 @@ mod tests {
         }
         let (shape, episodes) = (toy::shape(), episodes());
         let broken = Trajectory::read_from(&shape, "broken", std::sync::Arc::new(Unreadable)).unwrap();
-        let source = Source { shape: &shape, device: Device::Cpu, points: [1; 3].into(), kept: None };
+        let source = Source { shape: &shape, device: Device::Cpu, points: [1; 3].into(), kept: None, threads: 2 };
         let error = source.read_ahead(&[&episodes[0], &broken, &episodes[1]], |reader| {
             assert!(matches!(reader.begin(&episodes[0])?, Begun::Steps(_)));
             reader.chunk()?;

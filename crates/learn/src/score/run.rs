@@ -18,6 +18,7 @@ use super::matched::{described, sound};
 use super::reader::{Begun, Reader, Source};
 use super::similarity::metric;
 use crate::batch::Batch;
+use crate::device;
 use crate::error::LearnError;
 use crate::shards::{Form, Shards};
 use crate::trajectory::Trajectory;
@@ -130,7 +131,8 @@ impl Run<'_> {
     fn source(&self) -> Source<'_> {
         let network = self.encoder.network;
         let (shape, device) = (&network.shape, network.device());
-        Source { shape, device, points: shape_of(network, self.comparison), kept: self.kept }
+        let (points, threads) = (shape_of(network, self.comparison), device::assembling_threads(device));
+        Source { shape, device, points, kept: self.kept, threads }
     }
 
     /// Whether an imperfect episode is read: one is not if its matches are known and no expert is new.

@@ -73,7 +73,7 @@ fn run(
     monitor: &mut Recorder,
 ) -> Result<Vec<u8>, LearnError> {
     let run = (&mut Peers::alone(), monitor as &mut dyn Monitor);
-    let made = training.run(100, move |number| Ok(assemble(number)), &loss, &|_, _| Ok(Vec::new()), run)?;
+    let made = training.run(100, vec![move |number| Ok(assemble(number))], &loss, &|_, _| Ok(Vec::new()), run)?;
     Ok(made.expect("a process alone leads"))
 }
 
@@ -130,7 +130,8 @@ fn a_stop_reads_what_was_not_read() {
     let stop = |after, batch: fn(u64) -> Tensor| {
         let mut stopped = StopBefore::step(after);
         let run_of = (&mut Peers::alone(), &mut stopped as &mut dyn Monitor);
-        let ended = start_unread().run(100, move |number| Ok(batch(number)), &loss, &|_, _| Ok(Vec::new()), run_of);
+        let ended =
+            start_unread().run(100, vec![move |number| Ok(batch(number))], &loss, &|_, _| Ok(Vec::new()), run_of);
         (ended, stopped.seen)
     };
     for after in 1..6 {
@@ -148,12 +149,23 @@ fn a_stop_reads_what_was_not_read() {
 }
 
 #[test]
+fn any_number_of_threads_that_assemble_give_the_same_bytes() {
+    let finished = run(start(), batch, &mut Recorder::default()).unwrap();
+    for threads in 2..5 {
+        let run_of = (&mut Peers::alone(), &mut Silent as &mut dyn Monitor);
+        let assemblers = vec![|number| Ok(batch(number)); threads];
+        let made = start().run(100, assemblers, &loss, &|_, _| Ok(Vec::new()), run_of).unwrap();
+        assert_eq!(made, Some(finished.clone()), "{threads} threads");
+    }
+}
+
+#[test]
 fn steps_that_are_read_together_have_the_metrics_of_steps_read_alone() {
     let run = |training: Training<Line>, every| {
         let mut monitor = Recorder::default();
         let report = |_: &Line, done: u64| Ok(if done == 3 { vec![(LOSS_VALIDATION, 7.0)] } else { Vec::new() });
         let run = (&mut Peers::alone(), &mut monitor as &mut dyn Monitor);
-        let made = training.run(every, |number| Ok(batch(number)), &loss, &report, run).unwrap();
+        let made = training.run(every, vec![|number| Ok(batch(number))], &loss, &report, run).unwrap();
         let timed = ["ms_per_step", "ms_per_batch", "waited_share"];
         for metrics in &mut monitor.metrics {
             assert!(timed.iter().all(|name| metrics.remove(*name).is_some()));
@@ -184,7 +196,13 @@ fn a_batch_that_cannot_be_assembled_ends_the_run_at_its_step_with_its_error() {
 fn a_run_that_fails_ends_with_batches_still_to_come() {
     let fails = |_: &Line, _: Tensor| -> Loss { panic!("of the loss") };
     let run_of = || {
-        start().run(100, |number| Ok(batch(number)), &fails, &|_, _| Ok(Vec::new()), (&mut Peers::alone(), &mut Silent))
+        start().run(
+            100,
+            vec![|number| Ok(batch(number))],
+            &fails,
+            &|_, _| Ok(Vec::new()),
+            (&mut Peers::alone(), &mut Silent),
+        )
     };
     assert!(guard(run_of).unwrap_err().to_string().ends_with("of the loss"));
     let diverges = |number| batch(number) * if number < 6 { 1.0 } else { f64::NAN };
@@ -193,7 +211,8 @@ fn a_run_that_fails_ends_with_batches_still_to_come() {
     let mut monitor = Recorder::default();
     let run_of = (&mut Peers::alone(), &mut monitor as &mut dyn Monitor);
     // The step that diverges is one before a checkpoint, which must not be of its weights.
-    let diverged = start_unread().run(3, move |number| Ok(diverges(number)), &loss, &|_, _| Ok(Vec::new()), run_of);
+    let diverged =
+        start_unread().run(3, vec![move |number| Ok(diverges(number))], &loss, &|_, _| Ok(Vec::new()), run_of);
     assert!(matches!(diverged, Err(LearnError::Diverged { step: 2 })), "{diverged:?}");
     assert_eq!((monitor.losses.len(), monitor.checkpoints.len()), (2, 0));
 }
@@ -233,7 +252,7 @@ fn tf32_is_allowed_in_steps_and_forbidden_between_them() {
         };
         let (mut alone, mut monitor) = (Peers::alone(), Recorder::default());
         let run = (&mut alone, &mut monitor as &mut dyn Monitor);
-        Training::start(line, info(), &optim).run(100, |number| Ok(batch(number)), &loss, &report, run).unwrap();
+        Training::start(line, info(), &optim).run(100, vec![|number| Ok(batch(number))], &loss, &report, run).unwrap();
         (seen.into_inner(), monitor.losses)
     };
     let (of_f32, exact) = allowed(Precision::F32);

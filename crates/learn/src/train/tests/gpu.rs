@@ -21,7 +21,7 @@ fn steps_that_are_read_together_on_a_gpu_have_the_metrics_of_the_processor() {
         let mut monitor = Recorder::default();
         let report = |_: &Line, done: u64| Ok(if done == 3 { vec![(LOSS_VALIDATION, 7.0)] } else { Vec::new() });
         let run = (&mut Peers::alone(), &mut monitor as &mut dyn Monitor);
-        training.run(every, move |number| Ok(assemble(number)), &loss, &report, run).unwrap();
+        training.run(every, vec![move |number| Ok(assemble(number))], &loss, &report, run).unwrap();
         monitor
     };
     for every in [100, 5, 2] {
@@ -41,7 +41,8 @@ fn a_stop_on_a_gpu_reads_what_was_not_read_and_the_processor_resumes() {
     for after in 1..6 {
         let mut stopped = StopBefore::step(after);
         let run_of = (&mut Peers::alone(), &mut stopped as &mut dyn Monitor);
-        let ended = start_on_gpu().run(100, |number| Ok(batch_on_gpu(number)), &loss, &|_, _| Ok(Vec::new()), run_of);
+        let ended =
+            start_on_gpu().run(100, vec![|number| Ok(batch_on_gpu(number))], &loss, &|_, _| Ok(Vec::new()), run_of);
         assert!(matches!(ended, Err(LearnError::Cancelled)), "{ended:?}");
         let seen = stopped.seen;
         assert!(apart(&straight.losses[..after], &seen.losses) < 1e-4, "{:?}", seen.losses);
@@ -97,7 +98,7 @@ fn steps_do_not_wait_for_the_gpu_until_they_are_read() {
         let mut monitor = Busy::default();
         let run_of = (&mut Peers::alone(), &mut monitor as &mut dyn Monitor);
         let assemble = |number: u64| Ok(usize::try_from(number).unwrap());
-        training.run(100, assemble, &of_batch, &|_, _| Ok(Vec::new()), run_of).unwrap();
+        training.run(100, vec![assemble], &of_batch, &|_, _| Ok(Vec::new()), run_of).unwrap();
         let (end, asked) = (Instant::now(), monitor.0.into_inner());
         assert_eq!(asked.len(), 12);
         (asked[11] - asked[0], end - asked[0])
