@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use futures::StreamExt as _;
+use gleaner_core::proto::recording::summary_to_proto;
 use gleaner_proto::v1::score_recording_request::Message as Part;
 use gleaner_proto::v1::score_steps_request::Message as Request;
 use gleaner_proto::v1::score_steps_response::Message as Response;
@@ -11,13 +12,14 @@ use gleaner_proto::v1::{
     LiveScore, Observation, ScoreRecordingOpen, ScoreRecordingRequest, ScoreRecordingResponse, ScoreStep,
     ScoreStepsOpen, ScoreStepsRequest, ScoreStepsResponse,
 };
+use gleaner_recording::summarize;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Streaming;
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
-use crate::file::name_to_send;
+use crate::file::{name_to_send, off_runtime, open_regular};
 use crate::retry::patiently;
 use crate::upload::Progress;
 use crate::upload::pieces::{Pieces, ReadFailure};
@@ -36,8 +38,14 @@ impl Client {
         progress: impl Fn(u64) + Send + Sync + 'static,
     ) -> Result<ScoreRecordingResponse> {
         let size_bytes = tokio::fs::metadata(path).await.map_err(ClientError::io(path))?.len();
-        let file_name = name_to_send(path);
-        let open = ScoreRecordingOpen { score_run_id: run.to_owned(), file_name, size_bytes };
+        let (file_name, file) = (name_to_send(path), path.to_owned());
+        // The server finds damage of the summary.
+        let summary = off_runtime(path.to_owned(), move || {
+            open_regular(&file)?;
+            Ok(summarize(&file).ok().flatten().map(summary_to_proto))
+        });
+        let summary = summary.await?;
+        let open = ScoreRecordingOpen { score_run_id: run.to_owned(), file_name, size_bytes, summary };
         let progress: Progress = Arc::new(progress);
         // The server keeps nothing of a failed attempt, so it may be repeated.
         patiently(async || self.send_recording(&open, path, &progress).await).await

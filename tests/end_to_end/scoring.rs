@@ -12,6 +12,7 @@ use gleaner_proto::v1::{
 };
 use gleaner_recording::{EpisodeWriter, read_episode};
 use serde_json::json;
+use tokio_stream::StreamExt as _;
 use tonic::{Code, Status};
 
 use crate::support::{
@@ -154,7 +155,8 @@ async fn send(api: &mut Api, parts: Vec<Part>) -> Result<ScoreRecordingResponse,
 }
 
 fn open(run: &str, size_bytes: u64) -> Part {
-    Part::Open(ScoreRecordingOpen { score_run_id: run.into(), file_name: "attempt.mcap".into(), size_bytes })
+    let file_name = "attempt.mcap".into();
+    Part::Open(ScoreRecordingOpen { score_run_id: run.into(), file_name, size_bytes, summary: None })
 }
 
 #[tokio::test]
@@ -184,6 +186,29 @@ async fn invalid_recordings_are_not_scored() {
     let empty = ScoreRecordingRequest { message: None };
     let status = api.scores.score_recording(tokio_stream::iter([empty])).await.unwrap_err();
     expect_error(&status, Code::InvalidArgument, &["open: "]);
+}
+
+#[tokio::test]
+async fn a_recording_that_states_too_much_is_rejected_before_it_is_sent_to_be_scored() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let summary = Some(RecordingSummary { messages: u64::MAX, ..RecordingSummary::default() });
+    let declared = ScoreRecordingOpen { score_run_id: shared.run.clone(), summary, ..ScoreRecordingOpen::default() };
+    // The stream stays open and has no data.
+    let first = ScoreRecordingRequest { message: Some(Part::Open(declared)) };
+    let requests = tokio_stream::iter([first]).chain(tokio_stream::pending());
+    let words = ["open.summary.messages: ", "--max-records"];
+    expect_error(&api.scores.score_recording(requests).await.unwrap_err(), Code::ResourceExhausted, &words);
+
+    let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &lab::spec()).unwrap();
+    writer.annotate(&"x".repeat(1025), 1, &json!({})).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = recording_file(folder.path(), &writer.finish().unwrap().into_inner());
+    let client = Client::connect(shared.server.url(), None).await.unwrap();
+    let rejected = client.score_recording(&shared.run, &path, |_| {}).await.unwrap_err().to_string();
+    for part in ["open.summary.topics: ", "1025", "--max-name-bytes"] {
+        assert!(rejected.contains(part), "{rejected}");
+    }
 }
 
 async fn score_steps(api: &mut Api, messages: Vec<StepMessage>) -> Result<Vec<LiveScore>, Status> {

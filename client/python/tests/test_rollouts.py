@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from numpy.typing import NDArray
 
 import gleaner
@@ -122,6 +123,15 @@ def test_invalid_scoring_requests_are_rejected(client: gleaner.Client, lab: Lab,
     broken.write_bytes(b"no recording at all")
     with pytest.raises(gleaner.InvalidArgument, match="recording"):
         client.score_recording(lab.run, broken)
+    endless = tmp_path / "endless.mcap"
+    with endless.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("x" * 1025, "json", 0)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    with pytest.raises(gleaner.ResourceExhausted, match=r"open\.summary\.topics: .*--max-name-bytes"):
+        client.score_recording(lab.run, endless)
     with pytest.raises(FileNotFoundError):
         client.score_recording(lab.run, tmp_path / "nowhere.mcap")
     with pytest.raises(gleaner.NotFound, match=ABSENT):

@@ -41,33 +41,47 @@ impl Ingest {
     pub(super) async fn within_declared_limits(&self, new: &NewUpload) -> Result<Option<InspectionEstimate>> {
         self.within_limits("size_bytes", new.size_bytes)?;
         let Some(summary) = &new.summary else { return Ok(None) };
-        self.within_content_limits(summary)?;
         let task = self.store.task_by_id(&new.task_id).await?.spec;
-        messages_fit(summary, &task)?;
-        let estimate = estimate(summary, &task);
+        self.content_fits("summary", (summary, new.size_bytes), &task).map(Some)
+    }
+
+    /// Whether a recording of this size with this summary, which `field` declares, can be inspected here. Returns what its
+    /// inspection takes.
+    ///
+    /// # Errors
+    /// Exhausted names the limit, its value and the declared number.
+    pub(super) fn content_fits(
+        &self,
+        field: &str,
+        (summary, size_bytes): (&RecordingSummary, u64),
+        task: &TaskSpec,
+    ) -> Result<InspectionEstimate> {
+        self.within_content_limits(field, summary)?;
+        messages_fit(field, summary, task)?;
+        let estimate = estimate(summary, task);
         let memory = self.inspector.memory_bytes;
         let length = format!("{} s with {} steps", summary.duration_ns / 1_000_000_000, estimate.steps);
         if estimate.least_memory_bytes > memory {
             return Err(Error::exhausted(format!(
-                "summary: reading {length} takes at least {} bytes of memory, and an inspection has {memory} \
+                "{field}: reading {length} takes at least {} bytes of memory, and an inspection has {memory} \
                  (--inspect-memory-bytes): record shorter episodes, or raise the limit at the server",
                 estimate.least_memory_bytes
             )));
         }
-        let most = most_written(memory, new.size_bytes);
+        let most = most_written(memory, size_bytes);
         if estimate.least_decoded_bytes > most {
             return Err(Error::exhausted(format!(
-                "summary: the decoded images of {length} take at least {} bytes, and an inspection may write {most} \
+                "{field}: the decoded images of {length} take at least {} bytes, and an inspection may write {most} \
                  (--inspect-memory-bytes, and 16 times the recording): record shorter episodes or smaller images, or \
                  raise the limit at the server",
                 estimate.least_decoded_bytes
             )));
         }
-        Ok(Some(estimate))
+        Ok(estimate)
     }
 
     /// Whether the reader accepts this many messages, channels and bytes in a chunk.
-    fn within_content_limits(&self, summary: &RecordingSummary) -> Result<()> {
+    fn within_content_limits(&self, declared: &str, summary: &RecordingSummary) -> Result<()> {
         let limits = self.inspector.limits.limits();
         let channels = limits.channels as u64;
         let topics = summary.topics.len() as u64;
@@ -96,7 +110,7 @@ impl Ingest {
         ] {
             if stated > most {
                 return Err(Error::exhausted(format!(
-                    "summary.{field}: the recording states {stated} {what}, and this server reads at most {most} ({flag}): \
+                    "{declared}.{field}: the recording states {stated} {what}, and this server reads at most {most} ({flag}): \
                      {remedy}, or raise the limit at the server"
                 )));
             }
@@ -120,11 +134,11 @@ impl Ingest {
 }
 
 /// Whether the reader accepts this many messages of the topics that the task reads.
-fn messages_fit(summary: &RecordingSummary, task: &TaskSpec) -> Result<()> {
+fn messages_fit(field: &str, summary: &RecordingSummary, task: &TaskSpec) -> Result<()> {
     let read = |topic: &str| task.mappings.iter().any(|mapping| mapping.topics(task).contains(topic));
     match summary.topics.iter().find(|(topic, count)| **count > MAX_MESSAGES as u64 && read(topic)) {
         Some((topic, count)) => Err(Error::exhausted(format!(
-            "summary.topics: the recording states {count} messages of {topic}, and {MAX_MESSAGES} of a topic are read at \
+            "{field}.topics: the recording states {count} messages of {topic}, and {MAX_MESSAGES} of a topic are read at \
              most: split the recording"
         ))),
         None => Ok(()),

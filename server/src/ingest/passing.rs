@@ -5,7 +5,7 @@ use std::{path::Path, sync::Arc};
 
 use bytes::Bytes;
 use futures::{Stream, StreamExt as _};
-use gleaner_recording::{FrameCache, Report, TaskSpec};
+use gleaner_recording::{FrameCache, RecordingSummary, Report, TaskSpec};
 use tempfile::TempDir;
 use tokio::{fs::File, io::AsyncWriteExt as _, sync::OwnedSemaphorePermit};
 
@@ -31,6 +31,8 @@ pub(crate) struct Declared {
     pub(crate) file_name: String,
     /// `None`: unknown beforehand.
     pub(crate) size_bytes: Option<u64>,
+    /// What the recording states about itself; a wrong one is found when the recording is inspected.
+    pub(crate) summary: Option<RecordingSummary>,
 }
 
 /// The permit for one such recording, to be held while any data of the recording is.
@@ -56,8 +58,8 @@ impl Ingest {
     /// Inspects a recording like an upload, and removes it.
     ///
     /// # Errors
-    /// Invalid when the task cannot use it, or its size differs from the declared one; Exhausted when it is too large
-    /// or too many are being inspected; any error of the stream.
+    /// Invalid when the task cannot use it, or its size differs from the declared one; Exhausted when it is too large,
+    /// states more than is read here, or too many are being inspected; any error of the stream.
     pub(crate) async fn pass(
         &self,
         client: &Client,
@@ -69,6 +71,11 @@ impl Ingest {
             .try_acquire_owned()
             .map_err(|_| Error::exhausted(format!("{AT_ONCE} recordings are being inspected already; retry later")))?;
         self.within_limits(SIZE, declared.size_bytes.unwrap_or(0))?;
+        if let Some(summary) = &declared.summary {
+            // Of an unknown size, the largest.
+            let size_bytes = declared.size_bytes.unwrap_or(self.max_upload_bytes);
+            self.content_fits("open.summary", (summary, size_bytes), task)?;
+        }
         self.blobs.room_for(declared.size_bytes.unwrap_or(0)).await?;
         let tmp = self.data_dir.join("tmp");
         let folder = off_runtime("making room for a recording", move || {

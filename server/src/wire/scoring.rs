@@ -1,6 +1,7 @@
 //! Scores of recordings and steps that are not stored, on the wire.
 
 use bytes::Bytes;
+use gleaner_core::proto::recording::summary_from_proto;
 use gleaner_proto::v1::{self, score_recording_request, score_steps_request, score_steps_response};
 
 use super::{episode, field, policy};
@@ -23,10 +24,11 @@ const OPEN_TWICE: &str = "the stream is open already; send one for each episode"
 pub(crate) fn recording_open(first: Option<v1::ScoreRecordingRequest>) -> Result<(ScoreRunId, Declared)> {
     match first.and_then(|first| first.message) {
         Some(score_recording_request::Message::Open(open)) => {
-            let v1::ScoreRecordingOpen { score_run_id, file_name, size_bytes } = open;
+            let v1::ScoreRecordingOpen { score_run_id, file_name, size_bytes, summary } = open;
             let run = ScoreRunId::parse("open.score_run_id", &score_run_id)?;
             let file_name = field::tag("open.file_name", file_name)?;
-            Ok((run, Declared { file_name, size_bytes: (size_bytes > 0).then_some(size_bytes) }))
+            let size_bytes = (size_bytes > 0).then_some(size_bytes);
+            Ok((run, Declared { file_name, size_bytes, summary: summary.map(summary_from_proto) }))
         }
         Some(score_recording_request::Message::Data(_)) | None => Err(open_first()),
     }
@@ -144,7 +146,8 @@ mod tests {
     #[test]
     fn an_opening_is_checked() {
         let open = |score_run_id: String, file_name: &str| {
-            let open = v1::ScoreRecordingOpen { score_run_id, file_name: file_name.to_owned(), size_bytes: 7 };
+            let open =
+                v1::ScoreRecordingOpen { score_run_id, file_name: file_name.to_owned(), size_bytes: 7, summary: None };
             recording_open(Some(v1::ScoreRecordingRequest {
                 message: Some(score_recording_request::Message::Open(open)),
             }))

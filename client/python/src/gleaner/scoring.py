@@ -14,8 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from gleaner._conversation import Conversation
 from gleaner._proto.v1 import score_pb2 as pb
+from gleaner._proto.v1.episode_pb2 import RecordingSummary
 from gleaner._retry import patiently
 from gleaner._rpc import Rpc
+from gleaner._summary import summarize
 from gleaner._upload import name_to_send, regular
 from gleaner.errors import ServerError
 from gleaner.observation import Observation, size, to_wire, vector
@@ -77,11 +79,11 @@ class Scoring:
 
     def recording(self, run: str, path: Path, progress: Callable[[int], object]) -> ScoredRecording:
         """A whole recording's scores. Retried from the beginning while there is no connection."""
-        size_bytes = os.path.getsize(regular(path))
+        size_bytes, summary = os.path.getsize(regular(path)), summarize(path)
 
         def send() -> pb.ScoreRecordingResponse:
             # Each attempt opens the file: the thread of one whose connection broke may still read from its own.
-            requests = self._pieces(run, path, size_bytes, progress)
+            requests = self._pieces(run, path, (size_bytes, summary), progress)
             return self._rpc.upload("ScoreService/ScoreRecording", requests, pb.ScoreRecordingResponse)
 
         reply = patiently(send)
@@ -104,10 +106,12 @@ class Scoring:
 
     @staticmethod
     def _pieces(
-        run: str, path: Path, size_bytes: int, progress: Callable[[int], object]
+        run: str, path: Path, declared: tuple[int, RecordingSummary | None], progress: Callable[[int], object]
     ) -> Iterator[pb.ScoreRecordingRequest]:
+        size_bytes, summary = declared
+        name = name_to_send(path)
         yield pb.ScoreRecordingRequest(
-            open=pb.ScoreRecordingOpen(score_run_id=run, file_name=name_to_send(path), size_bytes=size_bytes)
+            open=pb.ScoreRecordingOpen(score_run_id=run, file_name=name, size_bytes=size_bytes, summary=summary)
         )
         sent = 0
         with path.open("rb") as file:

@@ -5,13 +5,13 @@ use futures::stream;
 use super::*;
 use crate::{
     error::Kind,
-    ingest::testing::{Fixture, REFUSING, playing, real, recording},
+    ingest::testing::{Fixture, REFUSING, playing, playing_with, real, recording},
 };
 
 const FOLDERS: [&str; 4] = ["blobs", "uploads", "cache", "tmp"];
 
 async fn pass(f: &Fixture, size: Option<u64>, chunks: Vec<Result<Bytes>>) -> Result<Passing> {
-    let declared = Declared { file_name: "reach.mcap".into(), size_bytes: size };
+    let declared = Declared { file_name: "reach.mcap".into(), size_bytes: size, summary: None };
     f.ingest.pass(&Client::Server, &f.task.spec, declared, stream::iter(chunks)).await
 }
 
@@ -59,6 +59,22 @@ async fn a_recording_above_the_limit_is_refused_early() {
     let endless = stream::repeat_with(|| Ok(Bytes::from_static(b"123456")));
     let refused = f.ingest.pass(&Client::Server, &f.task.spec, Declared::default(), endless).await.unwrap_err();
     assert_eq!(refused.kind(), Kind::Exhausted);
+    assert!(f.files(&FOLDERS).is_empty());
+}
+
+#[tokio::test]
+async fn a_recording_that_states_too_much_is_refused_before_its_first_byte() {
+    let f = playing_with(REFUSING, &["--max-records", "11"]).await;
+    let summary = Some(RecordingSummary { messages: 12, ..RecordingSummary::default() });
+    for size_bytes in [None, Some(9)] {
+        let declared = Declared { size_bytes, summary: summary.clone(), ..Declared::default() };
+        let refused =
+            f.ingest.pass(&Client::Server, &f.task.spec, declared, stream::pending().boxed()).await.unwrap_err();
+        assert_eq!(refused.kind(), Kind::Exhausted);
+        for part in ["open.summary.messages: ", "12", "11 (--max-records)"] {
+            assert!(refused.message().contains(part), "{refused}");
+        }
+    }
     assert!(f.files(&FOLDERS).is_empty());
 }
 
