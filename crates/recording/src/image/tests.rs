@@ -1,5 +1,7 @@
 //! Tests of the parent module.
 
+mod processors;
+
 use gleaner_core::{Crop, RecordedSize};
 use image::ImageEncoder;
 
