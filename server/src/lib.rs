@@ -5,6 +5,7 @@
 //! server.
 
 pub mod access;
+mod blocking;
 pub mod config;
 mod connections;
 mod curation;

@@ -16,6 +16,7 @@ use tokio::sync::Semaphore;
 pub(crate) use self::summary::Summary;
 use self::{steps::Steps, summary::Weigh};
 use crate::{
+    blocking::off_runtime,
     domain::{
         dataset::{Dataset, DatasetCounts},
         id::{EpisodeId, ScoreRunId},
@@ -170,14 +171,6 @@ impl Curation {
         };
         self.0.open.get_or_insert_async(episode, open).await
     }
-}
-
-/// Runs blocking work off the runtime's threads.
-async fn off_runtime<T: Send + 'static>(
-    doing: &'static str,
-    work: impl FnOnce() -> Result<T> + Send + 'static,
-) -> Result<T> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| Error::internal(doing, error))?
 }
 
 #[cfg(test)]

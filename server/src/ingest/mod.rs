@@ -44,9 +44,10 @@ pub(crate) use self::{
 };
 use crate::{
     blobs::{Blobs, sync_folder},
+    blocking::off_runtime,
     config::ServeConfig,
     domain::id::UploadId,
-    error::{Error, Result},
+    error::Result,
     store::Store,
 };
 
@@ -128,12 +129,4 @@ impl Ingest {
 /// The part file of an open upload.
 pub(crate) fn part_path(data_dir: &Path, upload: &UploadId) -> PathBuf {
     data_dir.join("uploads").join(format!("{upload}.part"))
-}
-
-/// Runs blocking work off the runtime's threads.
-async fn off_runtime<T: Send + 'static>(
-    doing: &'static str,
-    work: impl FnOnce() -> Result<T> + Send + 'static,
-) -> Result<T> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| Error::internal(doing, error))?
 }

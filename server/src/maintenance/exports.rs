@@ -6,8 +6,9 @@
 
 use std::time::SystemTime;
 
-use super::{Sweeper, sweep::off_runtime};
+use super::Sweeper;
 use crate::{
+    blocking::off_runtime,
     domain::{
         id::{BlobId, ExportId},
         time::Millis,
@@ -64,7 +65,7 @@ impl Sweeper {
                 }
             }
             let blobs = self.blobs.clone();
-            let sizes = off_runtime(move || {
+            let sizes = off_runtime("sweeping", move || {
                 unneeded.iter().map(|blob| blobs.remove(blob, &removing)).collect::<Result<Vec<Option<u64>>>>()
             });
             for size in sizes.await?.into_iter().flatten() {
@@ -81,6 +82,6 @@ impl Sweeper {
     /// Whether a blob exists and was stored at this time or later.
     async fn placed_since(&self, blob: &BlobId, time: SystemTime) -> Result<bool> {
         let (blobs, id) = (self.blobs.clone(), blob.clone());
-        Ok(off_runtime(move || blobs.placed(&id)).await?.is_some_and(|placed| placed >= time))
+        Ok(off_runtime("sweeping", move || blobs.placed(&id)).await?.is_some_and(|placed| placed >= time))
     }
 }

@@ -18,6 +18,7 @@ use std::{
 use super::{Sweeper, caches::Rules, describe::describe_queued, files, worth};
 use crate::{
     blobs::{Blobs, Removing},
+    blocking::off_runtime,
     domain::{
         description::Description,
         id::{BlobId, EpisodeId},
@@ -75,11 +76,11 @@ impl Sweeper {
             counts.removed(forget_episode(&self.store, &self.blobs, episode, recording).await?);
         }
         let blobs = self.blobs.clone();
-        let (deleted, bytes) = off_runtime(move || blobs.empty_trash(trash_end, worth::stays)).await?;
+        let (deleted, bytes) = off_runtime("sweeping", move || blobs.empty_trash(trash_end, worth::stays)).await?;
         (counts.blobs, counts.bytes) = (counts.blobs + deleted, counts.bytes + bytes);
         self.discard(&orphans, old, &mut counts).await?;
         let blobs = self.blobs.clone();
-        counts.leavings = off_runtime(move || blobs.remove_drafts(old)).await?;
+        counts.leavings = off_runtime("sweeping", move || blobs.remove_drafts(old)).await?;
         let named = self.store.named_blobs().await?;
         let rules = Rules {
             blobs: self.blobs.clone(),
@@ -87,13 +88,13 @@ impl Sweeper {
             old,
             features_used: self.days_before(now, self.maintenance.features_days).await?,
         };
-        counts.caches = off_runtime(move || rules.sweep()).await?;
+        counts.caches = off_runtime("sweeping", move || rules.sweep()).await?;
         let tmp = self.data_dir.join("tmp");
-        counts.leavings += off_runtime(move || remove_unwritten(&tmp, old)).await?;
+        counts.leavings += off_runtime("sweeping", move || remove_unwritten(&tmp, old)).await?;
         let logs = gleaner_data_folder::logs(&self.data_dir);
         // Running jobs may write to their logs, however rarely.
         let quiet = self.days_before(now, self.maintenance.log_days).await?.min(old);
-        counts.logs = off_runtime(move || remove_unwritten(&logs, quiet)).await?;
+        counts.logs = off_runtime("sweeping", move || remove_unwritten(&logs, quiet)).await?;
         let jumped = self.store.jumped_within(self.ingest.keep_for()).await?;
         counts.uploads = self.ingest.forget_abandoned(earlier(now, jumped)).await?;
         if let Some(days) = self.maintenance.audit_days {
@@ -108,13 +109,13 @@ impl Sweeper {
     /// no row for them.
     async fn restore_named(&self) -> Result<()> {
         let blobs = self.blobs.clone();
-        let trash = off_runtime(move || blobs.list_trash()).await?;
+        let trash = off_runtime("sweeping", move || blobs.list_trash()).await?;
         for id in trash.into_iter().filter_map(|found| found.id) {
             if !self.store.names_blob(&id).await? {
                 continue;
             }
             let (blobs, named) = (self.blobs.clone(), id.clone());
-            if off_runtime(move || Ok(blobs.size(&named)?.is_none() && blobs.take_back(&named)?)).await? {
+            if off_runtime("sweeping", move || Ok(blobs.size(&named)?.is_none() && blobs.take_back(&named)?)).await? {
                 tracing::warn!(blob.id = %id, "a row names a blob in the trash that exists nowhere else: restored");
             }
         }
@@ -143,12 +144,12 @@ impl Sweeper {
         let named = self.store.named_blobs().await?;
         let named: HashSet<BlobId> = named.into_iter().map(|named| named.blob).collect();
         let blobs = self.blobs.clone();
-        let found = off_runtime(move || blobs.list()).await?;
+        let found = off_runtime("sweeping", move || blobs.list()).await?;
         let all = found.iter().filter(|found| found.id.is_some()).count();
         let mut orphans = found;
         orphans.retain(|found| found.placed < old && found.id.as_ref().is_some_and(|id| !named.contains(id)));
         let blobs = self.blobs.clone();
-        let (orphans, unexplained) = off_runtime(move || {
+        let (orphans, unexplained) = off_runtime("sweeping", move || {
             let unexplained = orphans.iter().filter(|found| worth::is_unexplained(&blobs, found)).count();
             Ok((orphans, unexplained))
         })
@@ -173,7 +174,7 @@ impl Sweeper {
         for id in orphans {
             // The blob may have been stored again since it was listed, before its row.
             let (blobs, again) = (self.blobs.clone(), id.clone());
-            let placed = off_runtime(move || blobs.placed(&again)).await?;
+            let placed = off_runtime("sweeping", move || blobs.placed(&again)).await?;
             if placed.is_none_or(|placed| placed >= old) {
                 continue;
             }
@@ -182,7 +183,7 @@ impl Sweeper {
                 continue;
             }
             let (blobs, moved) = (self.blobs.clone(), id.clone());
-            let size = off_runtime(move || blobs.discard(&moved, &removing)).await?;
+            let size = off_runtime("sweeping", move || blobs.discard(&moved, &removing)).await?;
             tracing::info!(blob.id = %id, blob.bytes = size, "no row names a blob: it moves to the trash");
             counts.trashed += u64::from(size.is_some());
         }
@@ -236,7 +237,7 @@ impl SweepCounts {
 pub(crate) async fn forget(store: &Store, blobs: &Blobs, blob: &BlobId) -> Result<Option<u64>> {
     let Some(removing) = unneeded(store, blobs, blob).await? else { return Ok(None) };
     let (blobs, id) = (blobs.clone(), blob.clone());
-    off_runtime(move || match blobs.descriptions(&id)?.is_empty() {
+    off_runtime("sweeping", move || match blobs.descriptions(&id)?.is_empty() {
         true => blobs.remove(&id, &removing),
         false => blobs.discard(&id, &removing),
     })
@@ -258,7 +259,7 @@ pub(super) async fn forget_episode(
     let removing = unneeded(store, blobs, recording).await?;
     let shared = removing.is_none() && store.names_blob(recording).await?;
     let (blobs, id, episode) = (blobs.clone(), recording.clone(), episode.clone());
-    off_runtime(move || {
+    off_runtime("sweeping", move || {
         let described = blobs.description(&id, episode.as_str()).and_then(|json| Description::read(&json));
         let deleted = described.is_none_or(|description| description.is_deleted_recording());
         match removing {
@@ -283,9 +284,4 @@ async fn unneeded(store: &Store, blobs: &Blobs, blob: &BlobId) -> Result<Option<
         return Ok(None);
     };
     Ok(if store.names_blob(blob).await? { None } else { Some(removing) })
-}
-
-/// Runs blocking work off the runtime's threads.
-pub(super) async fn off_runtime<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| Error::internal("sweeping", error))?
 }

@@ -24,7 +24,7 @@ impl Rollouts {
         match self.store(files).await {
             Err(error) if matches!(error.kind(), Kind::Invalid | Kind::NotFound) => {
                 let aside = files.clone();
-                off_runtime(move || aside.set_aside()).await?;
+                off_runtime("recording a session", move || aside.set_aside()).await?;
                 tracing::error!(
                     %error, file.path = %files.unusable().display(),
                     "a session's recording is unusable and was set aside"
@@ -37,7 +37,7 @@ impl Rollouts {
 
     async fn store(&self, files: &RolloutFiles) -> Result<Option<EpisodeId>> {
         let read = files.clone();
-        let Some(mut sidecar) = off_runtime(move || read.read()).await? else {
+        let Some(mut sidecar) = off_runtime("recording a session", move || read.read()).await? else {
             return Err(Error::invalid("recording", "its sidecar is missing"));
         };
         let steps = match sidecar.steps {
@@ -60,7 +60,7 @@ impl Rollouts {
         };
         crate::fail_point::pass("rollout.kept");
         let done = files.clone();
-        off_runtime(move || done.remove()).await?;
+        off_runtime("recording a session", move || done.remove()).await?;
         Ok(episode)
     }
 
@@ -69,7 +69,7 @@ impl Rollouts {
         let steps = self.0.ingest.salvage(&files.recording(), &files.salvaged()).await?;
         sidecar.steps = Some(steps);
         let (files, sidecar) = (files.clone(), sidecar.clone());
-        off_runtime(move || {
+        off_runtime("recording a session", move || {
             if steps >= FEWEST {
                 files.replace()?;
             }

@@ -37,6 +37,7 @@ pub(crate) use self::{
 };
 use crate::{
     blobs::{Blobs, sync_folder},
+    blocking::off_runtime,
     config::ServeConfig,
     domain::{
         episode::Outcome,
@@ -190,7 +191,7 @@ impl Rollouts {
         files: &RolloutFiles,
     ) -> Result<Option<EpisodeId>> {
         if let Ok(writer) = writer
-            && !off_runtime(move || writer.end(&ending)).await?
+            && !off_runtime("recording a session", move || writer.end(&ending)).await?
         {
             return Ok(None);
         }
@@ -239,7 +240,7 @@ async fn write_down(
             biased;
             () = synced => {
                 let room = blobs.room_for(0).await;
-                writer = off_runtime(move || {
+                writer = off_runtime("recording a session", move || {
                     writer.sync();
                     room.unwrap_or_else(|error| writer.stop(&error));
                     Ok(writer)
@@ -251,7 +252,7 @@ async fn write_down(
                     return Ok((None, writer));
                 }
                 let batch = std::mem::take(&mut events);
-                let (back, ended) = off_runtime(move || Ok(write(writer, batch))).await?;
+                let (back, ended) = off_runtime("recording a session", move || Ok(write(writer, batch))).await?;
                 writer = back;
                 if ended.is_some() {
                     return Ok((ended, writer));
@@ -276,9 +277,4 @@ fn write(mut writer: RolloutWriter, events: Vec<Event>) -> (RolloutWriter, Optio
 fn broken_off() -> Ending {
     let (outcome, how) = (Outcome::Unknown, "aborted".to_owned());
     Ending { outcome, how, answered: 0, dropped: 0, missed: 0, unscored: None, left_out: 0 }
-}
-
-/// Runs blocking work off the runtime's threads.
-async fn off_runtime<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| Error::internal("recording a session", error))?
 }

@@ -40,7 +40,7 @@ impl Rollouts {
     async fn recover_one(&self, files: RolloutFiles) {
         let files_of_session = files.clone();
         // Without a recording, or with an empty one, there are no steps to store. One that cannot be read now may have some.
-        let empty = off_runtime(move || {
+        let empty = off_runtime("recording a session", move || {
             let path = files_of_session.recording();
             match fs::metadata(&path) {
                 Ok(file) if file.len() > 0 => Ok(false),
