@@ -12,6 +12,7 @@ class Table:
     def __init__(self):
         self.rows: list[dict[str, object]] = []
         self.failed: list[str] = []
+        self.missed: list[str] = []
 
     def add(self, what: str, seconds: float, peak: float, note: str = "") -> None:
         self.rows.append({"what": what, "seconds": seconds, "peak_mib": peak, "note": note})
@@ -21,6 +22,11 @@ class Table:
         """A row of work that failed; the walk continues."""
         self.failed.append(what)
         self.add(what, seconds, peak, f"FAILED: {error}")
+
+    def within(self, what: str, seconds: float, target: float) -> None:
+        """Compares a time with its target; a miss ends the bench with an error once the walk is complete."""
+        if seconds > target:
+            self.missed.append(f"{what}: {shown(seconds)}, target {shown(target)}")
 
     def measured(self, server: Server, what: str, work: Callable[[], object], note: Callable[[object], str] = str) -> object:
         server.forget_peak()
