@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build worker check-worker moto test test-ceph test-room test-gpu test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-foxglove check-lerobot-policy check-mlflow check-nccl check-ros2 check-simulators lint-python check-lerobot check-robomimic exports differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
+.PHONY: demo build worker check-worker moto test test-ceph test-room test-gpu test-postgres crash-test crash-test-postgres crash-test-slurm test-python check-foxglove check-lerobot-policy check-mlflow check-nccl check-ros2 check-simulators lint-python check-lerobot check-robomimic exports differential differential-test metaworld maniskill fmt lint doc deny check bench bench-hour bench-serving bench-pages bench-lab bench-bucket bench-loading bench-torch bench-cache load-test peers peers-ranks peers-serving peers-openpi fuzz kinds task-file
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -291,6 +291,10 @@ bench-loading: .libtorch
 # fetches.
 bench-torch: .libtorch
 	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/loading/run.sh torch_dataset.py $(LOADING_ARGS)
+
+# Size of the decoded steps beside that of their recordings, by codec and scene.
+bench-cache: .libtorch
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/cache/run.sh $(CACHE_ARGS)
 
 # The same load on servers in Python that run the same network. Fetches PyTorch (about 3 GB) the first time.
 peers-serving: .libtorch
