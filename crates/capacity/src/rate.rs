@@ -43,14 +43,14 @@ pub(crate) const ROW_BYTES_AN_EPISODE: f64 = 4000.0;
 pub(crate) const MEMORY_BYTES_A_SEGMENT: f64 = (646.0 - 149.0) * 1_048_576.0 / 1e7;
 
 /// Values of pairs of segments that one processor compares in a second: 4,000 × 100,000 pairs of 384 values in 1.09 s
-/// (docs/results.md, "Speed"). Wider rows are compared faster: 6,000 × 4,000 pairs of 4,032 values in 0.34 s.
+/// (docs/results/speed.md). Wider rows are compared faster: 6,000 × 4,000 pairs of 4,032 values in 0.34 s.
 pub(crate) const COMPARED_VALUES_A_SECOND: f64 = 4000.0 * 100_000.0 * 384.0 / 1.09;
 
-/// Values of a segment for each camera, by raw observations at the default length (docs/results.md, "Speed").
+/// Values of a segment for each camera, by raw observations at the default length (docs/results/speed.md).
 pub(crate) const VALUES_A_CAMERA: f64 = 1344.0;
 
-/// Actions a second that a model of `tiny` size gives 16 sessions, JPEG pictures, on two processors (docs/results.md,
-/// "Serving").
+/// Actions a second that a model of `tiny` size gives 16 sessions, JPEG pictures, on two processors
+/// (docs/results/speed.md, "Serving").
 pub(crate) const ACTIONS_A_SECOND: f64 = 3570.0 / 2.0;
 
 /// Seconds from the start of a training to its first step, for each episode read from a disk (docs/scale.md).
