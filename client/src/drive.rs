@@ -36,7 +36,8 @@ pub struct DrivePlan {
     pub config: SimConfig,
     /// Number of episodes.
     pub episodes: u32,
-    /// Episode i starts from seed + i, so that two policies are evaluated on the same episodes.
+    /// Episode i starts from seed + i, so that two policies are evaluated on the same episodes; a policy that draws its
+    /// actions draws them under that seed, as in an evaluation by a job.
     pub seed: u64,
     /// Episodes that run at the same time.
     pub sessions: usize,
@@ -103,7 +104,7 @@ impl Client {
             let run = Task(tokio::spawn(async move {
                 match plan.real_time {
                     None => run_episode(&client, &plan, &spec, seed).await,
-                    Some(pace) => run_in_real_time(&client, &plan, control_plan(&plan, &spec, pace)?, seed).await,
+                    Some(pace) => run_in_real_time(&client, &plan, control_plan(&plan, &spec, pace, seed)?).await,
                 }
             }));
             async move {
@@ -141,6 +142,7 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
         deployment: plan.deployment.clone(),
         record: plan.record.is_some(),
         cohort: plan.record.clone().unwrap_or_default().cohort,
+        seed,
         ..SessionOpen::default()
     };
     let mut session = Session::open_with(client, open).await?;
@@ -176,8 +178,8 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
     Ok(Run { episode, policy_id, latencies, control: None })
 }
 
-fn control_plan(plan: &DrivePlan, spec: &TaskSpec, pace: RealTime) -> Result<ControlPlan> {
-    let mut control = ControlPlan::new(&plan.deployment, spec.rate_hz)?;
+fn control_plan(plan: &DrivePlan, spec: &TaskSpec, pace: RealTime, seed: u64) -> Result<ControlPlan> {
+    let mut control = ControlPlan { seed, ..ControlPlan::new(&plan.deployment, spec.rate_hz)? };
     control.deadline = pace.deadline.unwrap_or(control.deadline);
     control.lost_after = control.lost_after.max(control.deadline.saturating_mul(2));
     control.hold_for = pace.hold_for.unwrap_or(control.hold_for);
@@ -187,7 +189,8 @@ fn control_plan(plan: &DrivePlan, spec: &TaskSpec, pace: RealTime) -> Result<Con
     Ok(control)
 }
 
-async fn run_in_real_time(client: &Client, plan: &DrivePlan, control: ControlPlan, seed: u64) -> Result<Run> {
+async fn run_in_real_time(client: &Client, plan: &DrivePlan, control: ControlPlan) -> Result<Run> {
+    let seed = control.seed;
     let mut robot = SimRobot::new(plan.task, plan.config, seed);
     let report =
         client.control(&mut robot, &control, std::future::pending()).await.map_err(|ended| match ended.cause {
@@ -233,11 +236,11 @@ mod tests {
             record: Some(Recorded { cohort: "night".into() }),
         };
         let spec = gleaner_sim::task_spec(plan.task, &plan.config);
-        let own = control_plan(&plan, &spec, RealTime::default()).unwrap();
+        let own = control_plan(&plan, &spec, RealTime::default(), 9).unwrap();
         assert_eq!((own.period, own.deadline), (Duration::from_millis(100), Duration::from_millis(100)));
-        assert_eq!((own.record, own.cohort.as_str()), (true, "night"));
+        assert_eq!((own.record, own.cohort.as_str(), own.seed), (true, "night", 9));
         let message = RealTime { deadline: Some(Duration::from_secs(5)), hold_for: Some(Duration::ZERO) };
-        let message = control_plan(&plan, &spec, message).unwrap();
+        let message = control_plan(&plan, &spec, message, 9).unwrap();
         assert_eq!((message.deadline, message.hold_for), (Duration::from_secs(5), Duration::ZERO));
         assert!(message.lost_after > message.deadline);
     }

@@ -9,8 +9,9 @@ use tonic::Code;
 use crate::support::{
     api::Api,
     lab,
-    robot::{Robot, observe, start_sim},
+    robot::{Robot, close, observe, start_sim, values},
     rollouts::{NAME, Sent, endless, episodes, messages, read, recorded, scored_deployment, step, tear},
+    shared::shared,
     wait::{until, within},
 };
 
@@ -165,6 +166,48 @@ async fn drive_records_its_episodes() {
     let report = client.control(&mut robot, &control, std::future::pending()).await.unwrap();
     let episode = episodes(&mut api, "in real time", 1).await.remove(0);
     assert_eq!((report.episode_ids.as_slice(), episode.outcome()), ([episode.id].as_slice(), Outcome::Failure));
+}
+
+/// A policy that draws its actions draws those of an attempt as a session with the attempt's seed does.
+#[tokio::test]
+async fn drive_draws_each_attempt_under_its_own_seed() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let data = train_spec::Data::ExpertsIn(shared.snapshot.clone());
+    let flow = lab::with(lab::train(data, 1), serde_json::json!({"policy": "flow", "execute_length": 1}));
+    let policy = api.succeed(lab::TASK, flow).await.result_id;
+    let deployment = "drawn@test";
+    api.deploy(deployment, &policy).await;
+    let plan = DrivePlan {
+        deployment: deployment.into(),
+        task: SimTask::PickCube,
+        config: gleaner_sim::SimConfig { max_steps: 3, ..lab::sim_config() },
+        episodes: 2,
+        seed: 60,
+        sessions: 1,
+        real_time: None,
+        record: Some(Recorded { cohort: "drawn".into() }),
+    };
+    let client = Client::connect(shared.server.url(), None).await.unwrap();
+    let driven = client.drive(&plan, |_| {}).await.unwrap();
+    episodes(&mut api, "drawn", 2).await;
+    for run in &driven.episodes {
+        let reading = read(&mut api, &run.episode_ids[0]).await;
+        let mut under = [Vec::new(), Vec::new()];
+        for (seed, actions) in [run.seed, 0].into_iter().zip(&mut under) {
+            let open = SessionOpen { deployment: deployment.into(), seed, ..SessionOpen::default() };
+            let mut robot = Robot::open_with(&mut api, open).await.unwrap();
+            let mut sim = Sim::new(plan.task, plan.config, run.seed);
+            while !sim.done() {
+                let action = values(&robot.act(observe(&sim)).await.unwrap().actions[..1]);
+                sim.step(action.as_slice().try_into().unwrap());
+                actions.extend(action);
+            }
+        }
+        let driven = reading.episode.action();
+        assert!(close(&driven, &under[0]), "{driven:?} {:?}", under[0]);
+        assert!(!close(&driven, &under[1]), "{driven:?} under another seed");
+    }
 }
 
 /// After a kill or a stop during a session, the recorded steps are an episode once the server has started again.
