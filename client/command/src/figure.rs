@@ -9,6 +9,10 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::failure::{Failure, Result};
 
+mod distribution;
+
+pub(crate) use distribution::spread;
+
 type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 const SIZE: (u32, u32) = (720, 320);
@@ -17,8 +21,6 @@ const BAD: RGBColor = RGBColor(196, 69, 54);
 const BAR: RGBColor = RGBColor(86, 120, 166);
 const LINES: [RGBColor; 6] = [GOOD, BAD, BAR, RGBColor(190, 140, 40), RGBColor(120, 80, 150), RGBColor(90, 90, 90)];
 const TITLE: (&str, u32) = ("sans-serif", 17);
-/// Most characters of a title, for which there is room.
-const LONGEST_TITLE: usize = 80;
 
 /// A value with its 95 % interval, if it has one.
 #[derive(Clone, Debug)]
@@ -41,72 +43,6 @@ pub(crate) struct Axis<'a> {
     pub(crate) name: &'a str,
     pub(crate) low: f64,
     pub(crate) high: f64,
-}
-
-/// Imperfect segments by q: for each bin over [0, 1] the good ones and, on top of them, the bad ones; and the outline of
-/// the experts' bins, scaled to the same number of segments. The title names what they are of; empty: all that there is.
-pub(crate) fn spread(of: &str, bins: &[[u32; 2]], experts: &[u64]) -> Result<String> {
-    draw(SIZE, |canvas| {
-        let of = shortened(of, LONGEST_TITLE);
-        let below = if of.is_empty() { None } else { Some(canvas.titled(&of, TITLE).map_err(failed)?) };
-        let canvas = below.as_ref().unwrap_or(canvas);
-        let segments: u32 = bins.iter().map(|[good, bad]| good + bad).sum();
-        let experts = outline(experts, f64::from(segments));
-        let highest = experts.iter().map(|(_, height)| *height).fold(0.0, f64::max);
-        let most = bins.iter().map(|[good, bad]| good + bad).max().unwrap_or(0).max(1);
-        let top = f64::from(most).max(highest);
-        let mut chart = ChartBuilder::on(canvas)
-            .caption("Imperfect segments by q: good (green), bad (red); experts (line)", TITLE)
-            .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(60)
-            .build_cartesian_2d(0.0..1.0, 0.0..top * 1.05)
-            .map_err(failed)?;
-        chart
-            .configure_mesh()
-            .disable_x_mesh()
-            .light_line_style(TRANSPARENT)
-            .x_desc("q")
-            .y_desc("segments")
-            .y_label_formatter(&|count| tick(*count, top))
-            .draw()
-            .map_err(failed)?;
-        let width = 1.0 / f64::from(u32::try_from(bins.len()).unwrap_or(u32::MAX).max(1));
-        let parts = (0_u32..).zip(bins).flat_map(|(bin, &[good, bad])| {
-            let (left, right) = (f64::from(bin) * width, f64::from(bin + 1) * width - 0.004);
-            let (low, high) = (f64::from(good), f64::from(good + bad));
-            [
-                Rectangle::new([(left, 0.0), (right, low)], GOOD.filled()),
-                Rectangle::new([(left, low), (right, high)], BAD.filled()),
-            ]
-        });
-        chart.draw_series(parts).map_err(failed)?;
-        chart.draw_series(LineSeries::new(experts, BLACK.stroke_width(2))).map_err(failed)?;
-        Ok(())
-    })
-}
-
-/// A text of at most this many characters.
-fn shortened(text: &str, longest: usize) -> String {
-    if text.chars().count() <= longest {
-        return text.to_owned();
-    }
-    text.chars().take(longest.saturating_sub(1)).chain(['…']).collect()
-}
-
-/// The outline of bars of these counts, scaled to a number of segments; nothing without counts.
-#[expect(clippy::cast_precision_loss, reason = "counts of segments, for a picture")]
-fn outline(counts: &[u64], segments: f64) -> Vec<(f64, f64)> {
-    let all = counts.iter().sum::<u64>() as f64;
-    if all == 0.0 {
-        return Vec::new();
-    }
-    let width = 1.0 / counts.len() as f64;
-    let bar = |(bin, count): (u32, &u64)| {
-        let (left, height) = (f64::from(bin) * width, *count as f64 * segments / all);
-        [(left, height), (left + width, height)]
-    };
-    (0_u32..).zip(counts).flat_map(bar).collect()
 }
 
 /// One bar for each label, with whiskers.
@@ -259,22 +195,5 @@ mod tests {
         let x = Axis { name: "behaviour success, %", low: 0.0, high: 100.0 };
         let svg = lines("Quantity", x, PERCENT, &[line("1:1"), line("1:3")]).unwrap();
         assert!(svg.contains("\n1:1\n") && svg.contains("\n1:3\n") && svg.contains("\nbehaviour success, %\n"));
-    }
-
-    #[test]
-    fn a_spread_of_zero_does_not_divide_by_zero() {
-        assert!(spread("", &[], &[]).unwrap().starts_with("<svg"));
-        let plain = spread("", &[[0, 0], [3, 1]], &[]).unwrap();
-        assert!(plain.contains("rect") && !plain.contains("#000000\" stroke-width=\"2\""), "{plain}");
-        assert!(spread("", &[[0, 0], [3, 1]], &[1, 3]).unwrap().contains("#000000\" stroke-width=\"2\""));
-        assert_eq!(outline(&[1, 3], 8.0), [(0.0, 2.0), (0.5, 2.0), (0.5, 6.0), (1.0, 6.0)]);
-    }
-
-    #[test]
-    fn a_spread_names_what_it_is_of_in_a_line_that_has_room() {
-        let svg = spread("a < b, seed 0", &[[3, 1]], &[]).unwrap();
-        assert_eq!(svg.matches("\na &lt; b, seed 0\n").count(), 1, "{svg}");
-        assert!(svg.contains("\nImperfect segments by q"), "{svg}");
-        assert_eq!((shortened("abcd", 4), shortened("abcde", 4)), ("abcd".to_owned(), "abc…".to_owned()));
     }
 }

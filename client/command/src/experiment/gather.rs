@@ -1,6 +1,6 @@
 //! Fetches the results of the stages and assigns them to the cells.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use futures::{StreamExt as _, TryStreamExt as _};
 use gleaner_client::Client;
@@ -9,7 +9,9 @@ use gleaner_core::job;
 use gleaner_core::looks::{Look, looks};
 use gleaner_core::proto::score::expert_ranking;
 use gleaner_core::selection::{Candidate, ExpertRanking, places};
-use gleaner_proto::v1::{GetHistogramRequest, GetScoreRunRequest, JobState, ListMetricsRequest, Metric, Role};
+use gleaner_proto::v1::{
+    CohortCounts, GetHistogramRequest, GetScoreRunRequest, JobState, ListMetricsRequest, Metric, Role,
+};
 
 use super::auroc::{self, AurocDifference, Scored};
 use super::difference::differences;
@@ -32,7 +34,13 @@ struct Run {
     separation: Vec<Separation>,
     histogram: Vec<[u32; 2]>,
     experts: Vec<u64>,
+    cohorts: BTreeMap<String, Vec<u64>>,
     ranking: ExpertRanking,
+}
+
+/// The counts of each cohort by its name.
+pub(super) fn by_cohort(counts: Vec<CohortCounts>) -> BTreeMap<String, Vec<u64>> {
+    counts.into_iter().map(|CohortCounts { cohort, counts }| (cohort, counts)).collect()
 }
 
 /// Fetches results; each is fetched once and measured once, however many cells share it and however often it is reported.
@@ -147,6 +155,7 @@ impl<'a> Gatherer<'a> {
             separation: Vec::new(),
             histogram: Vec::new(),
             experts: Vec::new(),
+            cohorts: BTreeMap::new(),
             looks: Vec::new(),
         };
         if let Some(Ok(result)) = self.graph.find(chain, "evaluate").map(|index| stage_result(submitted, index)) {
@@ -174,6 +183,7 @@ impl<'a> Gatherer<'a> {
             report.separation.clone_from(&run.separation);
             report.histogram.clone_from(&run.histogram);
             report.experts.clone_from(&run.experts);
+            report.cohorts.clone_from(&run.cohorts);
             let selection = cell.settings.selection().map_err(|problem| Failure::message(problem.to_string()))?;
             let key = (result.id.clone(), format!("{selection:?}"));
             let selected = || select(&run.episodes, selection, &run.ranking);
@@ -207,13 +217,14 @@ impl<'a> Gatherer<'a> {
             ..GetHistogramRequest::default()
         };
         let counted = self.client.scores().get_histogram(request).await?.into_inner();
-        let (ranking, experts) = (expert_ranking(&counted), counted.expert_counts);
+        let ranking = expert_ranking(&counted);
+        let (experts, cohorts) = (counted.expert_counts, by_cohort(counted.cohort_counts));
         let (separation, histogram) = if self.recordings.are_marked {
             (separations(&episodes), histogram(&episodes))
         } else {
             (Vec::new(), Vec::new())
         };
-        Ok(Run { separation, histogram, experts, ranking, episodes })
+        Ok(Run { separation, histogram, experts, cohorts, ranking, episodes })
     }
 
     /// The scores of every imperfect episode beside its mark, in the order of the recordings.

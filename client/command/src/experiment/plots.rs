@@ -59,7 +59,7 @@ pub(crate) fn draw(report: &Report, number: usize, study: &StudyReport) -> Resul
     }
     if let (Some((cell, seed)), Some(name)) = (histogram(study), names.next()) {
         let of = format!("{}, seed {}", cell.label, seed.seed);
-        plots.push((name, spread(&of, &seed.histogram, &seed.experts)?));
+        plots.push((name, spread(&of, &seed.histogram, &seed.experts, &seed.cohorts)?));
     }
     Ok(plots)
 }
@@ -153,6 +153,7 @@ mod tests {
             assert_eq!(drawn, ["study_2.svg", "study_2_q.svg"]);
             assert!(plots.iter().all(|plot| plot.1.starts_with("<svg")));
             assert!(plots[1].1.contains("\nSSDF, seed 0\n"), "the plot of q names its cell: {}", plots[1].1);
+            assert!(plots[1].1.contains("\nfreeze\n"), "the plot of q names its cohorts: {}", plots[1].1);
         }
     }
 

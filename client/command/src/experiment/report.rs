@@ -1,5 +1,7 @@
 //! An experiment's report: one structure, of which the Markdown, the plots and the JSON are made.
 
+use std::collections::BTreeMap;
+
 use gleaner_core::looks::Look;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -71,6 +73,9 @@ pub(crate) struct SeedReport {
     /// Segments of experts in the same bins.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) experts: Vec<u64>,
+    /// Imperfect segments of each cohort in the same bins.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) cohorts: BTreeMap<String, Vec<u64>>,
     /// What its policy looks at, in the experts' episodes and (`acting`) in the attempts of its evaluation.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) looks: Vec<Look>,
@@ -202,6 +207,7 @@ pub(super) mod tests {
                 .map_or_else(Vec::new, |_| vec![separation(ALL, 0.95 + shift), separation("freeze", 0.875)]),
             histogram: kept.map_or_else(Vec::new, |kept| vec![[1, 2], [u32::try_from(kept).unwrap(), 4]]),
             experts: kept.map_or_else(Vec::new, |_| vec![1, 2]),
+            cohorts: kept.into_iter().flat_map(|_| ["freeze", "noise"].map(|name| (name.into(), vec![1, 2]))).collect(),
             looks: Vec::new(),
         }
     }

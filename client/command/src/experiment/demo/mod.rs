@@ -104,7 +104,7 @@ fn write(folder: &Path, found: &Found) -> Result<()> {
     for (name, text) in [
         ("report.md", found.report.markdown() + pictures),
         ("report.json", format!("{:#}\n", document(&found.report)?)),
-        ("histogram.svg", spread("", &histogram(&found.episodes), &found.report.experts)?),
+        ("histogram.svg", spread("", &histogram(&found.episodes), &found.report.experts, &found.report.cohorts)?),
         ("curves.svg", figure::curves(&found.episodes)),
     ] {
         let path = folder.join(name);

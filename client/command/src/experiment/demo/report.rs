@@ -1,5 +1,6 @@
 //! The demo's report: one structure, as Markdown for people and as JSON for programs.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde::Serialize;
@@ -28,6 +29,8 @@ pub(crate) struct Report {
     pub(crate) histogram: Vec<u64>,
     /// The same of the experts.
     pub(crate) experts: Vec<u64>,
+    /// The same of each cohort.
+    pub(crate) cohorts: BTreeMap<String, Vec<u64>>,
     pub(crate) policies: Vec<Evaluation>,
     pub(crate) stages: Vec<Stage>,
     /// Duration of all stages; some run side by side.
@@ -218,6 +221,7 @@ mod tests {
             }],
             histogram: vec![1, 2],
             experts: vec![3, 1],
+            cohorts: BTreeMap::from([("freeze".into(), vec![1, 2])]),
             policies: vec![Evaluation {
                 trained_on: "experts".into(),
                 result: json!({ "latency_p50_ms": 2.0, "latency_p99_ms": 4.25 }),

@@ -10,7 +10,7 @@ use gleaner_core::selection::Selection;
 use gleaner_proto::v1::{DeployRequest, GetDatasetRequest, GetHistogramRequest, GetHistogramResponse, Job};
 
 use super::super::follow::{seconds, to_the_end};
-use super::super::gather::Gatherer;
+use super::super::gather::{Gatherer, by_cohort};
 use super::super::recordings::{Recordings, recorded};
 use super::super::stage::{Chain, Graph};
 use super::super::standing::{StageResult, Standing, Submitted, stage_result, standing};
@@ -57,7 +57,7 @@ impl<'a> Run<'a> {
         let reply = self.histogram(&run).await?;
         let ranking = expert_ranking(&reply);
         let warnings = ranking.warnings(0.0);
-        let GetHistogramResponse { counts: histogram, expert_counts: experts, .. } = reply;
+        let GetHistogramResponse { counts: histogram, expert_counts: experts, cohort_counts, .. } = reply;
         let comparing = Instant::now();
         let episodes = Gatherer::new(self.client, &recordings, experiment, &self.graph).episodes(&run).await?;
         self.done("compare with mark", comparing.elapsed(), format!("{} imperfect episodes", episodes.len()));
@@ -78,6 +78,7 @@ impl<'a> Run<'a> {
             thresholds: self.plan.betas.iter().map(threshold).collect(),
             histogram,
             experts,
+            cohorts: by_cohort(cohort_counts),
             policies: evaluations,
             stages: self.times,
             seconds: began.elapsed().as_secs_f64(),
