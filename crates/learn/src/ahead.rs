@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use crate::device;
 use crate::error::{LearnError, guard};
 
-/// Batches of each of so many threads that wait for their step in a training, beside the one that the thread assembles or
+/// Batches of each of these threads that wait for their step in a training, beside the one that the thread assembles or
 /// holds. With that of the present step, three batches are in memory at once for one thread, and n + 1 for n threads.
 pub(crate) fn waiting(threads: usize) -> usize {
     usize::from(threads == 1)
@@ -167,10 +167,11 @@ mod tests {
             first.sort_unstable();
             assert_eq!(first, [0, 1, 2]);
             // No thread begins another before its batch is taken.
-            assert!(seen.try_recv().is_err());
+            let begins_none = || assert!(seen.recv_timeout(Duration::from_millis(20)).is_err());
+            begins_none();
             next()?;
             assert_eq!(seen.recv(), Ok(3));
-            assert!(seen.try_recv().is_err());
+            begins_none();
             Ok(())
         };
         ahead((0..100, waiting(3)), assemblers.collect(), work).unwrap();

@@ -50,8 +50,8 @@ pub(crate) fn assembling_threads(device: tch::Device) -> usize {
     if !device.is_cuda() {
         return 1;
     }
-    let process = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
-    process.and_then(|threads| usize::try_from(threads).ok()).unwrap_or(1).max(1)
+    let mut process = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
+    usize::try_from(*process.get_or_insert_with(tch::get_num_threads)).unwrap_or(1).max(1)
 }
 
 /// TF32 on GPUs, allowed until it is dropped. A switch of the whole process, whose worker has one training.
@@ -159,15 +159,34 @@ mod tests {
     /// Set in the process of a test's own.
     const ALONE: &str = "GLEANER_TEST_ALONE";
 
+    /// Whether this process runs the test of this name alone; if not, the test has passed in a process that does.
+    fn alone(name: &str) -> bool {
+        if std::env::var_os(ALONE).is_some() {
+            return true;
+        }
+        let mut alone = std::process::Command::new(std::env::current_exe().unwrap());
+        let ended = alone.args(["--exact", &format!("device::tests::{name}")]).env(ALONE, "1").output().unwrap();
+        let output = String::from_utf8_lossy(&ended.stdout);
+        assert!(ended.status.success() && output.contains("1 passed"), "{output}");
+        false
+    }
+
+    #[test]
+    fn all_threads_assemble_for_a_gpu_and_one_for_processors() {
+        if !alone("all_threads_assemble_for_a_gpu_and_one_for_processors") {
+            return;
+        }
+        let own = usize::try_from(tch::get_num_threads()).unwrap();
+        assert_eq!(assembling_threads(tch::Device::Cuda(0)), own);
+        set_threads(3);
+        assert_eq!(assembling_threads(tch::Device::Cuda(0)), 3);
+        assert_eq!(assembling_threads(tch::Device::Cpu), 1);
+    }
+
     #[test]
     fn memory_that_is_freed_is_there_for_the_next() {
-        // A process of its own: a thread takes over the heap of one that ended, with all that is left in it.
-        if std::env::var_os(ALONE).is_none() {
-            let name = "device::tests::memory_that_is_freed_is_there_for_the_next";
-            let mut alone = std::process::Command::new(std::env::current_exe().unwrap());
-            let ended = alone.args(["--exact", name]).env(ALONE, "1").output().unwrap();
-            let output = String::from_utf8_lossy(&ended.stdout);
-            assert!(ended.status.success() && output.contains("1 passed"), "{output}");
+        // A thread takes over the heap of one that ended, with all that is left in it.
+        if !alone("memory_that_is_freed_is_there_for_the_next") {
             return;
         }
         // A separate thread, as for a model; it begins with an empty heap.

@@ -30,7 +30,7 @@ const SCALE_SEGMENTS: usize = 4096;
 /// `image_weights` is the safetensors file that the setting of that name names. `resume` is a checkpoint that the
 /// monitor stored; on the CPU, with the same number of threads, the resumed run gives the same bytes as an
 /// uninterrupted one. Metrics: `loss`, `loss_mtp`, `loss_tr`, `loss_aa`, `grad_norm`, `learning_rate`, `ms_per_step`,
-/// `ms_per_batch` (that assembling a batch took on the batches' own thread), `waited_share` (of the step's time, waiting
+/// `ms_per_batch` (that assembling a batch took on one of the threads that assemble), `waited_share` (of the step's time, waiting
 /// for its batches); twenty times `loss_validation`, if a share of the episodes is held out.
 ///
 /// # Errors

@@ -33,7 +33,7 @@ type Policy = Box<dyn PolicyModel>;
 /// Each step takes the mean over a batch of expert segments and λ times the mean of weight · loss over a batch of kept
 /// ones. `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`, `loss_expert`, `loss_kept` (before λ; only with
 /// kept segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`,
-/// `ms_per_batch` (that assembling a batch took on the batches' own thread), `waited_share` (of the step's time, waiting
+/// `ms_per_batch` (that assembling a batch took on one of the threads that assemble), `waited_share` (of the step's time, waiting
 /// for its batches); twenty times `loss_validation`, if a share of the experts is held out; of the last step also what
 /// the policy looks at: `share_images`, `share_camera_N`, `share_proprioception`, `share_history`, and, where an action has
 /// a binary value, `switches_followed`: of the steps at which it changes in the experts, the share at which the policy

@@ -23,7 +23,7 @@ pub(super) struct Source<'a> {
     pub(super) points: PointShape,
     /// Features of earlier runs; `None` where storing them does not pay off.
     pub(super) kept: Option<&'a dyn FeatureStore>,
-    /// How many read.
+    /// Number of threads that read.
     pub(super) threads: usize,
 }
 

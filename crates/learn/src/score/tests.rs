@@ -138,15 +138,29 @@ fn a_calibrated_run_gives_experts_a_uniform_quality_and_copies_the_highest() {
     for spec in specs() {
         let spec = ScoreSpec { normaliser: NormaliserKind::Calibrated, ..without_lookahead(spec) };
         let scores = run(&experts, &[toy::episode("failure", 50, 14, false), copy.clone()], &spec);
-        let mut q: Vec<f32> = scores.experts.iter().flat_map(|episode| episode.q.clone()).collect();
-        q.sort_by(f32::total_cmp);
-        let uniform = |(place, q): (usize, &f32)| (q - place as f32 / 47.0).abs() < 0.1;
-        assert!(q.iter().enumerate().all(uniform), "{spec:?}: {q:?}");
+        expect_uniform(&scores, 0.1);
         assert_eq!(scores.imperfect[1].q, vec![1.0; 12], "{spec:?}");
     }
     let spec = ScoreSpec { normaliser: NormaliserKind::Calibrated, ..ScoreSpec::default() };
     let alone = score_anew(&experts[..1], &[copy], &spec, &mut Silent).unwrap_err().to_string();
     assert!(alone.starts_with("experts: has one episode, but calibrated "), "{alone}");
+}
+
+/// Fails if the q of the experts, in order, differs from that of a uniform distribution by this much anywhere.
+fn expect_uniform(scores: &Scores, most: f32) {
+    let mut q: Vec<f32> = scores.experts.iter().flat_map(|episode| episode.q.clone()).collect();
+    q.sort_by(f32::total_cmp);
+    let last = (q.len() - 1) as f32;
+    assert!(q.iter().enumerate().all(|(place, q)| (q - place as f32 / last).abs() < most), "{q:?}");
+}
+
+/// With progress, a lead-in and earliness too, which join neighbouring segments.
+#[test]
+fn experts_have_a_uniform_quality_by_the_default_scores() {
+    let spec = ScoreSpec::default();
+    assert_eq!(spec.scorer.name, "raw");
+    let scores = run(&toy::experts(8, 24), &[toy::episode("failure", 50, 14, false)], &spec);
+    expect_uniform(&scores, 0.1);
 }
 
 #[test]

@@ -154,6 +154,30 @@ fn pretrainings_gradients_agree_with_finite_differences() {
     }
 }
 
+/// MTP and TR train the head of actions from tokens of actions, and have neither queries nor the perceptron of `image`.
+#[test]
+fn aa_alone_trains_the_query_and_the_perceptron_of_the_action() {
+    let data = toy::episode("e", 1, 6, true);
+    let tokens = [
+        (ActionToken::Image, "model.head.step."),
+        (ActionToken::Query, "model.token.query_"),
+        (ActionToken::Fused, "model.token.query_"),
+    ];
+    for (token, own) in tokens {
+        let trained = |names: &[&str]| -> Vec<bool> {
+            let network = network(&data, token);
+            let objectives: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+            let objectives = crate::objective::find(&objectives).unwrap();
+            pretrain_loss(&objectives, &network, &window(&data), &toy::pretrain_spec(1), 0).total.backward();
+            let parameters = network.parameters().into_iter().filter(|(name, _)| name.starts_with(own));
+            parameters.map(|(_, parameter)| parameter.grad().defined()).collect()
+        };
+        let (without, alone) = (trained(&["mtp", "tr"]), trained(&["aa"]));
+        assert!(!without.is_empty() && without.iter().all(|trained| !trained), "{token:?}: {without:?}");
+        assert!(alone.iter().all(|trained| *trained), "{token:?}: {alone:?}");
+    }
+}
+
 #[test]
 fn every_policys_gradients_agree_with_finite_differences() {
     let data = toy::episode("e", 1, 6, true);
