@@ -223,7 +223,7 @@ fn modules_have_no_circle() {
 /// The floors of the server, from the ground: a module may name those of lower floors, and of its own as long as there
 /// is no circle.
 const FLOORS: [&[&str]; 5] = [
-    &["config", "model_cache", "program", "shutdown", "telemetry"],
+    &["blocking", "config", "model_cache", "program", "shutdown", "telemetry"],
     &["store"],
     &["curation", "imports", "ingest", "jobs", "maintenance", "policies", "rollouts", "scorers"],
     &["access", "connections", "wire"],

@@ -13,9 +13,9 @@ pub struct JobsConfig {
     /// Maximum number of jobs that run at once, one worker process each (0: jobs are queued and do not run).
     #[arg(long, env = "GLEANER_WORKERS", default_value_t = 1, value_name = "N")]
     pub workers: usize,
-    /// Compute threads of one worker; a training or score run uses one more, which reads episodes ahead, and on a GPU this many
-    /// more. More threads finish a job sooner and leave fewer processors for serving; results are reproducible for a
-    /// fixed number.
+    /// Compute threads of one worker; a training or score run uses one more, which reads episodes ahead, and on a GPU
+    /// this many more. More threads finish a job sooner and leave fewer processors for serving; results are
+    /// reproducible for a fixed number.
     #[arg(long, env = "GLEANER_WORKER_THREADS", default_value_t = 2, value_name = "N")]
     pub worker_threads: u32,
     /// Niceness of workers. A higher value slows jobs down in favour of serving (0: the server's own priority).

@@ -31,7 +31,7 @@ pub(crate) struct Declared {
     pub(crate) file_name: String,
     /// `None`: unknown beforehand.
     pub(crate) size_bytes: Option<u64>,
-    /// What the recording states about itself; a wrong one is found when the recording is inspected.
+    /// What the recording states about itself, for an early refusal; the inspection decides.
     pub(crate) summary: Option<RecordingSummary>,
 }
 

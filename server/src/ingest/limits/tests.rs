@@ -5,10 +5,10 @@ use std::{collections::BTreeMap, sync::atomic::Ordering};
 use gleaner_recording::{CameraSpec, RecordingSummary, summarize, written_mapping};
 
 use crate::{
-    domain::episode::NewUpload,
+    domain::{client::Client, episode::NewUpload},
     error::Kind,
     ingest::{
-        Started,
+        Declared, Started,
         testing::{Fixture, USABLE, playing, playing_with, real, recording},
     },
 };
@@ -90,6 +90,23 @@ async fn declared_images_above_what_an_inspection_writes_are_rejected() {
     let message = refusal(&f, with_camera(&f).await).await;
     for part in [LEAST.to_string().as_str(), "may write 80000144", "--inspect-memory-bytes"] {
         assert!(message.contains(part), "{part}: {message}");
+    }
+}
+
+/// Of a recording whose size is not declared, the largest that may be sent.
+#[tokio::test]
+async fn declared_images_of_a_recording_that_passes_are_compared_too() {
+    let f = playing_with(USABLE, &["--inspect-memory-bytes", "80000000", "--max-upload-bytes", "1000"]).await;
+    let new = with_camera(&f).await;
+    let task = f.store.task_by_id(&new.task_id).await.unwrap().spec;
+    for (size_bytes, most) in [(Some(9), "may write 80000144"), (None, "may write 80016000")] {
+        let declared = Declared { size_bytes, summary: new.summary.clone(), ..Declared::default() };
+        let chunks = futures::stream::pending();
+        let error = f.ingest.pass(&Client::Server, &task, declared, chunks).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Exhausted);
+        for part in ["open.summary: ", LEAST.to_string().as_str(), most] {
+            assert!(error.message().contains(part), "{part}: {error}");
+        }
     }
 }
 
