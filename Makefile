@@ -146,13 +146,14 @@ check-simulators: .libtorch $(SIMULATORS_ENV) $(LIBERO_ENV)
 	cd client/python && MUJOCO_GL=$(MUJOCO_GL) ../../$(LIBERO_ENV)/bin/pytest tests/test_simulators.py -k libero
 
 # LeRobot drives a deployment through the policy plug-in, with its own evaluation loop; its PyTorch also reads
-# `torch_dataset`. Needs Python 3.12 or newer (PYTHON=python3.12); the environment is that of `make check-lerobot`.
+# `torch_dataset` and converts a ResNet's weights. Needs Python 3.12 or newer (PYTHON=python3.12); the environment is
+# that of `make check-lerobot`.
 check-lerobot-policy: .libtorch target/lerobot-0.6
 	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
 	target/lerobot-0.6/bin/pip install -q -r crates/formats/checks/lerobot-0.6.txt 'pytest>=8'
 	target/lerobot-0.6/bin/pip install -q client/python client/lerobot
 	cd client/lerobot && HF_HUB_OFFLINE=1 ../../target/lerobot-0.6/bin/pytest
-	cd client/python && ../../target/lerobot-0.6/bin/pytest tests/test_torch.py
+	cd client/python && ../../target/lerobot-0.6/bin/pytest tests/test_torch.py tests/test_convert_resnet.py
 
 # Scripts outside the package, by their paths from there.
 LONE_SCRIPTS = ../../scripts/at_a_glance.py ../../scripts/convert_resnet.py ../../crates/learn/src/model/image_encoder/resnet/reference.py

@@ -10,6 +10,7 @@ torchvision. The .pth file is read without running code from it.
 from __future__ import annotations
 
 import argparse
+import errno
 import pickle
 import sys
 from collections.abc import Mapping
@@ -29,16 +30,18 @@ FIRST = "conv1.weight"
 
 def read(path: Path) -> Mapping[str, object]:
     """The weights by name: the file's own, or those under `state_dict` or `model`, as training scripts store them."""
+    broken = f"{path}: is not a whole file of weights alone; store model.state_dict() by torch.save"
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except OSError as error:
-        sys.exit(f"{path}: cannot be read: {error.strerror}")
+        # Of a file that is cut off, PyTorch's reader raises "Invalid argument" without the name of a file.
+        sys.exit(broken if error.errno == errno.EINVAL else f"{path}: cannot be read: {error.strerror}")
     except (RuntimeError, pickle.UnpicklingError, EOFError):
-        sys.exit(f"{path}: is not a file of weights alone; store model.state_dict() by torch.save")
+        sys.exit(broken)
     for inner in ("state_dict", "model"):
         if isinstance(content, Mapping) and isinstance(content.get(inner), Mapping):
             content = content[inner]
-    if not isinstance(content, Mapping):
+    if not isinstance(content, Mapping) or not all(isinstance(name, str) for name in content):
         sys.exit(f"{path}: has a {type(content).__name__}, not weights by name; store model.state_dict() instead")
     return content
 
