@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Draws the table "At a glance" of docs/results.md as docs/experiments/at_a_glance.svg: for each row the success of a
+"""Draws the tables "At a glance" of docs/results.md as docs/experiments/at_a_glance.svg: for each row the success of a
 policy trained on experts alone, on gleaned segments too, and on the simulator's own good steps.
 
     python scripts/at_a_glance.py [--check]
 
-With --check it draws nothing and exits with 1 if the picture is not that of the table.
+With --check it draws nothing and exits with 1 if the picture is not that of the tables.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import argparse
 import re
 import sys
 from html import escape
+from itertools import dropwhile, takewhile
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -20,34 +21,35 @@ TABLE = ROOT / "docs/results.md"
 PICTURE = ROOT / "docs/experiments/at_a_glance.svg"
 
 # Pixels.
-LEFT, RIGHT, TOP, ROW, WIDTH = 274, 30, 56, 26, 784
+LEFT, RIGHT, TOP, ROW, WIDTH = 400, 30, 56, 26, 910
 # The columns that are drawn: heading, colour, radius.
 COLUMNS = [("experts only", "#8a8f98", 5.0), ("gleaned", "#0b7a75", 6.5), ("the good steps", "#c58b1b", 5.0)]
 DRAWN = {name for name, *_ in COLUMNS}
 
 
 def rows(text: str) -> list[tuple[str, dict[str, float]]]:
-    """The label of each row of the table, and the numbers of the columns that are drawn."""
-    lines = iter(text.split("## At a glance", 1)[1].splitlines())
-    heading = next(line for line in lines if line.startswith("|"))
-    names = [cell.strip(" *") for cell in heading.strip("|").split("|")]
-    next(lines)
+    """The label of each row of the first table under each heading of the section, and the numbers that are drawn."""
+    section = text.split("## At a glance\n", 1)[1].split("\n## ", 1)[0]
     found = []
-    for line in lines:
-        if not line.startswith("|"):
-            break
-        cells = [cell.strip(" *") for cell in line.strip("|").split("|")]
-        numbers = {}
-        for name, cell in zip(names, cells, strict=True):
-            number = re.match(r"\d+(\.\d+)?", cell)
-            if name in DRAWN and number:
-                numbers[name] = float(number.group())
-        found.append((f"{cells[0]}, {cells[1]}", numbers))
+    for part in section.split("\n### ")[1:]:
+        simulator, *lines = part.splitlines()
+        first = takewhile(lambda line: line.startswith("|"), dropwhile(lambda line: not line.startswith("|"), lines))
+        table = [[cell.strip(" *").replace("`", "") for cell in line.strip("|").split("|")] for line in first]
+        if not table:
+            continue
+        names, _, *body = table
+        for cells in body:
+            numbers = {}
+            for name, cell in zip(names, cells, strict=True):
+                number = re.match(r"\d+(\.\d+)?", cell)
+                if name in DRAWN and number:
+                    numbers[name] = float(number.group())
+            found.append((f"{simulator}, {cells[0]}", numbers))
     return found
 
 
 def picture(found: list[tuple[str, dict[str, float]]]) -> str:
-    """The table as dots on lines from 0 to 100 %."""
+    """The tables as dots on lines from 0 to 100 %."""
     height = TOP + ROW * len(found) + 34
     scale = (WIDTH - LEFT - RIGHT) / 100
 
@@ -89,7 +91,7 @@ def main() -> None:
     if not given.check:
         PICTURE.write_text(drawn)
     elif not PICTURE.exists() or PICTURE.read_text() != drawn:
-        sys.exit(f"{PICTURE.relative_to(ROOT)} is not of the present table: run scripts/at_a_glance.py")
+        sys.exit(f"{PICTURE.relative_to(ROOT)} is not of the present tables: run scripts/at_a_glance.py")
 
 
 if __name__ == "__main__":
