@@ -222,10 +222,11 @@ async fn rollouts_survive_a_kill_and_a_stop() {
     let rollouts = server.data_dir().join("rollouts");
     let file = rollouts.join(format!("{}.mcap", session.opened().session_id));
     let (mut sim, mut sent) = (endless(), Sent::default());
-    // The file is written from time to time; the first write is its header.
+    // The file is written from time to time: first its header, and on a busy machine a step or less at once. Two steps
+    // must be whole in what is not torn.
     let (mut size, mut grown) = (0, 0);
     let running = async {
-        while grown < 3 {
+        while grown < 8 {
             step(&mut session, &mut sim, &mut sent).await;
             let now = std::fs::metadata(&file).map_or(0, |file| file.len());
             grown += u8::from(now > size);
