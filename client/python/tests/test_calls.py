@@ -108,7 +108,7 @@ def test_each_attempt_to_score_a_recording_sends_the_whole_file(tmp_path: Path) 
     path.write_bytes(bytes(range(256)) * 10_000)
 
     def attempt() -> Iterator[ScoreRecordingRequest]:
-        return Scoring._pieces("run_1", path, path.stat().st_size, lambda sent: None)
+        return Scoring._pieces("run_1", path, (path.stat().st_size, None), lambda sent: None)
 
     first, second = attempt(), attempt()
     sent = b""
