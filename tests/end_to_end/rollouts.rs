@@ -134,22 +134,27 @@ async fn invalid_recorded_sessions_are_rejected() {
     assert_eq!(same, [true, true]);
 }
 
+/// Two recorded attempts of at most `max_steps` steps.
+fn two_attempts(deployment: &str, max_steps: u32, cohort: &str) -> DrivePlan {
+    DrivePlan {
+        deployment: deployment.into(),
+        task: SimTask::PickCube,
+        config: gleaner_sim::SimConfig { max_steps, ..lab::sim_config() },
+        episodes: 2,
+        seed: 50,
+        sessions: 2,
+        real_time: None,
+        record: Some(Recorded { cohort: cohort.into() }),
+    }
+}
+
 /// The result of the simulator labels the episodes, in lock step and in real time.
 #[tokio::test]
 async fn drive_records_its_episodes() {
     let shared = scored_deployment().await;
     let mut api = Api::connect(&shared.server).await;
     let client = Client::connect(shared.server.url(), None).await.unwrap();
-    let plan = DrivePlan {
-        deployment: NAME.into(),
-        task: SimTask::PickCube,
-        config: gleaner_sim::SimConfig { max_steps: 8, ..lab::sim_config() },
-        episodes: 2,
-        seed: 50,
-        sessions: 2,
-        real_time: None,
-        record: Some(Recorded { cohort: "driven".into() }),
-    };
+    let plan = two_attempts(NAME, 8, "driven");
     let driven = client.drive(&plan, |_| {}).await.unwrap();
     assert_eq!(driven.recorded(), 2);
     let listed = episodes(&mut api, "driven", 2).await;
@@ -178,16 +183,7 @@ async fn drive_draws_each_attempt_under_its_own_seed() {
     let policy = api.succeed(lab::TASK, flow).await.result_id;
     let deployment = "drawn@test";
     api.deploy(deployment, &policy).await;
-    let plan = DrivePlan {
-        deployment: deployment.into(),
-        task: SimTask::PickCube,
-        config: gleaner_sim::SimConfig { max_steps: 3, ..lab::sim_config() },
-        episodes: 2,
-        seed: 60,
-        sessions: 1,
-        real_time: None,
-        record: Some(Recorded { cohort: "drawn".into() }),
-    };
+    let plan = two_attempts(deployment, 3, "drawn");
     let client = Client::connect(shared.server.url(), None).await.unwrap();
     let driven = client.drive(&plan, |_| {}).await.unwrap();
     episodes(&mut api, "drawn", 2).await;
