@@ -5,13 +5,8 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
-profile="${BENCH_PROFILE:-bench}"
-"${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-cli
-case "$profile" in
-  dev) folder=target/debug ;;
-  bench) folder=target/release ;;
-  *) folder="target/$profile" ;;
-esac
+. benches/programs.sh
+build gleaner-cli
 
 venv="${CACHE_VENV:-${XDG_CACHE_HOME:-$HOME/.cache}/gleaner/cache}"
 [ -e "$venv/bin/python" ] || python3 -m venv "$venv"

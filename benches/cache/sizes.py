@@ -11,7 +11,6 @@ import os
 import pathlib
 import subprocess
 import tempfile
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -19,11 +18,22 @@ import av
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
-from mcap.writer import CompressionType, Writer
-from mcap_protobuf.schema import build_file_descriptor_set
 from PIL import Image, ImageDraw
 from process import Server, client
-from scenes import ACTION, BEGIN_NS, CAMERAS, HEIGHT, QUALITY, RATE_HZ, SIDE, STATE, WIDTH, coded, specification
+from scenes import (
+    ACTION,
+    CAMERAS,
+    HEIGHT,
+    QUALITY,
+    RATE_HZ,
+    SIDE,
+    STATE,
+    WIDTH,
+    Episode,
+    coded,
+    specification,
+    write_recording,
+)
 
 TASK = "sizes"
 CAMERA = CAMERAS[0]
@@ -123,29 +133,13 @@ def encoded(codec: Codec, pictures: list[np.ndarray]) -> list[bytes]:
     return [bytes(packet) for packet in packets]
 
 
-def write_recording(path: pathlib.Path, codec: Codec, messages: Iterable[bytes]) -> None:
-    """The messages of the camera, and for each the state and the action as JSON."""
+def episode_of(codec: Codec, messages: list[bytes]) -> tuple[tuple[type, str], Episode]:
+    """The type and format of the camera's messages, and an episode of them with made-up numbers."""
     kind = CompressedVideo if codec.encoder else CompressedImage
     chance = np.random.default_rng(SEED)
-    with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.NONE)
-        writer.start()
-        descriptors = build_file_descriptor_set(kind).SerializeToString()
-        schema = writer.register_schema(kind.DESCRIPTOR.full_name, "protobuf", descriptors)
-        numbers = writer.register_schema("numbers", "jsonschema", b'{"type": "object"}')
-        camera = writer.register_channel(f"/{CAMERA}", "protobuf", schema)
-        rows = {name: writer.register_channel(f"/{name}", "json", numbers) for name in ("state", "action")}
-        for step, data in enumerate(messages):
-            stamp = BEGIN_NS + step * 10**9 // RATE_HZ
-            message = kind(data=data, format=codec.format, frame_id=CAMERA)
-            message.timestamp.FromNanoseconds(stamp)
-            writer.add_message(camera, stamp, message.SerializeToString(), stamp)
-            seconds, nanoseconds = divmod(stamp, 10**9)
-            for name, size in (("state", STATE), ("action", ACTION)):
-                values = chance.uniform(-1, 1, size).round(4).tolist()
-                row = {"timestamp": {"sec": seconds, "nsec": nanoseconds}, name: values}
-                writer.add_message(rows[name], stamp, json.dumps(row).encode(), stamp)
-        writer.finish()
+    # Four digits, so that numbers take little of the file.
+    state, action = (chance.uniform(-1, 1, (len(messages), size)).round(4) for size in (STATE, ACTION))
+    return (kind, codec.format), Episode({CAMERA: messages}, state, action)
 
 
 def task() -> dict:
@@ -207,9 +201,9 @@ def main() -> None:
             for moving, noise in itertools.product((False, True), NOISE):
                 pictures = drawn(moving, noise, given.pictures)
                 for at, codec in enumerate(CODECS):
-                    recording = folder / f"{at}-{moving}-{noise}.mcap"
-                    write_recording(recording, codec, encoded(codec, pictures))
-                    cache, recorded = lab.push(recording, given.pictures), recording.stat().st_size
+                    path = folder / f"{at}-{moving}-{noise}.mcap"
+                    write_recording(path, *episode_of(codec, encoded(codec, pictures)))
+                    cache, recorded = lab.push(path, given.pictures), path.stat().st_size
                     ratios.append(cache / recorded)
                     case = f"{'moving' if moving else 'still'}, noise {noise}: {codec.name}"
                     sizes = f"{recorded / given.pictures / 1e3:.1f} | {cache / given.pictures / 1e3:.1f}"

@@ -5,14 +5,9 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
-profile="${BENCH_PROFILE:-bench}"
-"${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-cli
+. benches/programs.sh
+build gleaner-cli
 "${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-worker --example recordings
-case "$profile" in
-  dev) folder=target/debug ;;
-  bench) folder=target/release ;;
-  *) folder="target/$profile" ;;
-esac
 
 # Other load on the machine affects times more than ratios.
 uptime

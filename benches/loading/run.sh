@@ -8,13 +8,8 @@ cd "$(dirname "$0")/../.."
 program="${1:?name loading.py or torch_dataset.py}"
 shift
 
-profile="${BENCH_PROFILE:-bench}"
-"${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-worker
-case "$profile" in
-  dev) folder=target/debug ;;
-  bench) folder=target/release ;;
-  *) folder="target/$profile" ;;
-esac
+. benches/programs.sh
+build
 
 venv="${LOADING_VENV:-${XDG_CACHE_HOME:-$HOME/.cache}/gleaner/loading}"
 [ -e "$venv/bin/python" ] || python3 -m venv "$venv"

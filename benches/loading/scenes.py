@@ -79,32 +79,39 @@ def write_files(made: list[Episode], folder: pathlib.Path) -> None:
 def write_recordings(made: list[Episode], folder: pathlib.Path) -> list[pathlib.Path]:
     """One MCAP file an episode: foxglove.CompressedImage, and numbers as JSON."""
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-    from mcap.writer import CompressionType, Writer
-    from mcap_protobuf.schema import build_file_descriptor_set
 
     folder.mkdir()
     paths = [folder / f"{at}.mcap" for at in range(len(made))]
     for path, each in zip(paths, made, strict=True):
-        with path.open("wb") as file:
-            writer = Writer(file, compression=CompressionType.NONE)
-            writer.start()
-            descriptors = build_file_descriptor_set(CompressedImage).SerializeToString()
-            image = writer.register_schema(CompressedImage.DESCRIPTOR.full_name, "protobuf", descriptors)
-            numbers = writer.register_schema("numbers", "jsonschema", b'{"type": "object"}')
-            channels = {camera: writer.register_channel(f"/{camera}", "protobuf", image) for camera in CAMERAS}
-            rows = {name: writer.register_channel(f"/{name}", "json", numbers) for name in ("state", "action")}
-            for step, (state, action) in enumerate(zip(each.state, each.action, strict=True)):
-                stamp = BEGIN_NS + step * 10**9 // RATE_HZ
-                seconds, nanoseconds = divmod(stamp, 10**9)
-                for camera, pictures in each.pictures.items():
-                    message = CompressedImage(data=pictures[step], format="jpeg", frame_id=camera)
-                    message.timestamp.FromNanoseconds(stamp)
-                    writer.add_message(channels[camera], stamp, message.SerializeToString(), stamp)
-                for name, values in (("state", state), ("action", action)):
-                    row = {"timestamp": {"sec": seconds, "nsec": nanoseconds}, name: values.tolist()}
-                    writer.add_message(rows[name], stamp, json.dumps(row).encode(), stamp)
-            writer.finish()
+        write_recording(path, (CompressedImage, "jpeg"), each)
     return paths
+
+
+def write_recording(path: pathlib.Path, kind: tuple[type, str], made: Episode) -> None:
+    """An MCAP file with the pictures as messages of this type and format, and numbers as JSON."""
+    from mcap.writer import CompressionType, Writer
+    from mcap_protobuf.schema import build_file_descriptor_set
+
+    picture, form = kind
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start()
+        descriptors = build_file_descriptor_set(picture).SerializeToString()
+        image = writer.register_schema(picture.DESCRIPTOR.full_name, "protobuf", descriptors)
+        numbers = writer.register_schema("numbers", "jsonschema", b'{"type": "object"}')
+        channels = {camera: writer.register_channel(f"/{camera}", "protobuf", image) for camera in made.pictures}
+        rows = {name: writer.register_channel(f"/{name}", "json", numbers) for name in ("state", "action")}
+        for step, (state, action) in enumerate(zip(made.state, made.action, strict=True)):
+            stamp = BEGIN_NS + step * 10**9 // RATE_HZ
+            seconds, nanoseconds = divmod(stamp, 10**9)
+            for camera, pictures in made.pictures.items():
+                message = picture(data=pictures[step], format=form, frame_id=camera)
+                message.timestamp.FromNanoseconds(stamp)
+                writer.add_message(channels[camera], stamp, message.SerializeToString(), stamp)
+            for name, values in (("state", state), ("action", action)):
+                row = {"timestamp": {"sec": seconds, "nsec": nanoseconds}, name: values.tolist()}
+                writer.add_message(rows[name], stamp, json.dumps(row).encode(), stamp)
+        writer.finish()
 
 
 def specification(name: str) -> dict:

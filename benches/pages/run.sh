@@ -5,11 +5,6 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
-profile="${BENCH_PROFILE:-bench}"
-"${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-cli
-case "$profile" in
-  dev) folder=target/debug ;;
-  bench) folder=target/release ;;
-  *) folder="target/$profile" ;;
-esac
+. benches/programs.sh
+build gleaner-cli
 exec python3 benches/pages/pages.py --bin "$folder" "$@"

@@ -6,13 +6,8 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 . benches/peers/environment.sh
 
-profile="${BENCH_PROFILE:-bench}"
-"${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-cli
-case "$profile" in
-  dev) folder=target/debug ;;
-  bench) folder=target/release ;;
-  *) folder="target/$profile" ;;
-esac
+. benches/programs.sh
+build gleaner-cli
 "$python" -m pip install --quiet --disable-pip-version-check --no-deps client/python
 
 # Other load on the machine affects times more than ratios.
