@@ -112,9 +112,10 @@ async fn warn_of_clocks(at: &Postgres, readers: &PgPool) -> Result<()> {
 
 /// A sentence about the clock of PostgreSQL, if it differs from that of this machine, which `now` reads.
 async fn problem_of_clocks(at: &Postgres, readers: &PgPool, now: impl FnOnce() -> Millis) -> Result<Option<String>> {
-    let theirs = sqlx::query_scalar("select cast(extract(epoch from clock_timestamp()) * 1000 as bigint)");
+    let theirs = sqlx::query_scalar("select cast(floor(extract(epoch from clock_timestamp()) * 1000) as bigint)");
     let theirs: i64 = theirs.fetch_one(readers).await.map_err(|error| connecting(at, error))?;
-    // After the answer, which may have waited for a connection.
+    // After the answer, which may have waited for a connection. Both times are whole milliseconds that have passed, so that
+    // one clock is never behind itself.
     Ok(clocks(now().0, theirs))
 }
 
@@ -196,10 +197,11 @@ mod tests {
         let store = Store::serve_postgres(&at).await.unwrap();
         let Pool::Postgres(readers) = &store.readers else { panic!("not PostgreSQL") };
         assert_eq!(problem_of_clocks(&at, readers, Millis::now).await.unwrap(), None);
-        let hour = Duration::from_secs(60 * 60);
-        let ahead = problem_of_clocks(&at, readers, || Millis::now().after(hour)).await.unwrap().unwrap();
+        // Half a minute more than an hour, so that a clock which is set while the test runs leaves the first two digits.
+        let difference = Duration::from_secs(60 * 60 + 30);
+        let ahead = problem_of_clocks(&at, readers, || Millis::now().after(difference)).await.unwrap().unwrap();
         assert!(ahead.contains("the clock of this machine is 36") && ahead.contains("ahead of that of"), "{ahead}");
-        let before = || Millis::of(Millis::now().time() - hour);
+        let before = || Millis::of(Millis::now().time() - difference);
         let behind = problem_of_clocks(&at, readers, before).await.unwrap().unwrap();
         assert!(behind.contains("seconds behind that of PostgreSQL"), "{behind}");
     }
