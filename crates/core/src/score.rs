@@ -3,7 +3,7 @@
 mod histogram;
 mod origin;
 
-pub use histogram::{Histogram, KeptCount};
+pub use histogram::{Histogram, KeptCount, legible_height};
 pub use origin::{IMPORTED, Origin};
 
 use super::{

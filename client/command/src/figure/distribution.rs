@@ -8,19 +8,20 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{BAD, Canvas, GOOD, SIZE, TITLE, draw, failed, tick};
 use crate::failure::Result;
+use gleaner_core::score::legible_height;
 
 /// Cohorts with a line of their own at most.
 const COHORTS: usize = 8;
 /// Of the cohorts' lines, without the green and the red of the bars; the last is that of the other cohorts together.
 const COLORS: [RGBColor; COHORTS + 1] = [
     RGBColor(34, 100, 197),
-    RGBColor(194, 87, 26),
+    RGBColor(230, 120, 0),
     RGBColor(139, 63, 168),
     RGBColor(166, 131, 0),
-    RGBColor(11, 127, 140),
+    RGBColor(0, 180, 205),
     RGBColor(214, 51, 138),
     RGBColor(107, 74, 43),
-    RGBColor(90, 169, 230),
+    RGBColor(12, 28, 92),
     RGBColor(120, 120, 120),
 ];
 /// Names in the legend: of the experts, of the cohorts without a line of their own, and of episodes without a cohort.
@@ -35,6 +36,8 @@ const LEGEND: u32 = 190;
 const LEGEND_TOP: i32 = 44;
 const LEGEND_LINE: i32 = 18;
 const SAMPLE: i32 = 16;
+/// The height of the plot, in multiples of its highest bar.
+const ABOVE: f64 = 1.05;
 
 /// The line of a cohort.
 struct CohortLine {
@@ -44,7 +47,7 @@ struct CohortLine {
 }
 
 /// Imperfect segments by q: for each bin over [0, 1] the good ones and, on top of them, the bad ones; and the outlines of
-/// the bins of experts and of each cohort, scaled to the same number of segments. The title names what they are of; empty:
+/// the bins of experts and of each cohort, scaled to the same number of segments. Bars that would hide the others are cut off. The title names what they are of; empty:
 /// all that there is.
 pub(crate) fn spread(
     of: &str,
@@ -69,8 +72,11 @@ pub(crate) fn spread(
         let canvas = below.as_ref().unwrap_or(canvas);
         let highest = |points: &[(f64, f64)]| points.iter().map(|(_, height)| *height).fold(0.0, f64::max);
         let lines = cohorts.iter().map(|line| highest(&line.points)).fold(highest(&experts), f64::max);
-        let most = bins.iter().map(|[good, bad]| good + bad).max().unwrap_or(0).max(1);
-        let top = f64::from(most).max(lines);
+        let heights: Vec<f64> = bins.iter().map(|[good, bad]| f64::from(good + bad)).collect();
+        let most = heights.iter().copied().fold(1.0, f64::max).max(lines);
+        let cut = legible_height(&heights).filter(|cut| *cut < most);
+        let top = cut.unwrap_or(most);
+        let within = |points: Vec<(f64, f64)>| points.into_iter().map(move |(q, height)| (q, height.min(top * ABOVE)));
         let named = match (cohorts.is_empty(), experts.is_empty()) {
             (true, _) => "experts (line)",
             (false, false) => "experts and cohorts (lines)",
@@ -81,14 +87,14 @@ pub(crate) fn spread(
             .margin(12)
             .x_label_area_size(40)
             .y_label_area_size(60)
-            .build_cartesian_2d(0.0..1.0, 0.0..top * 1.05)
+            .build_cartesian_2d(0.0..1.0, 0.0..top * ABOVE)
             .map_err(failed)?;
         chart
             .configure_mesh()
             .disable_x_mesh()
             .light_line_style(TRANSPARENT)
             .x_desc("q")
-            .y_desc("segments")
+            .y_desc(cut.map_or_else(|| "segments".to_owned(), |cut| format!("segments, cut off above {cut:.0}")))
             .y_label_formatter(&|count| tick(*count, top))
             .draw()
             .map_err(failed)?;
@@ -97,18 +103,17 @@ pub(crate) fn spread(
         let strength = if cohorts.is_empty() { 1.0 } else { 0.5 };
         let parts = (0_u32..).zip(bins).flat_map(|(bin, &[good, bad])| {
             let (left, right) = (f64::from(bin) * width, f64::from(bin + 1) * width - 0.004);
-            let (low, high) = (f64::from(good), f64::from(good + bad));
+            let [low, high] = [good, good + bad].map(|height| f64::from(height).min(top * ABOVE));
             [
                 Rectangle::new([(left, 0.0), (right, low)], GOOD.mix(strength).filled()),
                 Rectangle::new([(left, low), (right, high)], BAD.mix(strength).filled()),
             ]
         });
         chart.draw_series(parts).map_err(failed)?;
-        for line in &cohorts {
-            let points = line.points.iter().copied();
-            chart.draw_series(LineSeries::new(points, line.color.stroke_width(1))).map_err(failed)?;
+        for CohortLine { points, color, .. } in cohorts {
+            chart.draw_series(LineSeries::new(within(points), color.stroke_width(1))).map_err(failed)?;
         }
-        chart.draw_series(LineSeries::new(experts, BLACK.stroke_width(2))).map_err(failed)?;
+        chart.draw_series(LineSeries::new(within(experts), BLACK.stroke_width(2))).map_err(failed)?;
         Ok(())
     })
 }
@@ -230,6 +235,17 @@ mod tests {
         assert_eq!(lines[2].points, [(0.0, 0.0), (0.5, 0.0), (0.5, 8.0), (1.0, 8.0)]);
         let svg = spread("", &[[2, 0], [4, 2]], &[], &three).unwrap();
         assert!(!svg.contains("\n(experts)\n") && svg.contains("; cohorts (lines)\n"), "{svg}");
+    }
+
+    #[test]
+    fn bars_that_would_hide_the_others_are_cut_off() {
+        let bars = |first: u32| [vec![[first, 0]], vec![[2, 1]; 19]].concat();
+        let even = spread("", &bars(20), &[1, 1], &cohorts(&[])).unwrap();
+        assert!(even.contains("\nsegments\n"), "{even}");
+        let cut = spread("", &bars(5000), &[1, 1], &cohorts(&[])).unwrap();
+        assert!(cut.contains("\nsegments, cut off above 12\n"), "{cut}");
+        // Nothing is drawn above the picture.
+        assert!(!cut.contains(" y=\"-") && !cut.contains(",-"), "{cut}");
     }
 
     #[test]

@@ -146,6 +146,20 @@ fn bin(q: f32, bins: usize) -> usize {
     (place as usize).min(bins - 1)
 }
 
+/// The highest bar is cut off above this many times the height that nine of ten bars do not reach, and shows this many of it.
+const FAR: f64 = 8.0;
+const ROOM: f64 = 4.0;
+
+/// The height above which a picture cuts off bars, because the others could not be seen beside them: a calibrated q has most
+/// segments at 0. `None` where the highest are not far above most.
+#[must_use]
+pub fn legible_height(heights: &[f64]) -> Option<f64> {
+    let mut sorted = heights.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let usual = *sorted.get(sorted.len() * 9 / 10)?;
+    (usual > 0.0 && *sorted.last()? > FAR * usual).then_some(ROOM * usual)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -195,5 +209,12 @@ mod tests {
             assert_eq!((kept.segments, kept.episodes), (segments as u64, episodes as u64));
         }
         assert_eq!(histogram.counts().iter().sum::<u64>(), 1000);
+    }
+
+    #[test]
+    fn the_highest_bars_are_cut_off_where_they_would_hide_the_others() {
+        let bars = |highest: f64| [vec![3.0; 19], vec![highest]].concat();
+        assert_eq!((legible_height(&bars(24.0)), legible_height(&bars(25.0))), (None, Some(12.0)));
+        assert_eq!((legible_height(&[]), legible_height(&[0.0, 0.0, 9.0])), (None, None));
     }
 }

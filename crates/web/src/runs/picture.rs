@@ -1,7 +1,7 @@
 //! The histogram of q with the threshold, and the experts beside it.
 
 use gleaner_core::{
-    score::Histogram,
+    score::{Histogram, legible_height},
     selection::{ExpertRanking, Rule},
 };
 use maud::{Markup, html};
@@ -13,10 +13,6 @@ pub(super) const BINS: usize = 100;
 
 /// Bins that one step of a line covers: experts and cohorts have fewer segments.
 const MERGED: usize = 5;
-
-/// The highest bar is cut off above this many times the height that nine of ten bars do not reach, and shows this many of it.
-const FAR: f64 = 8.0;
-const ROOM: f64 = 4.0;
 
 /// Cohorts with a line of their own at most; the largest come first.
 const COHORTS: usize = 6;
@@ -36,7 +32,7 @@ pub(super) fn histogram(histogram: &Histogram, rule: Rule) -> Markup {
     let bins = f64::from(u32::try_from(heights.len()).unwrap_or(u32::MAX));
     let drawn = heights.iter().chain(experts.iter().flatten()).chain(cohorts.iter().flat_map(|(_, line)| line));
     let most = drawn.copied().fold(1.0, f64::max);
-    let cut = cut(&heights).filter(|cut| *cut < most);
+    let cut = legible_height(&heights).filter(|cut| *cut < most);
     let highest = 1.05 * cut.unwrap_or(most);
     let within = |line: &[f64]| stairs(&line.iter().map(|height| height.min(highest)).collect::<Vec<_>>());
     let frame = Frame::new((920.0, 260.0), (0.0, 1.0), (0.0, highest));
@@ -72,15 +68,6 @@ pub(super) fn histogram(histogram: &Histogram, rule: Rule) -> Markup {
             @if let Some(cut) = cut { " What is higher than " (text::count(rounded(cut))) " segments is cut off." }
         }
     }
-}
-
-/// The height above which bars are cut off, because the others could not be seen beside them: a calibrated q has most segments
-/// at 0. `None` where the highest are not far above most.
-fn cut(heights: &[f64]) -> Option<f64> {
-    let mut sorted = heights.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let usual = *sorted.get(sorted.len() * 9 / 10)?;
-    (usual > 0.0 && *sorted.last()? > FAR * usual).then_some(ROOM * usual)
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of segments")]
@@ -204,7 +191,6 @@ mod tests {
         assert!(drawn.contains("What is higher than 12 segments is cut off."), "{drawn}");
         // The top of the plot, and nothing above it.
         assert!(!drawn.contains("y=\"-") && drawn.contains("y=\"20"), "{drawn}");
-        assert_eq!((cut(&[]), cut(&[0.0, 0.0, 9.0])), (None, None));
     }
 
     #[test]
