@@ -41,6 +41,7 @@ mod augment;
 mod batch;
 mod checkpoint;
 mod device;
+mod dropout;
 mod error;
 mod family;
 mod finished;

@@ -37,6 +37,10 @@ pub(crate) enum Purpose {
     Corruption = 13,
     /// The scores of the control; the counter is made of the episode's id.
     RandomScore = 14,
+    /// The hidden values that are dropped in the pass over an expert batch; the counter is made of the batch and the layer.
+    Dropout = 15,
+    /// Those of a kept batch.
+    KeptDropout = 16,
 }
 
 /// The generator of `purpose` at `counter`.

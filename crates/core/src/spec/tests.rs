@@ -102,6 +102,7 @@ fn specs_of_earlier_versions_are_read() {
     let train: TrainSpec = serde_json::from_value(json!({"optim": {"steps": 9}})).unwrap();
     assert_eq!((train.policy.name.as_str(), train.augmentation()), ("finetune", Ok(Augmentation::default())));
     assert_eq!((train.validation_share, TrainSpec::default().validation_share), (0.0, 0.05));
+    assert_eq!((train.switch_weight, train.dropout), (1.0, 0.0));
     for augmentation in
         [json!({"shift_pixels": 4, "contrast": 0.2}), json!({"augmentation": {"shift_pixels": 4, "contrast": 0.2}})]
     {

@@ -19,6 +19,16 @@ crate::settings! {
     }
 }
 
+crate::settings! {
+    /// Changes to a policy's hidden values in training.
+    struct Hidden {
+        /// Chance of setting each hidden value to zero in a training step (0: none): of the outputs of attention and of the
+        /// perceptrons within a transformer, and of the hidden layers of other perceptrons; image encoders have none. Higher
+        /// values reduce overfitting but need more steps.
+        dropout: f64 = 0.0, number_in(0.0, 0.9);
+    }
+}
+
 /// Settings of a training job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainSpec {
@@ -32,6 +42,8 @@ pub struct TrainSpec {
     pub validation_share: f64,
     /// Weight of the expert segments around a change of a binary action value.
     pub switch_weight: f64,
+    /// Chance of each hidden value to be zero in a step.
+    pub dropout: f64,
     /// Seed, checkpoints and device.
     pub run: RunSpec,
     /// Intra-op threads, set by the worker; `None` keeps the setting of the process.
@@ -46,6 +58,7 @@ impl Default for TrainSpec {
             weighting: Chosen::first(Family::Weighting),
             validation_share: Validation::default().validation_share,
             switch_weight: Switches::default().switch_weight,
+            dropout: Hidden::default().dropout,
             run: RunSpec::default(),
             threads: None,
         }
@@ -57,7 +70,8 @@ impl TrainSpec {
     #[must_use]
     pub fn schema() -> Vec<Setting> {
         let optim = OptimSpec::schema().into_iter().filter(|setting| !OptimSpec::is_of_policy(&setting.name));
-        let groups = [Validation::schema(), Switches::schema(), optim.collect(), RunSpec::schema()];
+        let own = [Validation::schema(), Switches::schema(), Hidden::schema()].concat();
+        let groups = [own, optim.collect(), RunSpec::schema()];
         [vec![choice(Family::Policy), choice(Family::Weighting)], groups.concat()].concat()
     }
 
@@ -80,6 +94,7 @@ impl TrainSpec {
             optim,
             validation_share,
             switch_weight: Switches::read(&values)?.switch_weight,
+            dropout: Hidden::read(&values)?.dropout,
             run: RunSpec::read(&values)?,
             threads: None,
         })
@@ -126,12 +141,13 @@ impl TrainSpec {
     /// Every setting with its value.
     #[must_use]
     pub fn values(&self) -> Values {
-        let Self { policy, weighting, optim, validation_share, switch_weight, run, threads: _ } = self;
+        let Self { policy, weighting, optim, validation_share, switch_weight, dropout, run, threads: _ } = self;
         let mut values = Values::new();
         policy.write(Family::Policy, &mut values);
         weighting.write(Family::Weighting, &mut values);
         Validation { validation_share: *validation_share }.write(&mut values);
         Switches { switch_weight: *switch_weight }.write(&mut values);
+        Hidden { dropout: *dropout }.write(&mut values);
         optim.write(&mut values);
         run.write(&mut values);
         values

@@ -3,6 +3,8 @@
 use tch::Tensor;
 use tch::nn::{self, Module};
 
+use crate::dropout::dropped;
+
 /// Two hidden layers and an output.
 pub(crate) struct Perceptron {
     hidden: [nn::Linear; 2],
@@ -24,7 +26,7 @@ impl Perceptron {
 
     /// `[…, inputs]` to `[…, outputs]`.
     pub(crate) fn forward(&self, input: &Tensor) -> Tensor {
-        let hidden = self.hidden.iter().fold(input.shallow_clone(), |x, layer| layer.forward(&x).gelu("none"));
+        let hidden = self.hidden.iter().fold(input.shallow_clone(), |x, layer| dropped(layer.forward(&x).gelu("none")));
         self.out.forward(&hidden)
     }
 }

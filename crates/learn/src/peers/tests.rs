@@ -114,7 +114,7 @@ fn kept() -> Vec<WeightedSegments> {
 fn train_spec(policy: &str) -> TrainSpec {
     let augmentation = Augmentation { shift_pixels: 1, proprioception_noise: 0.1, ..Augmentation::default() };
     let policy = Chosen::new(Family::Policy, policy).unwrap();
-    let mut spec = TrainSpec { policy, ..toy::train_spec(3) }.with_augmentation(augmentation);
+    let mut spec = TrainSpec { policy, dropout: 0.2, ..toy::train_spec(3) }.with_augmentation(augmentation);
     spec.optim.batch = 7;
     spec
 }

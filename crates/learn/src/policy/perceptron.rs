@@ -15,6 +15,7 @@ use tch::{Device, Kind, Tensor};
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
 use crate::batch::{Chunks, int};
 use crate::checkpoint::CheckpointInfo;
+use crate::dropout::dropped;
 use crate::model::{Size, weights};
 use crate::normalize::Statistics;
 use crate::objective::squared_error;
@@ -77,7 +78,7 @@ impl Perceptron {
     /// The standardised a_t, `[W, 1, A]`.
     fn predict(&self, input: &PolicyInput) -> Tensor {
         let m = self.statistics.proprioception.apply(&input.newest(&input.proprioception));
-        self.out.forward(&self.hidden.forward(&m).gelu("none")).unsqueeze(1)
+        self.out.forward(&dropped(self.hidden.forward(&m).gelu("none"))).unsqueeze(1)
     }
 }
 

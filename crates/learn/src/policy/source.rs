@@ -9,6 +9,7 @@ use super::hiding::HistorySpec;
 use super::kind::{Form, Losses, PolicyInput, PolicyModel};
 use crate::augment::augment;
 use crate::batch::{Batch, Chunks, Drawn, Part, Segment, Segments};
+use crate::dropout::{self, Dropout};
 use crate::error::LearnError;
 use crate::normalize::Standard;
 use crate::random::{Purpose, generator};
@@ -22,11 +23,11 @@ pub(super) struct Source<'a> {
     pub(super) segments: Segments,
 }
 
-/// The parameters of one batch's random numbers: seed, number, and the purposes of segments, images, noise.
+/// The parameters of one batch's random numbers: seed, number, and the purposes of segments, images, noise and dropout.
 pub(super) struct Draw {
     pub(super) seed: u64,
     pub(super) batch: u64,
-    pub(super) purposes: [Purpose; 3],
+    pub(super) purposes: [Purpose; 4],
 }
 
 /// What a policy and its settings say of its training batches.
@@ -72,16 +73,17 @@ pub(super) struct Assembled {
     hidden: Option<Tensor>,
     /// For the random parts of the loss.
     noise: ChaCha8Rng,
+    dropout: Dropout,
 }
 
 impl Assembled {
     /// This part's share of the mean of weight · −log P over the whole batch, and of its terms; `weigh` gives the weights
     /// of the segments' qualities.
     pub(super) fn loss(self, policy: &dyn PolicyModel, weigh: impl Fn(&Tensor) -> Tensor) -> Loss {
-        let Self { mut batch, wanted, hidden, mut noise } = self;
+        let Self { mut batch, wanted, hidden, mut noise, dropout } = self;
         let share = batch.whole.share_of_windows();
         batch.weight = weigh(&batch.weight);
-        let (mean, losses) = mean_loss(policy, batch, hidden, &wanted, &mut noise);
+        let (mean, losses) = dropout::with(dropout, || mean_loss(policy, batch, hidden, &wanted, &mut noise));
         let parts = losses.parts.iter().map(|(name, each)| (*name, each.mean(None) * share)).collect();
         Loss { total: mean * share, parts }
     }
@@ -90,18 +92,21 @@ impl Assembled {
 impl Source<'_> {
     /// A batch drawn from this source.
     pub(super) fn assemble(&self, of: &Assembly<'_>, draw: &Draw) -> Result<Assembled, LearnError> {
+        let Draw { seed, batch, purposes: [segments, images, noise, dropped] } = *draw;
         let [mut segments, mut images, mut noise] =
-            draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.batch));
+            [segments, images, noise].map(|purpose| generator(seed, purpose, batch));
         let drawn = self.segments.draw(&mut segments, of.spec.optim.batch, of.spec.optim.stretch);
         let hides = of.history.hides(of.form.window, drawn.len(), &mut noise);
         let alone = if of.history.hides_steps() { hides.as_slice() } else { &[] };
         let drawn = Drawn { segments: &drawn, alone, part: of.part };
+        let key = (seed, dropped, batch);
         let (mut batch, wanted) = self.collect_part(&of.form, drawn)?;
         augment(&mut batch, &of.augmentation, &of.standard, &mut images);
         // Also where no window is marked: what stands in for a hidden step then has a gradient in each step, of zeros, and
         // its moments decay alike in a run and in one that is resumed.
         let hidden = hides.get(batch.whole.windows.clone()).and_then(|own| of.history.mask(&batch.windows, own));
-        Ok(Assembled { batch, wanted, hidden, noise })
+        let dropout = Dropout { chance: of.spec.dropout, key, windows: batch.whole.windows.clone() };
+        Ok(Assembled { batch, wanted, hidden, noise, dropout })
     }
 
     /// The steps of `drawn` segments, and their actions to predict.

@@ -3,6 +3,7 @@
 mod chunks;
 mod course;
 mod draws;
+mod dropout;
 mod every_kind;
 mod finetune;
 mod gpu;

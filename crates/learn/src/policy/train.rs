@@ -132,8 +132,8 @@ struct Sources<'a> {
     weighting: Weighting,
 }
 
-const EXPERT: [Purpose; 3] = [Purpose::Batch, Purpose::Augmentation, Purpose::Style];
-const KEPT: [Purpose; 3] = [Purpose::KeptBatch, Purpose::KeptAugmentation, Purpose::KeptStyle];
+const EXPERT: [Purpose; 4] = [Purpose::Batch, Purpose::Augmentation, Purpose::Style, Purpose::Dropout];
+const KEPT: [Purpose; 4] = [Purpose::KeptBatch, Purpose::KeptAugmentation, Purpose::KeptStyle, Purpose::KeptDropout];
 
 impl<'a> Sources<'a> {
     fn new(

@@ -4,6 +4,7 @@
 use tch::Tensor;
 use tch::nn::{self, Module};
 
+use crate::dropout::dropped;
 use crate::model::Size;
 use crate::model::layers::Linear;
 
@@ -42,7 +43,7 @@ impl MultiHead {
             None,
             false,
         );
-        self.out.forward(&seen.transpose(1, 2).flatten(2, -1))
+        dropped(self.out.forward(&seen.transpose(1, 2).flatten(2, -1)))
     }
 
     /// `[W, S, d]` to `[W, heads, S, d / heads]`.
@@ -91,6 +92,6 @@ impl Block {
     /// The second half: the perceptron.
     pub(super) fn feed(&self, x: &Tensor) -> Tensor {
         let inner = self.up.forward(&self.before_mlp.forward(x)).gelu("none");
-        x + self.down.forward(&inner)
+        x + dropped(self.down.forward(&inner))
     }
 }

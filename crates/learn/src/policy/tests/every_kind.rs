@@ -29,7 +29,7 @@ fn looks(form: &&str) -> bool {
 fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
     for kind in forms() {
         let augmentation = Augmentation { shift_pixels: 2, brightness: 0.1, contrast: 0.1, ..Augmentation::default() };
-        let mut spec = spec(kind, 6).with_augmentation(augmentation);
+        let mut spec = TrainSpec { dropout: 0.2, ..spec(kind, 6).with_augmentation(augmentation) };
         spec.run.checkpoint_every = 2;
         let (result, straight) = train(&spec, None);
         let (again, resumed) = train(&spec, Some(&straight.checkpoints[0].1));

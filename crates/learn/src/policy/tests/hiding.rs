@@ -8,7 +8,7 @@ use crate::batch::{Part, Segments, values};
 use crate::policy::source::{Assembly, Draw, Source, mean_loss};
 use crate::random::{Purpose, generator};
 
-const PURPOSES: [Purpose; 3] = [Purpose::Batch, Purpose::Augmentation, Purpose::Style];
+const PURPOSES: [Purpose; 4] = [Purpose::Batch, Purpose::Augmentation, Purpose::Style, Purpose::Dropout];
 
 /// A policy with its history hidden in all training windows, and inputs as they are.
 fn hiding(form: &str, what: &str) -> TrainSpec {
