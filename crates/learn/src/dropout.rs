@@ -13,7 +13,7 @@ use crate::random::{Purpose, generator};
 
 /// Passes of one batch have at most this many layers that drop values.
 const LAYERS: u64 = 1 << 16;
-/// A chance is a multiple of one part of this.
+/// Values are drawn as numbers of 16 bits, so a chance is rounded up to a multiple of one of these parts.
 const PARTS: f64 = 65_536.0;
 
 /// What is dropped in the pass over one batch.

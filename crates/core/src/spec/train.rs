@@ -23,8 +23,8 @@ crate::settings! {
     /// Changes to a policy's hidden values in training.
     struct Hidden {
         /// Chance of setting each hidden value to zero in a training step (0: none): of the outputs of attention and of the
-        /// perceptrons within a transformer, and of the hidden layers of other perceptrons; image encoders have none. Higher
-        /// values reduce overfitting but need more steps.
+        /// perceptrons within a transformer, and of the hidden layers of perceptrons that read images and proprioception; image
+        /// encoders have none. Higher values reduce overfitting but need more steps.
         dropout: f64 = 0.0, number_in(0.0, 0.9);
     }
 }
