@@ -66,7 +66,9 @@ def deploy(client: gleaner.Client, bin: pathlib.Path, server: str, folder: pathl
     client.tasks.create(spec)
     for path in sorted((folder / "recordings").glob("*.mcap")):
         client.episodes.push(path, task=TASK, outcome="success" if "expert" in path.stem else "failure")
-    encoder = client.jobs.wait(client.jobs.pretrain(TASK, preset=preset, steps=4, batch=8)).result_id
+    # The PyTorch model beside it has this token.
+    pretrain = client.jobs.pretrain(TASK, preset=preset, steps=4, batch=8, action_token="proprioception")
+    encoder = client.jobs.wait(pretrain).result_id
     policy = client.jobs.train(TASK, experts_of=encoder, policy="finetune", steps=4, batch=8)
     client.deploy(DEPLOYMENT, client.jobs.wait(policy).result_id)
 

@@ -18,8 +18,10 @@ pub fn settings(given: &[(&str, serde_json::Value)]) -> Option<prost_types::Stru
 }
 
 pub fn pretraining(preset: Preset, steps: u32) -> Spec {
+    // The PyTorch model beside it has this token.
+    let token = ("action_token", "proprioception".into());
     Spec::Pretrain(PretrainSpec {
-        settings: settings(&[("preset", preset.as_str().into()), ("steps", steps.into()), ("batch", 16.into())]),
+        settings: settings(&[("preset", preset.as_str().into()), ("steps", steps.into()), ("batch", 16.into()), token]),
         ..PretrainSpec::default()
     })
 }

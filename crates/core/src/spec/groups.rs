@@ -74,7 +74,7 @@ crate::settings! {
         pub image_encoder: ImageEncoder = ImageEncoder::Keypoints, ImageEncoder::shape();
         /// Token that the action is read from. In pretraining, the objective `aa` alone trains the query of `query` and
         /// `fused` and the perceptron of `image`: from an encoder without `aa`, `finetune` begins with untrained ones.
-        pub action_token: ActionToken = ActionToken::Proprioception, ActionToken::shape();
+        pub action_token: ActionToken = ActionToken::Image, ActionToken::shape();
         /// Factor on the initial weights of the layer that finds keypoints in images (the softmax over places). At 1
         /// every keypoint begins near the middle of the image and hardly depends on it; from about 5 it begins at the
         /// one place that stands out, and a transformer looks, together with `proprioception_dropout`. Far higher

@@ -1,6 +1,6 @@
 //! Episodes of noise for the benches: what tensors cost does not depend on what they show.
 
-use gleaner_core::{Chosen, ModelSpec, Preset, Words as _, kinds::Family};
+use gleaner_core::{ActionToken, Chosen, ModelSpec, Preset, Words as _, kinds::Family};
 use gleaner_learn::{CameraShape, TaskShape, Trajectory};
 
 /// Steps of an episode.
@@ -15,7 +15,8 @@ pub(crate) fn sizes(preset: Preset, side: u32, depth: bool) -> (ModelSpec, TaskS
         action: 7,
         ranges: gleaner_core::action::ActionRanges::default(),
     };
-    (ModelSpec { preset, ..ModelSpec::default() }, shape)
+    // The PyTorch model beside it has this token.
+    (ModelSpec { preset, action_token: ActionToken::Proprioception, ..ModelSpec::default() }, shape)
 }
 
 /// Episodes whose bytes do not repeat.

@@ -9,12 +9,13 @@
 use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
-use gleaner_core::{Augmentation, Group as _, ModelSpec, OptimSpec};
+use gleaner_core::{Group as _, ModelSpec, OptimSpec, Setting};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
 use super::hiding::HistorySpec;
 use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
+use super::looking;
 use crate::batch::Chunks;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
 use crate::error::LearnError;
@@ -26,12 +27,25 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     title: "SSDF",
     about: "The pretrained transformer, finetuned: a causal pass that predicts the newest action.",
     needs: Needs { encoder: true, history: true, images: true, all_episodes: false },
-    settings: || [HistorySpec::schema(), Augmentation::schema()].concat(),
-    optim: OptimSpec::default,
+    settings,
+    optim,
     model,
     init,
     load,
 };
+
+/// With these defaults a transformer looks; without them it continues its past and copies exact positions
+/// (docs/decisions/0060-a-transformer-from-scratch-looks.md, 0069-a-pretrained-transformer-looks.md).
+pub(super) fn settings() -> Vec<Setting> {
+    let history = HistorySpec { history_dropout: 0.9, ..HistorySpec::default() };
+    [history.as_defaults(), looking::augmentation().as_defaults()].concat()
+}
+
+/// Steps drawn one by one and a higher rate: with the rate of other policies a short training ends before the transformer
+/// fits the experts (docs/decisions/0062-a-transformer-learns-at-a-higher-rate.md).
+pub(super) fn optim() -> OptimSpec {
+    OptimSpec { stretch: 1, learning_rate: 2e-3, ..OptimSpec::default() }
+}
 
 fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
     Ok(checkpoint::inspect(encoder(from)?)?.model)

@@ -10,6 +10,7 @@ mod finetune;
 mod flow;
 mod hiding;
 mod kind;
+mod looking;
 mod observer;
 mod perceptron;
 mod serve;

@@ -1,14 +1,20 @@
 //! What the vote separates, and the data it must not depend on.
 
 use super::*;
-use crate::score::Scores;
-use crate::score::tests::{score_anew, spec_of};
+use crate::pretrain;
+use crate::score::tests::{encoder, spec_of};
+use crate::score::{Forgetful, ScoreInputs, Scores, score};
 use crate::toy;
 use crate::train::Silent;
 
 fn run(experts: &[Trajectory], imperfect: &[Trajectory], seed: u64) -> Result<Scores, LearnError> {
+    run_with(&encoder(), experts, imperfect, seed)
+}
+
+fn run_with(encoder: &[u8], experts: &[Trajectory], imperfect: &[Trajectory], seed: u64) -> Result<Scores, LearnError> {
     let changed = [("seed", seed.into()), ("neighbours", 16.into())];
-    score_anew(experts, imperfect, &spec_of("vote", &changed), &mut Silent)
+    let inputs = ScoreInputs { encoder, experts, imperfect, kept: &Forgetful };
+    score(inputs, &spec_of("vote", &changed), &mut Silent)
 }
 
 fn mean(episodes: &[EpisodeScores]) -> f64 {
@@ -20,8 +26,9 @@ fn mean(episodes: &[EpisodeScores]) -> f64 {
 fn experts_have_more_votes_than_failures() {
     let experts = toy::experts(12, 10);
     let failures: Vec<Trajectory> = (50..54).map(|seed| toy::episode(&format!("f {seed}"), seed, 10, false)).collect();
+    let encoder = pretrain(&toy::shape(), &experts, &toy::pretrain_spec(60), None, None, &mut Silent).unwrap();
     // One draw of corruptions is not enough: of eleven, one put the failures above.
-    let runs: Vec<Scores> = (1..5).map(|seed| run(&experts, &failures, seed).unwrap()).collect();
+    let runs: Vec<Scores> = (1..5).map(|seed| run_with(&encoder, &experts, &failures, seed).unwrap()).collect();
     let over = |of: fn(&Scores) -> &[EpisodeScores]| runs.iter().map(|scores| mean(of(scores))).sum::<f64>() / 4.0;
     let (good, bad) = (over(|scores| &scores.experts), over(|scores| &scores.imperfect));
     assert!(good > bad + 0.05, "{good} {bad}");
