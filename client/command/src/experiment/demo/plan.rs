@@ -128,8 +128,8 @@ mod tests {
             "policy": "bc", "initial_weights": "encoder", "steps": 1_500, "batch": 32, "seed": 0, "validation_share": 0.0,
         });
         let mut training = TrainSpec::from_values(&given(training)).unwrap().values();
-        let pretraining = given(json!({"steps": 2_000, "batch": 64, "seed": 0}));
-        let pretraining = PretrainSpec::from_values(&pretraining).unwrap().values();
+        let pretraining = json!({"steps": 2_000, "batch": 64, "seed": 0, "action_token": "proprioception"});
+        let pretraining = PretrainSpec::from_values(&given(pretraining)).unwrap().values();
         let scoring = ScoreSpec::from_values(&given(json!({"normaliser": "calibrated"}))).unwrap().values();
         let sent = |index: usize| {
             let stage = &graph.stages[index];
