@@ -9,6 +9,7 @@ use crate::support::{
     command::gleaner,
     experiments::{SETTINGS, experiment},
     server::TestServer,
+    wait::until,
 };
 
 const STUDIES: &str = r#"
@@ -135,16 +136,20 @@ async fn seeds_may_have_recordings_of_their_own() {
     assert!(success && !text.contains("Unfinished"), "{text}");
 }
 
+/// Two cells, of which the jobs of the second never end: 10^9 steps.
+const ENDLESS: &str = r#"
+[[study]]
+table = "cells"
+cells = [{ label = "short" }, { label = "long", set = { train = { steps = 1000000000 } } }]
+"#;
+
 /// The report lists the finished cells while others run.
 #[tokio::test]
 async fn report_is_written_before_the_experiment_ends() {
     let server = TestServer::start().await;
     let dir = tempfile::tempdir().unwrap();
     let (file, out) = (dir.path().join("smallest.toml"), dir.path().join("out"));
-    // The jobs of the second cell never end: 10^9 steps.
-    let cells = r#"cells = [{ label = "short" }, { label = "long", set = { train = { steps = 1000000000 } } }]"#;
-    let study = "\n[[study]]\ntable = \"cells\"\n";
-    std::fs::write(&file, format!("{SETTINGS}{study}{cells}\n")).unwrap();
+    std::fs::write(&file, format!("{SETTINGS}{ENDLESS}")).unwrap();
     let running = experiment(server.url(), &file, &out, &[]);
     let report = async {
         let mut ticks = tokio::time::interval(std::time::Duration::from_millis(50));
@@ -241,6 +246,25 @@ async fn recordings_made_elsewhere_are_scored_and_a_command_evaluates() {
         assert_eq!(numbers("out")["studies"][study]["cells"], report["studies"][study]["cells"]);
     }
     assert_eq!(std::fs::read_to_string(out.join("attempts.log")).unwrap(), log);
+}
+
+#[tokio::test]
+async fn a_command_evaluates_a_policy_while_the_next_is_trained() {
+    let server = TestServer::start().await;
+    let dir = tempfile::tempdir().unwrap();
+    let (file, out) = (elsewhere(&server, dir.path(), ELSEWHERE).await, dir.path().join("out"));
+    let text = std::fs::read_to_string(&file).unwrap();
+    assert!(text.contains(STUDIES));
+    std::fs::write(&file, text.replace(STUDIES, ENDLESS)).unwrap();
+    let log = out.join("attempts.log");
+    tokio::select! {
+        (_, text) = experiment(server.url(), &file, &out, &[]) => panic!("the experiment ended: {text}"),
+        () = until("an attempt", async || log.exists().then_some(())) => {}
+    }
+    let states: Vec<_> =
+        jobs(&server).await.iter().filter(|job| job.kind() == JobKind::Train).map(Job::state).collect();
+    assert_eq!(states.len(), 2);
+    assert!(states.iter().any(|state| *state != JobState::Succeeded), "{states:?}");
 }
 
 #[tokio::test]

@@ -1,6 +1,7 @@
 //! The course of an experiment: a server, the recordings, every job to its end, the report. Or the report of an earlier
 //! run alone.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use gleaner_client::Client;
@@ -15,7 +16,7 @@ use super::report::Report;
 use super::reporter::Reporter;
 use super::site::Site;
 use super::stage::Graph;
-use super::standing::{Gap, Progress, Submitted};
+use super::standing::{Gap, Progress, Submitted, one_has_its_input};
 use super::state::State;
 use super::submit::Submitter;
 use crate::context::Context;
@@ -89,9 +90,15 @@ impl Course<'_> {
             let submitter = Submitter::new(client, &mut state, &recordings, experiment, device);
             let mut submitted = submitter.after(&earlier).with(&mut site).submit(graph).await?;
             reporter.more(&submitted).await;
-            let on_end = async |submitted: &Submitted| reporter.more(submitted).await;
-            follow::to_the_end(context, client, graph, &mut submitted, on_end).await?;
-            // Marks with an encoder are imported once that is there, and a command evaluates one policy after the other.
+            // Marks with an encoder are imported once that is there, and a command evaluates one policy after the other,
+            // each as soon as it is trained: other jobs run meanwhile.
+            if !one_has_its_input(graph, &submitted) {
+                let on_end = async |submitted: &Submitted| {
+                    reporter.more(submitted).await;
+                    if one_has_its_input(graph, submitted) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                };
+                follow::to_the_end(context, client, graph, &mut submitted, on_end).await?;
+            }
             let waiting = submitted.iter().filter(|result| matches!(result, Err(Gap::NotYet))).count();
             if waiting == 0 || waiting == left {
                 return reporter.report(&submitted).await;

@@ -1,6 +1,7 @@
 //! Waiting for every job: a bar with the running jobs and the time left, or lines where no bar is drawn.
 
 use std::collections::{BTreeMap, HashMap};
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use futures::StreamExt as _;
@@ -20,13 +21,13 @@ const WATCHED: usize = 8;
 const QUIET: Duration = Duration::from_secs(15);
 
 /// Waits until every job has ended, however it ends, and puts each as it then is in its place; after each, `on_end`
-/// is called with all of them.
+/// is called with all of them, and may end the waiting.
 pub(crate) async fn to_the_end(
     context: &Context,
     client: &Client,
     graph: &Graph,
     submitted: &mut Submitted,
-    mut on_end: impl AsyncFnMut(&Submitted),
+    mut on_end: impl AsyncFnMut(&Submitted) -> ControlFlow<()>,
 ) -> Result<()> {
     let jobs: Vec<(usize, Job)> = (0..)
         .zip(submitted.iter())
@@ -57,7 +58,9 @@ pub(crate) async fn to_the_end(
         if let Ok(result) = &mut submitted[index] {
             result.job = Some(job);
         }
-        on_end(submitted).await;
+        if on_end(submitted).await.is_break() {
+            break;
+        }
     }
     Ok(())
 }

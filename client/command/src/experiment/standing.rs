@@ -62,6 +62,13 @@ pub(crate) fn stage_result(submitted: &Submitted, index: usize) -> Result<&Stage
     }
 }
 
+/// Whether a stage without a result has its input: it is done at once by the next submission.
+pub(crate) fn one_has_its_input(graph: &Graph, submitted: &Submitted) -> bool {
+    graph.stages.iter().zip(submitted).any(|(stage, result)| {
+        matches!(result, Err(Gap::NotYet)) && stage.input.is_some_and(|input| stage_result(submitted, input).is_ok())
+    })
+}
+
 /// Where a seed of a cell stands: failed as soon as one of its stages is.
 pub(crate) fn standing(graph: &Graph, submitted: &Submitted, chain: &Chain) -> Standing {
     let mut standing = Standing::Complete;
@@ -143,6 +150,12 @@ mod tests {
         submitted[4] = job(JobState::Failed);
         submitted[5] = Err(Gap::NotYet);
         assert_eq!(settled(&graph, &submitted), HashSet::from([(0, 0, 0), (0, 0, 1), (0, 1, 1)]));
+        assert!(!one_has_its_input(&graph, &submitted), "its input failed");
+        submitted[4] = job(JobState::Running);
+        assert!(!one_has_its_input(&graph, &submitted), "its input is not there");
+        submitted[4] = job(JobState::Succeeded);
+        assert!(one_has_its_input(&graph, &submitted));
+        submitted[4] = job(JobState::Failed);
         let Standing::Failed(problem) = standing(&graph, &submitted, &graph.chains[0][0][1]) else { unreachable!() };
         assert_eq!(problem, "pretrain failed: job job_1 failed: no memory");
     }

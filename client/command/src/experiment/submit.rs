@@ -5,7 +5,9 @@ use std::collections::HashMap;
 
 use gleaner_client::{Client, ScoredEpisode, has_ended};
 use gleaner_core::proto::selection::selection_to_proto;
-use gleaner_proto::v1::{CreateDatasetRequest, CreateSnapshotRequest, Job, JobSpec, Role, SubmitJobRequest};
+use gleaner_proto::v1::{
+    CreateDatasetRequest, CreateSnapshotRequest, GetJobRequest, Job, JobSpec, Role, SubmitJobRequest,
+};
 use tonic::Code;
 
 use super::attempts::Trial;
@@ -41,8 +43,8 @@ pub(crate) struct Submitter<'a> {
     simulation: &'a str,
     device: Device,
     made: Option<Made<'a>>,
-    /// Jobs of this run that have ended, by their keys.
-    ended: HashMap<String, Job>,
+    /// Jobs that this run has submitted, by their keys.
+    earlier: HashMap<String, Job>,
 }
 
 impl<'a> Submitter<'a> {
@@ -56,13 +58,13 @@ impl<'a> Submitter<'a> {
     ) -> Self {
         let made = Made { state, recordings, source: experiment.recordings.source(), site: None };
         let simulation = experiment.recordings.source().task_name();
-        Self { client, simulation, device, made: Some(made), ended: HashMap::new() }
+        Self { client, simulation, device, made: Some(made), earlier: HashMap::new() }
     }
 
-    /// After an earlier submission of the same run. Its jobs that have ended are not submitted again: the server would
-    /// queue those that failed once more for each submission, and a run tries each once.
+    /// After an earlier submission of the same run, whose jobs are not submitted again: the server would queue those that
+    /// failed once more for each submission, and a run tries each once.
     pub(super) fn after(mut self, earlier: &Submitted) -> Self {
-        self.ended = ended(earlier);
+        self.earlier = jobs(earlier);
         self
     }
 
@@ -77,14 +79,17 @@ impl<'a> Submitter<'a> {
 
     /// For stages on results that exist.
     pub(super) fn on_results(client: &'a Client, simulation: &'a str, device: Device) -> Self {
-        Self { client, simulation, device, made: None, ended: HashMap::new() }
+        Self { client, simulation, device, made: None, earlier: HashMap::new() }
     }
 
-    /// All stages, in their order. A stage whose input failed is left out, and so is one that is done at once before
-    /// its input is there; a later submission has it.
+    /// All stages, in their order; attempts by a command, which last, follow when every job is with the server. A stage
+    /// whose input failed is left out, and so is one that is done at once before its input is there; a later submission
+    /// has it.
     pub(crate) async fn submit(mut self, graph: &Graph) -> Result<Submitted> {
-        let mut submitted = Submitted::with_capacity(graph.stages.len());
-        for stage in &graph.stages {
+        let mut submitted: Submitted = graph.stages.iter().map(|_| Err(Gap::NotYet)).collect();
+        let (last, first): (Vec<_>, Vec<_>) =
+            (0..).zip(&graph.stages).partition(|(_, stage)| matches!(stage.work, Work::Attempts { .. }));
+        for (place, stage) in first.into_iter().chain(last) {
             let input = stage.input.map(|index| {
                 let submitted = if matches!(stage.work, Work::Marks | Work::Attempts { .. }) {
                     // They are done at once, so what they are done with has to be there.
@@ -107,7 +112,7 @@ impl<'a> Submitter<'a> {
                 }
                 None => self.stage(stage, Input { kind: "", id: "", before: None }).await?,
             };
-            submitted.push(result);
+            submitted[place] = result;
         }
         Ok(submitted)
     }
@@ -185,8 +190,8 @@ impl<'a> Submitter<'a> {
 
     async fn job(&self, stage: &Stage, input: Input<'_>) -> Result<StageResult> {
         let key = job_key(stage, input.id);
-        if let Some(job) = self.ended.get(&key) {
-            return Ok(StageResult { id: job.result_id.clone(), job: Some(job.clone()) });
+        if let Some(job) = self.earlier.get(&key) {
+            return Ok(StageResult { id: job.result_id.clone(), job: Some(self.as_it_is(job).await?) });
         }
         let spec = present(order::job(&stage.work, input, self.simulation, self.device), "a job for this stage")?;
         let request = SubmitJobRequest {
@@ -198,6 +203,15 @@ impl<'a> Submitter<'a> {
         let job = self.client.submit_job(request).await?;
         Ok(StageResult { id: job.result_id.clone(), job: Some(job) })
     }
+
+    /// A job as it is now.
+    async fn as_it_is(&self, job: &Job) -> Result<Job> {
+        if has_ended(job.state()) {
+            return Ok(job.clone());
+        }
+        let reply = self.client.jobs().get_job(GetJobRequest { job_id: job.id.clone() }).await?.into_inner();
+        present(reply.job, "a job")
+    }
 }
 
 /// What a stage's job is called on the server. The input's id is beside the stage: when a failed input is made again,
@@ -206,10 +220,10 @@ pub(crate) fn job_key(stage: &Stage, input: &str) -> String {
     format!("experiment/{}/{input}", stage.key)
 }
 
-/// The jobs of a submission that have ended, by their keys.
-fn ended(submitted: &Submitted) -> HashMap<String, Job> {
+/// The jobs of a submission, by their keys.
+fn jobs(submitted: &Submitted) -> HashMap<String, Job> {
     let jobs = submitted.iter().filter_map(|result| result.as_ref().ok()?.job.as_ref());
-    jobs.filter(|job| has_ended(job.state())).map(|job| (job.key.clone(), job.clone())).collect()
+    jobs.map(|job| (job.key.clone(), job.clone())).collect()
 }
 
 #[cfg(test)]
@@ -219,7 +233,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_run_submits_no_job_again_that_has_ended() {
+    fn a_run_submits_each_job_once() {
         let job = |key: &str, state: JobState| {
             let job = Job { key: key.into(), state: state.into(), ..Job::default() };
             Ok(StageResult { id: format!("x_{key}"), job: Some(job) })
@@ -232,8 +246,8 @@ mod tests {
             job("c", JobState::Running),
             Err(Gap::NotYet),
         ];
-        let mut keys: Vec<String> = ended(&submitted).into_keys().collect();
+        let mut keys: Vec<String> = jobs(&submitted).into_keys().collect();
         keys.sort();
-        assert_eq!(keys, ["a", "b"]);
+        assert_eq!(keys, ["a", "b", "c"]);
     }
 }
