@@ -32,9 +32,10 @@ def make(task: str, size: int) -> ManiSkill2:
 class ManiSkill2(Simulator):
     """PickCube-v0 or StackCube-v0. A seed is a placement of cube and goal, or of both cubes.
 
-    An observation is what the robot feels: 9 joint positions, 9 velocities, tool position and quaternion, and the
-    goal's position if the task has one. An action is seven numbers in [-1, 1]: motion of the tool (1 is 10 cm) and its
-    rotation vector (1 is 0.1 rad), both in the tool's frame, and the gripper (1 opens, -1 closes).
+    An observation is what the robot feels: 9 joint positions, 9 velocities, tool position and quaternion, and, if the
+    task has a goal, its position and its distance from the tool along each axis. An action is seven numbers in
+    [-1, 1]: motion of the tool (1 is 10 cm) and its rotation vector (1 is 0.1 rad), both in the tool's frame, and the
+    gripper (1 opens, -1 closes).
     """
 
     simulator = "maniskill2"
@@ -48,7 +49,8 @@ class ManiSkill2(Simulator):
             raise ValueError(f"task {task}: the example has {' and '.join(MAX_STEPS)}")
         self.task, self.size = task, size
         self._has_goal = task.startswith("Pick")
-        self.proprioception = {"joints": 9, "velocities": 9, "tool": 7} | ({"goal": 3} if self._has_goal else {})
+        goal = {"goal": 3, "to_goal": 3} if self._has_goal else {}
+        self.proprioception = {"joints": 9, "velocities": 9, "tool": 7} | goal
         bounds = (-1.0, 1.0)
         self.action = {"motion": ActionField(6, bounds), "gripper": ActionField(1, bounds, binary=True)}
         # Episodes end here, not after ManiSkill2's own limit.
@@ -86,8 +88,9 @@ class ManiSkill2(Simulator):
     def _observe(self, observed: dict[str, Any]) -> State:
         self._seen = observed["image"]
         robot = self._scene.agent.robot
-        goal = [self._scene.goal_pos] if self._has_goal else []
-        return np.concatenate([robot.get_qpos(), robot.get_qvel(), vectorize_pose(self._scene.tcp.pose), *goal])
+        tool = vectorize_pose(self._scene.tcp.pose)
+        goal = [self._scene.goal_pos, self._scene.goal_pos - tool[:3]] if self._has_goal else []
+        return np.concatenate([robot.get_qpos(), robot.get_qvel(), tool, *goal])
 
     def images(self) -> Frames:
         """The current images of the cameras: size × size × RGB each."""
