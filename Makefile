@@ -209,11 +209,12 @@ differential differential-test: $(DIFFERENTIAL_ENV)
 
 # Failed demonstrations gleaned in a real simulator, over gRPC, with tables and pictures in simulator-runs/$(TASK).
 # Installs MuJoCo and Meta-World (0.5 GB), or SAPIEN and ManiSkill2 (0.9 GB), the first time. Meta-World draws by OSMesa or
-# EGL, whichever there is; ManiSkill2 by Vulkan. ARGS= has further options, such as --experts 40, and STAGE=collect only
-# makes the recordings, for `gleaner experiment`.
+# EGL, whichever there is; ManiSkill2 by Vulkan, with more experts and steps than Meta-World's defaults, which it needs.
+# ARGS= has other options, such as --experts 40, and STAGE=collect only makes the recordings, for `gleaner experiment`.
 STAGE ?= all
 metaworld: TASK ?= pick-place-v3
 metaworld: SIMULATOR = metaworld
+maniskill: ARGS ?= --size 128 --experts 100 --train-steps 5000
 maniskill: TASK ?= PickCube-v0
 maniskill: SIMULATOR = maniskill2
 metaworld maniskill: .libtorch

@@ -1,4 +1,4 @@
-"""The jobs on the server: task, pretraining, scores, dataset, two policies. Existing jobs are not submitted again."""
+"""The jobs on the server: task, scores, dataset, two policies. Existing jobs are not submitted again."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _same_task(client: gleaner.Client, plan: Plan) -> None:
 
 
 def glean(client: gleaner.Client, plan: Plan, env: Simulator, episodes: list[Episode]) -> Gleaned:
-    """Pretrains, scores, selects, trains twice and deploys; shows the progress of each job."""
+    """Scores, selects, trains twice and deploys; shows the progress of each job."""
     there = sum(1 for _ in client.episodes.list(plan.server_task))
     if there != len(episodes):
         raise SystemExit(
@@ -63,14 +63,10 @@ def glean(client: gleaner.Client, plan: Plan, env: Simulator, episodes: list[Epi
         )
     # Roles depend on the agent, because a success of an imperfect agent is imperfect data too.
     rule = {"expert_cohorts": [EXPERT.name], "imperfect_cohorts": [agent.name for agent in env.imperfect]}
-    pretrain = _job(
-        client,
-        plan,
-        "pretrain",
-        {"rule": rule, "seed": plan.seed, "steps": plan.pretrain_steps, "batch": plan.pretrain_batch},
-    )
+    # A name of these episodes: neither the default scorer nor the default policy reads an encoder.
+    pretrain = _job(client, plan, "pretrain", {"rule": rule, "steps": 1})
     score = _job(client, plan, "score", {"encoder_id": pretrain.result_id})
-    dataset = client.datasets.create(score.result_id, top_fraction=plan.keep)
+    dataset = client.datasets.create(score.result_id, beta=plan.beta, top_fraction=plan.keep or None)
     learnt_from: dict[str, dict[str, Any]] = {
         WITHOUT: {"experts_of": pretrain.result_id},
         WITH: {"dataset_id": dataset.id, "lambda_": plan.weight},

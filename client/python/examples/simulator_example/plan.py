@@ -8,6 +8,8 @@ from pathlib import Path
 
 from simulator_example.simulator import SIMULATORS
 
+BETA = 0.5
+
 SAID = {
     "simulator": "simulator: " + " or ".join(SIMULATORS),
     "task": "task of the simulator",
@@ -18,11 +20,9 @@ SAID = {
     "size": "height and width of the cameras' pictures",
     "experts": "demonstrations of the expert",
     "imperfect": "demonstrations of each imperfect agent",
-    "pretrain_steps": "optimiser steps of the pretraining",
-    "pretrain_batch": "segments a step",
     "train_steps": "optimiser steps of each policy",
     "train_batch": "segments a step, of experts and of kept segments each",
-    "keep": "part of the imperfect segments to keep: the best",
+    "keep": f"part of the imperfect segments to keep, the best; 0: those whose q is above {BETA:g}",
     "weight": "λ, the weight of the kept segments' loss",
     "seed": "of the trainings",
     "episodes": "closed-loop episodes of each policy",
@@ -44,12 +44,10 @@ class Plan:
     size: int = 64
     experts: int = 20
     imperfect: int = 50
-    pretrain_steps: int = 1500
-    pretrain_batch: int = 32
     train_steps: int = 1500
     train_batch: int = 32
-    keep: float = 0.2
-    weight: float = 1.0
+    keep: float = 0.0
+    weight: float = 0.3
     seed: int = 0
     episodes: int = 100
     deployment: str = ""
@@ -64,6 +62,11 @@ class Plan:
     def folder(self) -> Path:
         """The folder of the run."""
         return self.out / self.name
+
+    @property
+    def beta(self) -> float | None:
+        """Above which q segments are kept, if not the best part of them is."""
+        return None if self.keep else BETA
 
     @property
     def server_task(self) -> str:

@@ -14,7 +14,7 @@ import gleaner
 from simulator_example import pictures
 from simulator_example.agent import EXPERT
 from simulator_example.gleaning import WITH, Gleaned
-from simulator_example.plan import Plan
+from simulator_example.plan import BETA, Plan
 from simulator_example.simulator import Simulator
 
 
@@ -43,7 +43,7 @@ def write(
 
 
 def _demonstrations(client: gleaner.Client, plan: Plan, env: Simulator, gleaned: Gleaned) -> dict[str, dict[str, Any]]:
-    counted = client.scores.what_if(gleaned.run, [{"top_fraction": plan.keep}])[0]
+    counted = client.scores.what_if(gleaned.run, [{"top_fraction": plan.keep} if plan.keep else {"beta": plan.beta}])[0]
     kept = {cohort.cohort: cohort.kept.segments for cohort in counted.cohorts}
     rows = {}
     for agent in (EXPERT, *env.imperfect):
@@ -74,12 +74,13 @@ def _result(trials: gleaner.Trials) -> dict[str, Any]:
 
 
 def _markdown(plan: Plan, env: Simulator, found: dict[str, Any], shown: Mapping[str, Path]) -> str:
+    part = f"the best {plan.keep:g} of the imperfect segments"
+    kept = part if plan.keep else f"the imperfect segments whose q is above {BETA:g}"
     lines = [
         f"# {plan.task}",
         "",
-        f"{plan.simulator} at {env.rate_hz:g} Hz, two cameras of {plan.size} × {plan.size}; {plan.pretrain_steps} "
-        f"steps of {plan.pretrain_batch} segments of pretraining, {plan.train_steps} of {plan.train_batch} for each "
-        f"policy; the best {plan.keep:g} of the imperfect segments kept, λ = {plan.weight:g}, seed {plan.seed}.",
+        f"{plan.simulator} at {env.rate_hz:g} Hz, two cameras of {plan.size} × {plan.size}; {plan.train_steps} steps "
+        f"of {plan.train_batch} segments for each policy; {kept} kept, λ = {plan.weight:g}, seed {plan.seed}.",
         "",
         "| demonstrations by | episodes | steps | solved | mean q | kept |",
         "|---|---:|---:|---:|---:|---:|",
