@@ -97,7 +97,7 @@ impl Course<'_> {
                     reporter.more(submitted).await;
                     if one_has_its_input(graph, submitted) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
                 };
-                follow::to_the_end(context, client, graph, &mut submitted, on_end).await?;
+                follow::until(context, client, graph, &mut submitted, on_end).await?;
             }
             let waiting = submitted.iter().filter(|result| matches!(result, Err(Gap::NotYet))).count();
             if waiting == 0 || waiting == left {

@@ -20,9 +20,13 @@ const WATCHED: usize = 8;
 /// Shortest time between two lines on the progress of a job.
 const QUIET: Duration = Duration::from_secs(15);
 
-/// Waits until every job has ended, however it ends, and puts each as it then is in its place; after each, `on_end`
-/// is called with all of them, and may end the waiting.
-pub(crate) async fn to_the_end(
+/// Waits until every job has ended, however it ends, and puts each as it then is in its place.
+pub(crate) async fn to_the_end(context: &Context, client: &Client, graph: &Graph, jobs: &mut Submitted) -> Result<()> {
+    until(context, client, graph, jobs, async |_: &Submitted| ControlFlow::Continue(())).await
+}
+
+/// As [`to_the_end`]; after each end `on_end` is called with all jobs, and may end the waiting.
+pub(crate) async fn until(
     context: &Context,
     client: &Client,
     graph: &Graph,

@@ -17,7 +17,6 @@ mod subject;
 mod summary;
 mod text;
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -156,8 +155,7 @@ impl CompareArgs {
         let submitter = Submitter::on_results(client, simulation, self.device);
         let mut submitted = submitter.submit(graph).await?;
         context.output.note("the same command resumes after an interruption; the jobs continue on the server");
-        follow::to_the_end(context, client, graph, &mut submitted, async |_: &Submitted| ControlFlow::Continue(()))
-            .await?;
+        follow::to_the_end(context, client, graph, &mut submitted).await?;
         Ok(submitted)
     }
 

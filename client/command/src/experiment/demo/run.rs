@@ -1,6 +1,5 @@
 //! The course of the demo: its experiment's recordings and jobs, then both policies over the endpoint that robots use.
 
-use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -115,10 +114,7 @@ impl<'a> Run<'a> {
         let mut state = State::open(folder, self.plan.experiment.sizes)?;
         let submitter = Submitter::new(self.client, &mut state, recordings, &self.plan.experiment, Device::default());
         let mut submitted = submitter.submit(&self.graph).await?;
-        to_the_end(self.context, self.client, &self.graph, &mut submitted, async |_: &Submitted| {
-            ControlFlow::Continue(())
-        })
-        .await?;
+        to_the_end(self.context, self.client, &self.graph, &mut submitted).await?;
         for chain in self.chains()? {
             if let Standing::Failed(problem) = standing(&self.graph, &submitted, &chain) {
                 return Err(Failure::message(problem));
