@@ -66,10 +66,10 @@ def glean(client: gleaner.Client, plan: Plan, env: Simulator, episodes: list[Epi
     # A name of these episodes: neither the default scorer nor the default policy reads an encoder.
     pretrain = _job(client, plan, "pretrain", {"rule": rule, "steps": 1})
     score = _job(client, plan, "score", {"encoder_id": pretrain.result_id})
-    dataset = client.datasets.create(score.result_id, beta=plan.beta, top_fraction=plan.keep or None)
+    dataset = client.datasets.create(score.result_id, top_fraction=plan.keep or None)
     learnt_from: dict[str, dict[str, Any]] = {
         WITHOUT: {"experts_of": pretrain.result_id},
-        WITH: {"dataset_id": dataset.id, "lambda_": plan.weight},
+        WITH: {"dataset_id": dataset.id},
     }
     policies = {}
     for name, data in learnt_from.items():

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from simulator_example.simulator import SIMULATORS
 
-BETA = 0.5
-
 SAID = {
     "simulator": "simulator: " + " or ".join(SIMULATORS),
     "task": "task of the simulator",
@@ -22,8 +20,7 @@ SAID = {
     "imperfect": "demonstrations of each imperfect agent",
     "train_steps": "optimiser steps of each policy",
     "train_batch": "segments a step, of experts and of kept segments each",
-    "keep": f"part of the imperfect segments to keep, the best; 0: those whose q is above {BETA:g}",
-    "weight": "λ, the weight of the kept segments' loss",
+    "keep": "part of the imperfect segments to keep, the best; 0: those whose q is above the default β",
     "seed": "of the trainings",
     "episodes": "closed-loop episodes of each policy",
     "deployment": "deployment to evaluate, of the stage attempt",
@@ -47,7 +44,6 @@ class Plan:
     train_steps: int = 1500
     train_batch: int = 32
     keep: float = 0.0
-    weight: float = 0.3
     seed: int = 0
     episodes: int = 100
     deployment: str = ""
@@ -62,11 +58,6 @@ class Plan:
     def folder(self) -> Path:
         """The folder of the run."""
         return self.out / self.name
-
-    @property
-    def beta(self) -> float | None:
-        """Above which q segments are kept, if not the best part of them is."""
-        return None if self.keep else BETA
 
     @property
     def server_task(self) -> str:

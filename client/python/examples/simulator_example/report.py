@@ -14,7 +14,7 @@ import gleaner
 from simulator_example import pictures
 from simulator_example.agent import EXPERT
 from simulator_example.gleaning import WITH, Gleaned
-from simulator_example.plan import BETA, Plan
+from simulator_example.plan import Plan
 from simulator_example.simulator import Simulator
 
 
@@ -28,6 +28,7 @@ def write(
     """Writes pictures, report.json and report.md into the folder of the run; returns the path of report.md."""
     found = {
         "plan": {name: str(value) for name, value in asdict(plan).items() if name != "token"},
+        "selection": _selection(client, plan, gleaned),
         "demonstrations": _demonstrations(client, plan, env, gleaned),
         "policies": {name: _result(trials) for name, trials in results.items()},
         "made": {"encoder": gleaned.encoder, "score_run": gleaned.run, "dataset": gleaned.dataset.id},
@@ -42,8 +43,12 @@ def write(
     return path
 
 
+def _selection(client: gleaner.Client, plan: Plan, gleaned: Gleaned) -> dict[str, float]:
+    return {"top_fraction": plan.keep} if plan.keep else {"beta": client.scores.get(gleaned.run).default_beta}
+
+
 def _demonstrations(client: gleaner.Client, plan: Plan, env: Simulator, gleaned: Gleaned) -> dict[str, dict[str, Any]]:
-    counted = client.scores.what_if(gleaned.run, [{"top_fraction": plan.keep} if plan.keep else {"beta": plan.beta}])[0]
+    counted = client.scores.what_if(gleaned.run, [_selection(client, plan, gleaned)])[0]
     kept = {cohort.cohort: cohort.kept.segments for cohort in counted.cohorts}
     rows = {}
     for agent in (EXPERT, *env.imperfect):
@@ -74,13 +79,13 @@ def _result(trials: gleaner.Trials) -> dict[str, Any]:
 
 
 def _markdown(plan: Plan, env: Simulator, found: dict[str, Any], shown: Mapping[str, Path]) -> str:
-    part = f"the best {plan.keep:g} of the imperfect segments"
-    kept = part if plan.keep else f"the imperfect segments whose q is above {BETA:g}"
+    chosen = found["selection"]
+    kept = f"the best {plan.keep:g} of them" if plan.keep else f"those whose q is above {chosen['beta']:g}"
     lines = [
         f"# {plan.task}",
         "",
         f"{plan.simulator} at {env.rate_hz:g} Hz, two cameras of {plan.size} × {plan.size}; {plan.train_steps} steps "
-        f"of {plan.train_batch} segments for each policy; {kept} kept, λ = {plan.weight:g}, seed {plan.seed}.",
+        f"of {plan.train_batch} segments for each policy; of the imperfect segments {kept}, seed {plan.seed}.",
         "",
         "| demonstrations by | episodes | steps | solved | mean q | kept |",
         "|---|---:|---:|---:|---:|---:|",
