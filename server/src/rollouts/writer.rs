@@ -9,7 +9,10 @@ use super::{
     file::{Fault, Open},
     sidecar::{RolloutFiles, RolloutSidecar},
 };
-use crate::error::{Error, Result};
+use crate::{
+    domain::episode::Outcome,
+    error::{Error, Result},
+};
 
 /// The most bytes of a step's or a note's messages beside their payload.
 const STEP_BYTES: u64 = 1 << 10;
@@ -121,15 +124,34 @@ impl RolloutWriter {
             }
             return Ok(false);
         };
-        self.sidecar.outcome = ending.outcome;
         if !self.broken {
             match file.finish(self.counts(ending)) {
                 Ok(()) => self.sidecar.steps = Some(self.steps),
                 Err(error) => self.give_up(&error),
             }
         }
+        self.sidecar.outcome = self.outcome(ending);
         self.files.write(&self.sidecar)?;
         Ok(true)
+    }
+
+    /// The outcome of the episode. A success whose recording lacks steps becomes unknown, because snapshots would take it
+    /// for an expert.
+    fn outcome(&self, ending: &Ending) -> Outcome {
+        let left_out = self.left_out(ending);
+        if ending.outcome != Outcome::Success || (left_out == 0 && !self.broken) {
+            return ending.outcome;
+        }
+        tracing::warn!(
+            session.id = %self.sidecar.session.session_id, recording.steps = self.steps, recording.left_out = left_out,
+            "a session ended as a success, but its recording lacks steps; its outcome is stored as unknown"
+        );
+        Outcome::Unknown
+    }
+
+    /// Steps and notes that are not in the recording for lack of room.
+    fn left_out(&self, ending: &Ending) -> u64 {
+        ending.left_out + self.beyond
     }
 
     /// Whether this many more bytes fit. The size is an upper bound, so the file is synced and measured before the
@@ -168,12 +190,13 @@ impl RolloutWriter {
             ("dropped", ending.dropped),
             ("missed", ending.missed),
             ("steps", self.steps),
-            ("left_out", ending.left_out + self.beyond),
+            ("left_out", self.left_out(ending)),
             ("malformed", self.malformed),
         ];
         let unscored = ending.unscored.map(|count| ("unscored", count));
         let counts = counts.into_iter().chain(unscored).map(|(name, count)| (name.to_owned(), count.to_string()));
-        counts.chain([("ended".to_owned(), ending.how.clone())]).collect()
+        let outcome = ending.outcome.as_str().to_owned();
+        counts.chain([("ended".to_owned(), ending.how.clone()), ("outcome".to_owned(), outcome)]).collect()
     }
 
     /// Creates the file if it does not exist yet.

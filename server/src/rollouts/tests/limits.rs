@@ -28,6 +28,29 @@ async fn steps_that_do_not_fit_the_task_or_the_limits_are_left_out() {
     assert_eq!(lab.fixture.store.episode(&id).await.unwrap().episode.steps, 4);
 }
 
+/// Of a success alone: the part of a failure that was recorded is of a failure.
+#[tokio::test]
+async fn a_success_whose_recording_lacks_steps_is_stored_as_unknown() {
+    let lab = Lab::new().await;
+    let queue = event::Queue::new();
+    for (recorded, left_out, outcome, stored) in [
+        (5, 0, Outcome::Success, Outcome::Success),
+        (4, 0, Outcome::Success, Outcome::Unknown),
+        (5, 1, Outcome::Success, Outcome::Unknown),
+        (4, 0, Outcome::Failure, Outcome::Failure),
+    ] {
+        let (files, mut writer) = lab.writer(Limits { steps: recorded, bytes: u64::MAX });
+        (0..5).for_each(|number| writer.step(&step(number, &queue)));
+        writer.end(&Ending { outcome, left_out, ..broken_off() }).unwrap();
+        let id = lab.rollouts.keep(&files).await.unwrap().unwrap();
+        assert_eq!(
+            lab.fixture.store.episode(&id).await.unwrap().episode.outcome,
+            stored,
+            "{recorded} steps, {left_out}"
+        );
+    }
+}
+
 /// At any rate: the test does not sync.
 #[tokio::test]
 async fn recordings_stay_below_the_upload_limit() {
