@@ -130,6 +130,7 @@ fn keep_memory() {
 mod tests {
     #![allow(clippy::unwrap_used, reason = "clippy sees a test module only under a plain cfg(test)")]
     use super::*;
+    use crate::own_process::in_own_process;
 
     const PIECE: usize = 16 << 20;
 
@@ -156,24 +157,9 @@ mod tests {
         stat.rsplit_once(')').unwrap().1.split_whitespace().nth(7).unwrap().parse().unwrap()
     }
 
-    /// Set in the process of a test's own.
-    const ALONE: &str = "GLEANER_TEST_ALONE";
-
-    /// Whether this process runs the test of this name alone; if not, the test has passed in a process that does.
-    fn alone(name: &str) -> bool {
-        if std::env::var_os(ALONE).is_some() {
-            return true;
-        }
-        let mut alone = std::process::Command::new(std::env::current_exe().unwrap());
-        let ended = alone.args(["--exact", &format!("device::tests::{name}")]).env(ALONE, "1").output().unwrap();
-        let output = String::from_utf8_lossy(&ended.stdout);
-        assert!(ended.status.success() && output.contains("1 passed"), "{output}");
-        false
-    }
-
     #[test]
     fn all_threads_assemble_for_a_gpu_and_one_for_processors() {
-        if !alone("all_threads_assemble_for_a_gpu_and_one_for_processors") {
+        if !in_own_process() {
             return;
         }
         let own = usize::try_from(tch::get_num_threads()).unwrap();
@@ -186,7 +172,7 @@ mod tests {
     #[test]
     fn memory_that_is_freed_is_there_for_the_next() {
         // A thread takes over the heap of one that ended, with all that is left in it.
-        if !alone("memory_that_is_freed_is_there_for_the_next") {
+        if !in_own_process() {
             return;
         }
         // A separate thread, as for a model; it begins with an empty heap.

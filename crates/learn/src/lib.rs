@@ -53,6 +53,8 @@ mod model;
 mod normalize;
 mod objective;
 mod optimizer;
+#[cfg(test)]
+mod own_process;
 mod peers;
 mod policy;
 mod precision;

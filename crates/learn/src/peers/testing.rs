@@ -1,4 +1,5 @@
-//! Ranks of a group for tests, each on a thread of its own.
+//! Ranks of a group for tests, each on a thread of its own. Their tests run in processes of their own, because an error on
+//! a thread of gloo ends the process.
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};

@@ -9,6 +9,7 @@ use super::testing::ranks;
 use crate::checkpoint;
 use crate::checkpoint::CheckpointKind;
 use crate::error::LearnError;
+use crate::own_process::in_own_process;
 use crate::policy::{Pretrained, train_policy, train_policy_with};
 use crate::pretrain::{pretrain, pretrain_with};
 use crate::toy::{self, Recorder};
@@ -68,6 +69,9 @@ fn pretrained_by(count: usize, spec: &PretrainSpec, resume: Option<&[u8]>) -> (V
 
 #[test]
 fn ranks_pretrain_as_one_process_does_and_repeat_bit_for_bit() {
+    if !in_own_process() {
+        return;
+    }
     let spec = pretrain_spec();
     let mut alone = Recorder::default();
     pretrain(&toy::shape(), &toy::experts(4, 5), &spec, None, None, &mut alone).unwrap();
@@ -82,6 +86,9 @@ fn ranks_pretrain_as_one_process_does_and_repeat_bit_for_bit() {
 
 #[test]
 fn another_number_of_ranks_resumes_from_a_checkpoint() {
+    if !in_own_process() {
+        return;
+    }
     let spec = pretrain_spec();
     let (bytes, straight) = pretrained_by(2, &spec, None);
     let half = &straight.checkpoints[0];
@@ -121,6 +128,9 @@ fn train_spec(policy: &str) -> TrainSpec {
 
 #[test]
 fn ranks_train_every_policy_as_one_process_does_and_repeat_bit_for_bit() {
+    if !in_own_process() {
+        return;
+    }
     let (shape, experts, kept) = (toy::shape(), toy::experts(3, 8), kept());
     let encoder = pretrain(&shape, &experts, &toy::pretrain_spec(2), None, None, &mut Silent).unwrap();
     for kind in crate::policy::describe() {
@@ -142,6 +152,9 @@ fn ranks_train_every_policy_as_one_process_does_and_repeat_bit_for_bit() {
 
 #[test]
 fn a_rank_that_is_asked_to_stop_takes_all_along_with_a_checkpoint() {
+    if !in_own_process() {
+        return;
+    }
     let (shape, data, spec) = (toy::shape(), toy::experts(3, 8), toy::every(100, toy::pretrain_spec(9)));
     let done = ranks(&[Some(4), None], |peers, monitor| {
         pretrain_with(&shape, &data, &spec, None, Participant { resume: None, peers, monitor })
@@ -158,6 +171,9 @@ fn a_rank_that_is_asked_to_stop_takes_all_along_with_a_checkpoint() {
 
 #[test]
 fn a_lost_rank_and_too_small_a_batch_are_errors_of_the_others() {
+    if !in_own_process() {
+        return;
+    }
     let (shape, data, spec) = (toy::shape(), toy::experts(3, 8), toy::pretrain_spec(9));
     let done = ranks(&[None, None], |peers, monitor| {
         if !peers.lead() {

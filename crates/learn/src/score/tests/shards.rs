@@ -3,6 +3,7 @@
 use gleaner_core::ScoreSpec;
 
 use super::*;
+use crate::own_process::in_own_process;
 use crate::peers::testing::ranks;
 use crate::toy::{self, Recorder};
 use crate::trajectory::Trajectory;
@@ -70,6 +71,9 @@ fn assert_same_bits(one: &Scores, other: &Scores, what: &str) {
 
 #[test]
 fn ranks_score_as_one_process_does_bit_for_bit() {
+    if !in_own_process() {
+        return;
+    }
     let (experts, imperfect) = (toy::experts(4, 9), failures(7));
     for spec in specs() {
         // On one thread, as the ranks: a network's last bits depend on the number of threads.
@@ -83,6 +87,9 @@ fn ranks_score_as_one_process_does_bit_for_bit() {
 
 #[test]
 fn ranks_extend_a_run_and_keep_features_as_one_process_does() {
+    if !in_own_process() {
+        return;
+    }
     let (experts, imperfect) = (toy::experts(5, 8), failures(6));
     for spec in specs() {
         let run = |count: usize| {
@@ -105,6 +112,9 @@ fn ranks_extend_a_run_and_keep_features_as_one_process_does() {
 
 #[test]
 fn more_ranks_than_episodes_and_a_lone_expert_are_scored() {
+    if !in_own_process() {
+        return;
+    }
     let (experts, imperfect) = (toy::experts(1, 9), failures(1));
     let spec = minmax();
     let alone = score_anew(&experts, &imperfect, &spec, &mut Recorder::default()).unwrap();
@@ -114,6 +124,9 @@ fn more_ranks_than_episodes_and_a_lone_expert_are_scored() {
 
 #[test]
 fn an_error_in_the_part_of_one_rank_is_that_of_all() {
+    if !in_own_process() {
+        return;
+    }
     let experts = toy::experts(1, 8);
     // Rank 1 meets the only expert, which is imperfect too.
     let imperfect = [failures(1), experts.clone()].concat();
@@ -129,6 +142,9 @@ fn an_error_in_the_part_of_one_rank_is_that_of_all() {
 
 #[test]
 fn a_rank_that_is_asked_to_stop_takes_all_along_and_a_lost_one_is_an_error() {
+    if !in_own_process() {
+        return;
+    }
     let (experts, imperfect) = (toy::experts(3, 8), failures(4));
     let (spec, encoder) = (ScoreSpec::default(), encoder());
     let inputs = || ScoreInputs { encoder: &encoder, experts: &experts, imperfect: &imperfect, kept: &Forgetful };
@@ -145,6 +161,9 @@ fn a_rank_that_is_asked_to_stop_takes_all_along_and_a_lost_one_is_an_error() {
 
 #[test]
 fn a_scorer_that_needs_all_episodes_is_for_one_process() {
+    if !in_own_process() {
+        return;
+    }
     let (experts, imperfect, encoder) = (toy::experts(3, 8), failures(3), encoder());
     let inputs = || ScoreInputs { encoder: &encoder, experts: &experts, imperfect: &imperfect, kept: &Forgetful };
     for scorer in ["vote", "progress", "deminf", "classifier", "random", "clock"] {
