@@ -11,7 +11,7 @@ use crate::words;
 /// A row, and its file.
 type Row<'a> = (LabelledFile, &'a Path);
 
-/// The rows of these recordings; each must have one. Where there is only one labels file, a row whose path does not exist
+/// The rows of these recordings; each must have one, and rows of one recording must have the same labels. Where there is only one labels file, a row whose path does not exist
 /// names a recording wherever it is, such as `a` or `day/a.mcap` for `data/day/a.mcap`.
 pub(super) fn chosen<'a>(
     rows: Vec<Row<'a>>,
@@ -19,20 +19,23 @@ pub(super) fn chosen<'a>(
     files: &[PathBuf],
     found: bool,
 ) -> Result<Vec<Row<'a>>> {
-    let mut by_place: HashMap<PathBuf, Row> = rows.into_iter().map(|row| (place(&row.0.path), row)).collect();
+    let mut by_place: HashMap<PathBuf, Vec<Row>> = HashMap::new();
+    for row in rows {
+        by_place.entry(place(&row.0.path)).or_default().push(row);
+    }
     let named: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
     let named = named.join(", ");
     let mut chosen: Vec<(PathBuf, Option<Row>)> = Vec::with_capacity(recordings.len());
     for path in recordings {
         let place = place(&path);
-        let part = || by_place.keys().find(|listed| listed.parent() == Some(&place)).cloned();
-        let key = [Some(place.clone()), folder(&path).map(self::place)].into_iter().flatten();
-        let key = key.into_iter().find(|key| by_place.contains_key(key)).or_else(part);
-        let row = key.and_then(|key| by_place.remove(&key));
+        let parts = parts(&by_place, &place);
+        let keys = [Some(place), folder(&path).map(self::place)].into_iter().flatten().chain(parts);
+        let own: Vec<Row> = keys.filter_map(|key| by_place.remove(&key)).flatten().collect();
+        let row = agreed(&path, own).map_err(Failure::message)?;
         chosen.push((path, row));
     }
     if files.len() == 1 {
-        let left = by_place.into_values().filter(|(row, _)| !row.path.exists()).collect();
+        let left = by_place.into_values().flatten().filter(|(row, _)| !row.path.exists()).collect();
         by_name(&mut chosen, left).map_err(|problem| Failure::message(format!("{named}: {problem}")))?;
     }
     let (mut rows, mut missing) = (Vec::new(), Vec::new());
@@ -55,10 +58,35 @@ fn place(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }
 
+/// The listed files of a recording in several parts, which is their folder.
+fn parts(by_place: &HashMap<PathBuf, Vec<Row>>, place: &Path) -> Vec<PathBuf> {
+    if !place.is_dir() {
+        return Vec::new();
+    }
+    let mut parts: Vec<PathBuf> = by_place.keys().filter(|key| key.parent() == Some(place)).cloned().collect();
+    parts.sort();
+    parts
+}
+
 /// The rosbag2 folder of a recording, which may be listed by its own name or by that of its first file, whatever their
 /// number.
 fn folder(path: &Path) -> Option<&Path> {
     path.parent().filter(|folder| folder.join(BAG_METADATA).is_file())
+}
+
+/// The first of a recording's rows, whose labels must be the same.
+fn agreed<'a>(path: &Path, rows: Vec<Row<'a>>) -> std::result::Result<Option<Row<'a>>, String> {
+    let labels = |(row, _): &Row| (row.outcome, row.cohort.clone(), row.task.clone());
+    let mut rows = rows.into_iter();
+    let Some(first) = rows.next() else { return Ok(None) };
+    match rows.find(|row| labels(row) != labels(&first)) {
+        None => Ok(Some(first)),
+        Some(other) => {
+            let line = |(row, file): &Row| format!("line {} of {}", row.line, file.display());
+            let (path, first, other) = (path.display(), line(&first), line(&other));
+            Err(format!("{path}: {first} and {other} give it different labels; keep one"))
+        }
+    }
 }
 
 /// Gives each recording without a row the one that ends its path.
@@ -131,6 +159,39 @@ mod tests {
         let found = chosen(rows, recordings.clone(), std::slice::from_ref(&file), true).unwrap();
         let paired: Vec<(&PathBuf, &str)> = found.iter().map(|(row, _)| (&row.path, row.cohort.as_str())).collect();
         assert_eq!(paired, recordings.iter().zip(["a", "b", "c"]).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn lines_of_one_recording_with_different_labels_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for bag in ["one", "parts"] {
+            std::fs::create_dir(at(bag)).unwrap();
+            for file in [BAG_METADATA, "bag_0.mcap", "bag_1.mcap"] {
+                std::fs::write(at(bag).join(file), "").unwrap();
+            }
+        }
+        std::fs::write(at("a.mcap"), "").unwrap();
+        let (one, other) = (at("labels.csv"), at("more.csv"));
+        let pair = |recording: &str, paths: [&str; 2], cohorts: [&str; 2]| {
+            let rows = [(2, &one, 0), (7, &other, 1)];
+            let rows =
+                rows.map(|(line, file, n)| (LabelledFile { line, ..listed(at(paths[n]), cohorts[n]) }, file.as_path()));
+            chosen(rows.to_vec(), vec![at(recording)], &[one.clone(), other.clone()], true)
+                .map(|found| found[0].0.cohort.clone())
+                .map_err(|failure| failure.to_string())
+        };
+        for (recording, paths) in [
+            ("a.mcap", ["a.mcap", "one/../a.mcap"]),
+            ("one/bag_0.mcap", ["one", "one/bag_0.mcap"]),
+            ("parts", ["parts/bag_0.mcap", "parts/bag_1.mcap"]),
+        ] {
+            assert_eq!(pair(recording, paths, ["slipped", "slipped"]).unwrap(), "slipped");
+            let refused = pair(recording, paths, ["slipped", "dropped"]).unwrap_err();
+            let named =
+                [recording.into(), format!("line 2 of {}", one.display()), format!("line 7 of {}", other.display())];
+            assert!(named.iter().all(|part| refused.contains(part)), "{refused}");
+        }
     }
 
     #[test]
