@@ -10,6 +10,7 @@ use gleaner_proto::v1::{
     DownloadExportFileRequest, Episode, EpisodeScores, ExportFile, GetEpisodeScoresRequest, GetTaskRequest, Outcome,
 };
 use gleaner_recording::{Kept, RecordingError, WholeEpisode};
+use tempfile::TempDir;
 
 use crate::connection::Client;
 use crate::download::{Expected, Piece, download, relative};
@@ -37,14 +38,7 @@ impl Client {
         progress: impl Fn(u64),
     ) -> Result<()> {
         expect_new_folder(folder)?;
-        let beside = parent(folder);
-        std::fs::create_dir_all(beside).map_err(ClientError::io(beside))?;
-        // Deleted on drop after a failure.
-        let part = tempfile::Builder::new()
-            .prefix(".gleaner-")
-            .permissions(std::fs::Permissions::from_mode(0o777))
-            .tempdir_in(beside)
-            .map_err(ClientError::io(beside))?;
+        let part = part_of(folder)?;
         let mut before = 0;
         for file in files {
             let path = part.path().join(relative(&file.name)?);
@@ -58,11 +52,7 @@ impl Client {
             download(self.direct(), open, &path, &expected, |bytes| progress(before + bytes)).await?;
             before += file.size_bytes;
         }
-        // An empty folder of that name is replaced.
-        std::fs::rename(part.path(), folder).map_err(ClientError::io(folder))?;
-        // The folder has moved: it needs no removal.
-        let _ = part.keep();
-        Ok(())
+        complete(part, folder)
     }
 
     /// Writes a whole episode of a score run as MCAP: its recording with the scores of every step beside its messages, in
@@ -100,17 +90,47 @@ impl Client {
 /// Checks that a folder does not exist or is empty, before work begins whose result goes there.
 ///
 /// # Errors
-/// [`ClientError::Invalid`] when it has files or is a file; [`ClientError::Io`] when it cannot be read.
+/// [`ClientError::Invalid`] when it has files; [`ClientError::Io`] when it is a file, or cannot be read or written.
 pub fn expect_new_folder(folder: &Path) -> Result<()> {
     match std::fs::read_dir(folder).map(|mut entries| entries.next()) {
-        Ok(None) => Ok(()),
-        Ok(Some(_)) => Err(ClientError::Invalid(format!(
-            "{} has files in it; give a new folder, or remove it first",
-            folder.display()
-        ))),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
-        Err(error) => Err(ClientError::io(folder)(error)),
+        Ok(None) => {}
+        Ok(Some(_)) => {
+            let folder = folder.display();
+            return Err(ClientError::Invalid(format!(
+                "{folder} has files in it; give a new folder, or remove it first"
+            )));
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+        Err(error) => return Err(ClientError::io(folder)(error)),
     }
+    let there = folder.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("."));
+    tempfile::tempdir_in(there).map_err(ClientError::io(there))?;
+    Ok(())
+}
+
+/// A hidden folder for the files of `folder` until all are there, deleted on drop: beside it, or, where it exists, in it,
+/// because a mount cannot be replaced.
+fn part_of(folder: &Path) -> Result<TempDir> {
+    let place = if folder.exists() { folder } else { parent(folder) };
+    std::fs::create_dir_all(place).map_err(ClientError::io(place))?;
+    let readable = std::fs::Permissions::from_mode(0o777);
+    let part = tempfile::Builder::new().prefix(".gleaner-").permissions(readable).tempdir_in(place);
+    part.map_err(ClientError::io(place))
+}
+
+/// Gives the files of a part their folder.
+fn complete(part: TempDir, folder: &Path) -> Result<()> {
+    if !folder.exists() {
+        std::fs::rename(part.path(), folder).map_err(ClientError::io(folder))?;
+        // The folder has moved: it needs no removal.
+        let _ = part.keep();
+        return Ok(());
+    }
+    for entry in std::fs::read_dir(part.path()).map_err(ClientError::io(folder))? {
+        let entry = entry.map_err(ClientError::io(folder))?;
+        std::fs::rename(entry.path(), folder.join(entry.file_name())).map_err(ClientError::io(folder))?;
+    }
+    Ok(())
 }
 
 /// Checks that a file does not exist, before work begins whose result goes there.
@@ -157,6 +177,8 @@ fn kept(episode: &Episode, run_id: &str, beta: f64, scores: &EpisodeScores) -> K
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::MetadataExt as _;
+
     use super::*;
 
     #[test]
@@ -174,6 +196,26 @@ mod tests {
         for taken in [&file, folder.path(), Path::new("/dev/null")] {
             assert!(expect_new_file(taken).unwrap_err().to_string().contains("exists; give another name"));
         }
+    }
+
+    #[test]
+    fn files_appear_at_once_in_a_new_folder_and_in_an_empty_one_that_stays() {
+        let place = tempfile::tempdir().unwrap();
+        let (new, empty) = (place.path().join("a/new"), place.path().join("mount"));
+        std::fs::create_dir(&empty).unwrap();
+        // A mount cannot be replaced by a rename: the folder is the same one afterwards.
+        let mounted = std::fs::metadata(&empty).unwrap().ino();
+        for folder in [&new, &empty] {
+            let part = part_of(folder).unwrap();
+            std::fs::create_dir(part.path().join("data")).unwrap();
+            std::fs::write(part.path().join("data/0.mcap"), b"steps").unwrap();
+            complete(part, folder).unwrap();
+            assert_eq!(std::fs::read(folder.join("data/0.mcap")).unwrap(), b"steps");
+            assert_eq!(std::fs::read_dir(folder).unwrap().count(), 1, "nothing else is left there");
+        }
+        assert_eq!(std::fs::metadata(&empty).unwrap().ino(), mounted);
+        drop(part_of(&place.path().join("other")).unwrap());
+        assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 2, "a part that is not completed is removed");
     }
 
     #[test]

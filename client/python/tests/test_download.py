@@ -125,3 +125,15 @@ def test_a_file_may_have_the_longest_name(tmp_path: Path) -> None:
     path = tmp_path / ("a" * 250 + ".mcap")
     assert save([FILE], path, EXPECTED).read_bytes() == FILE
     assert [*tmp_path.iterdir()] == [path]
+
+
+def test_downloads_to_one_path_do_not_disturb_each_other(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+
+    def pieces() -> Iterator[bytes]:
+        yield FILE[:1000]
+        save([FILE], path, EXPECTED)
+        yield FILE[1000:]
+
+    assert save(pieces(), path, EXPECTED).read_bytes() == FILE
+    assert [*tmp_path.iterdir()] == [path], "no part is left"

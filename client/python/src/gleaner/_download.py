@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
+import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -103,14 +103,17 @@ def below(folder: Path, name: str) -> Path:
     return folder.joinpath(*parts)
 
 
+def part_name() -> str:
+    """The name of a file or folder until it is complete: another one for each download, which may have the same path."""
+    return f".gleaner-{secrets.token_hex(8)}.part"
+
+
 def save(pieces: Iterable[bytes], path: Path, expected: Expected) -> Path:
     """Writes the pieces to a file. Raises `Damaged` when their BLAKE3 is not the expected one."""
-    # Not the name with more behind it, which may be longer than names can be.
-    name = blake3(os.fsencode(path.name)).hexdigest()
-    part, left = path.with_name(f".gleaner-{name[:16]}-{expected.blake3[:16]}.part"), expected.size_bytes
+    part, left = path.with_name(part_name()), expected.size_bytes
     hasher = blake3()
     try:
-        with part.open("wb") as file:
+        with part.open("xb") as file:
             for piece in pieces:
                 hasher.update(piece)
                 left -= len(piece)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gleaner._download import Downloads, below
+from gleaner._download import Downloads, below, part_name
 from gleaner._messages import build, word
 from gleaner._pages import PAGE, pages
 from gleaner._proto.v1 import dataset_pb2 as pb
@@ -131,8 +131,8 @@ class Datasets:
         if folder.exists() and not (folder.is_dir() and next(folder.iterdir(), None) is None):
             raise invalid("folder", f"{folder} is not an empty folder; name a new one, or empty it first")
         files = self.export_files(export_id)
-        part = folder.with_name(f".{folder.name}.{export_id}.part")
-        shutil.rmtree(part, ignore_errors=True)
+        # In a folder that exists, because it may be a mount, out of which nothing can be renamed.
+        part = (folder if folder.exists() else folder.parent) / part_name()
         part.mkdir(parents=True)
         try:
             found = [self._download(export_id, file, part) for file in files]
