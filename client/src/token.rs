@@ -5,6 +5,9 @@ use std::str::FromStr;
 
 use tonic::metadata::{Ascii, MetadataValue};
 
+/// What a token follows in its header.
+const SCHEME: &str = "Bearer ";
+
 /// An access token. `Debug` hides it and there is no `Display`.
 #[derive(Clone)]
 pub struct Token(MetadataValue<Ascii>);
@@ -13,6 +16,12 @@ impl Token {
     // The `authorization` header; marked sensitive, so that HTTP/2 does not index it.
     pub(crate) fn header(&self) -> MetadataValue<Ascii> {
         self.0.clone()
+    }
+
+    /// The word itself, for the environment of a process that connects as this one.
+    #[must_use]
+    pub fn word(&self) -> &str {
+        self.0.to_str().ok().and_then(|header| header.strip_prefix(SCHEME)).unwrap_or_default()
     }
 }
 
@@ -25,7 +34,7 @@ impl FromStr for Token {
             return Err("a token is one word of visible ASCII characters; copy it again".into());
         }
         let mut header: MetadataValue<Ascii> =
-            format!("Bearer {text}").parse().map_err(|_| "not a token; copy it again".to_owned())?;
+            format!("{SCHEME}{text}").parse().map_err(|_| "not a token; copy it again".to_owned())?;
         header.set_sensitive(true);
         Ok(Self(header))
     }

@@ -5,7 +5,7 @@ use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use gleaner_client::{Client, ClientError};
-use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use rustix::process::{Pid, Signal, kill_process};
 use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, BufReader, Lines};
 use tokio::process::{Child, ChildStdout, Command};
@@ -35,10 +35,12 @@ pub(crate) struct Address {
 }
 
 impl Address {
-    /// The server that a note names, if it still runs.
-    pub(crate) async fn left_behind(note: &Path) -> Option<(Self, Client)> {
+    /// The server that a note names, if it still runs on this data.
+    pub(crate) async fn left_behind(note: &Path, data: &Path) -> Option<(Self, Client)> {
         let noted: Self = serde_json::from_slice(&std::fs::read(note).ok()?).ok()?;
-        test_kill_process(Pid::from_raw(noted.pid)?).ok()?;
+        // Another process may have the number since, and must not be asked to stop.
+        let arguments = std::fs::read(format!("/proc/{}/cmdline", noted.pid)).ok()?;
+        arguments.split(|byte| *byte == 0).find(|argument| *argument == data.as_os_str().as_encoded_bytes())?;
         let client = Client::connect(&noted.url, None).await.ok()?;
         Some((noted, client))
     }
@@ -177,6 +179,8 @@ fn tail(log: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
+    use rustix::process::test_kill_process;
+
     use super::*;
     use std::os::unix::fs::PermissionsExt as _;
 
@@ -204,7 +208,13 @@ mod tests {
         // The process runs, but does not answer: the note is not used.
         let note = folder.path().join("note");
         server.address().note(&note).unwrap();
-        assert!(Address::left_behind(&note).await.is_none());
+        assert!(Address::left_behind(&note, folder.path()).await.is_none());
+        // Where it answers, it must have been started on this data.
+        let answers = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let url = format!("http://{}", answers.local_addr().unwrap());
+        Address { url, ..server.address() }.note(&note).unwrap();
+        assert!(Address::left_behind(&note, folder.path()).await.is_some());
+        assert!(Address::left_behind(&note, &folder.path().join("other")).await.is_none());
         server.during(async |_| -> Result<()> { panic!("it does not answer") }).await.unwrap_err();
         assert_eq!(std::fs::read_to_string(&log).unwrap(), "bye\n");
 

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::Command;
 
+use crate::connection::Reach;
 use crate::failure::{Failure, Result, present};
 
 /// What a word of the command may name.
@@ -74,8 +75,8 @@ impl Attempts {
 }
 
 /// Runs the command to its end on a deployment of a server, and counts its attempts. Its standard error goes to a log.
-pub(super) async fn run(server: &str, deployment: &str, log: &Path, trial: Trial<'_>) -> Result<SeedResult> {
-    let words = trial.attempts.words(server, deployment, trial);
+pub(super) async fn run(server: &Reach, deployment: &str, log: &Path, trial: Trial<'_>) -> Result<SeedResult> {
+    let words = trial.attempts.words(&server.url, deployment, trial);
     let failure = |problem: String| {
         let program = words.first().map_or("", String::as_str);
         Failure::message(format!("attempts.command: {program} {problem}; its standard error is in {}", log.display()))
@@ -83,6 +84,7 @@ pub(super) async fn run(server: &str, deployment: &str, log: &Path, trial: Trial
     let file = std::fs::OpenOptions::new().create(true).append(true).open(log).map_err(ClientError::io(log))?;
     let mut command = Command::new(words.first().map_or("", String::as_str));
     command.args(words.get(1..).unwrap_or_default()).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(file);
+    server.apply(&mut command);
     let mut child = command.kill_on_drop(true).spawn().map_err(|error| failure(format!("did not start: {error}")))?;
     let output = present(child.stdout.take(), "the output of a command")?;
     let mut lines = BufReader::new(output).lines();

@@ -19,6 +19,7 @@ use super::stage::Graph;
 use super::standing::{Gap, Progress, Submitted, one_has_its_input};
 use super::state::State;
 use super::submit::Submitter;
+use crate::connection::Reach;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::interrupt::unless_interrupted;
@@ -47,16 +48,16 @@ impl Course<'_> {
     /// On a server that is started for the experiment and stopped however it ends; its data stay.
     pub(super) async fn on_own_server(&self, binary: &Path) -> Result<Report> {
         let (log, note) = (self.out.join("server.log"), self.out.join(ADDRESS));
-        if let Some((left, client)) = Address::left_behind(&note).await {
+        let data = std::path::absolute(self.out.join(DATA))?;
+        if let Some((left, client)) = Address::left_behind(&note, &data).await {
             self.context.output.note(format_args!("there is a server already, at {}", left.url));
-            let report = unless_interrupted(self.on(&client, &left.url), RESUMES).await;
+            let report = unless_interrupted(self.on(&client, Reach::open(&left.url)), RESUMES).await;
             // A run may be under way on it.
             if !self.only_report {
                 left.request_stop();
             }
             return report;
         }
-        let data = self.out.join(DATA);
         if self.only_report && !data.exists() {
             return Err(self.nothing_yet());
         }
@@ -68,11 +69,11 @@ impl Course<'_> {
         }
         self.context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
         let url = server.url().to_owned();
-        server.during(async |client| self.on(&client, &url).await).await
+        server.during(async |client| self.on(&client, Reach::open(&url)).await).await
     }
 
-    /// On a running server at this address.
-    pub(super) async fn on(&self, client: &Client, url: &str) -> Result<Report> {
+    /// On a running server.
+    pub(super) async fn on(&self, client: &Client, server: Reach) -> Result<Report> {
         let Self { context, experiment, graph, device, .. } = *self;
         if self.only_report {
             let submitted = self.existing(client).await?;
@@ -85,7 +86,7 @@ impl Course<'_> {
         context.output.note(planned(experiment, graph));
         let mut reporter = self.reporter(client, &recordings);
         let (mut left, mut earlier) = (graph.stages.len(), Submitted::new());
-        let mut site = Site::new(context.output, url, self.out);
+        let mut site = Site::new(context.output, server, self.out);
         loop {
             let submitter = Submitter::new(client, &mut state, &recordings, experiment, device);
             let mut submitted = submitter.after(&earlier).with(&mut site).submit(graph).await?;

@@ -125,7 +125,7 @@ impl ExperimentArgs {
         let report = if context.connection.names_server() {
             let client = context.client().await?;
             // So that a command that evaluates ends with this one.
-            unless_interrupted(course.on(&client, context.connection.url()), course::RESUMES).await?
+            unless_interrupted(course.on(&client, context.connection.reach()), course::RESUMES).await?
         } else {
             course.on_own_server(&self.server_bin()?).await?
         };

@@ -11,13 +11,14 @@ use super::attempts::{self, Trial};
 use super::known::known_evaluation;
 use super::standing::{Gap, StageResult};
 use super::state::State;
+use crate::connection::Reach;
 use crate::failure::{Result, present};
 use crate::output::Output;
 
 /// Where attempts are made, during one run of an experiment.
 pub(super) struct Site {
     output: Output,
-    server: String,
+    server: Reach,
     log: PathBuf,
     /// Why runs failed, by their keys: each is tried once.
     failed: HashMap<String, String>,
@@ -26,8 +27,8 @@ pub(super) struct Site {
 }
 
 impl Site {
-    pub(super) fn new(output: Output, server: &str, out: &Path) -> Self {
-        Self { output, server: server.to_owned(), log: out.join(attempts::LOG), failed: HashMap::new(), is_open: true }
+    pub(super) fn new(output: Output, server: Reach, out: &Path) -> Self {
+        Self { output, server, log: out.join(attempts::LOG), failed: HashMap::new(), is_open: true }
     }
 
     /// Lets the command run once more.

@@ -18,7 +18,7 @@ async fn script(text: &str, episodes: u32) -> (Result<SeedResult>, String) {
     let attempts = attempts(&["sh", "-c", text, SERVER, DEPLOYMENT, SEED, EPISODES]);
     attempts.check().unwrap();
     let trial = trial(&attempts, episodes);
-    let result = run("http://h:1", "experiment@pol_1", &log, trial).await;
+    let result = run(&Reach::open("http://h:1"), "experiment@pol_1", &log, trial).await;
     (result, std::fs::read_to_string(log).unwrap())
 }
 
@@ -44,7 +44,7 @@ async fn a_command_that_fails_or_tries_less_is_an_error() {
     }
     let missing = attempts(&["/nowhere/at/all"]);
     let folder = tempfile::tempdir().unwrap();
-    let result = run("", "", &folder.path().join(LOG), trial(&missing, 1)).await;
+    let result = run(&Reach::open(""), "", &folder.path().join(LOG), trial(&missing, 1)).await;
     assert!(result.unwrap_err().to_string().contains("/nowhere/at/all did not start"));
 }
 
