@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,7 +19,7 @@ import pytest
 import gleaner
 from conftest import TASK, Lab
 from gleaner._proto.v1 import job_pb2
-from gleaner.track import TrackerError, _Sender, track
+from gleaner.track import MLflow, TrackerError, _Sender, track
 from gleaner.types import Metric
 
 
@@ -90,19 +91,28 @@ class Rules(BaseHTTPRequestHandler):
         del format, args
 
 
+@contextmanager
+def serving(handler: type[BaseHTTPRequestHandler]) -> Iterator[str]:
+    """The address of a server with this handler."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}"
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
 @pytest.fixture
 def rules(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     Rules.experiments.clear()
     Rules.runs.clear()
     Rules.batches.clear()
     monkeypatch.setenv("MLFLOW_TRACKING_TOKEN", "secret")
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Rules)
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    yield f"http://127.0.0.1:{server.server_port}"
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with serving(Rules) as address:
+        yield address
 
 
 def test_a_job_becomes_a_run_and_a_second_time_adds_nothing(client: gleaner.Client, lab: Lab, rules: str) -> None:
@@ -136,8 +146,6 @@ def test_a_running_job_is_followed_to_its_end(client: gleaner.Client, lab: Lab, 
 
 
 def test_batches_have_at_most_a_thousand_rows(rules: str) -> None:
-    from gleaner.track import MLflow
-
     mlflow = MLflow(rules)
     run = mlflow.run(mlflow.experiment("many"), job_pb2.Job(id="job_many", kind=job_pb2.JOB_KIND_PRETRAIN))
     metrics = [Metric(name="loss", step=step, value=1.0) for step in range(2500)]
@@ -158,6 +166,28 @@ def test_refusals_name_the_call_and_keep_the_token_out(
         track(client, lab.pretrain, f"http://127.0.0.1:{free}")
     with pytest.raises(TrackerError, match="expected the address of a server"):
         track(client, lab.pretrain, "sqlite:///runs.db")
+
+
+def test_a_password_in_the_address_is_refused_and_not_shown() -> None:
+    with pytest.raises(TrackerError, match="MLFLOW_TRACKING_PASSWORD") as refused:
+        MLflow("http://ada:hunter2@lab:5000")
+    assert "hunter2" not in str(refused.value)
+
+
+def test_credentials_are_not_sent_to_another_address(rules: str) -> None:
+    class Elsewhere(Rules):
+        def do_GET(self) -> None:
+            self.send_response(302)
+            self.send_header("Location", f"{rules}{self.path}")
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+
+    Rules.experiments["known"] = "7"
+    with serving(Elsewhere) as address, pytest.raises(TrackerError, match=r"rejected experiments/get-by-name \(302\)"):
+        MLflow(address).call("experiments/get-by-name", experiment_name="known")
+    assert MLflow(rules).call("experiments/get-by-name", experiment_name="known")["experiment"] == {
+        "experiment_id": "7"
+    }
 
 
 def test_the_command_prints_the_run_or_one_line(server: str, lab: Lab, rules: str) -> None:

@@ -39,12 +39,29 @@ class TrackerError(GleanerError):
     """MLflow is unreachable or rejected a request."""
 
 
+class _NoRedirects(urllib.request.HTTPRedirectHandler):
+    """Credentials are of the address alone."""
+
+    def redirect_request(self, *_: object) -> None:
+        """Follows none, so that the redirect is an error."""
+
+
+_OPENER = urllib.request.build_opener(_NoRedirects)
+
+
 class MLflow:
     """MLflow's REST interface at a URL, with the credentials of its own variables (MLFLOW_TRACKING_USERNAME, …)."""
 
     def __init__(self, url: str) -> None:
         self._url = url.rstrip("/")
-        if urllib.parse.urlsplit(self._url).scheme not in ("http", "https"):
+        parts = urllib.parse.urlsplit(self._url)
+        if "@" in parts.netloc:
+            # Errors and logs show the address.
+            raise TrackerError(
+                f"--mlflow: the address of {parts.hostname} has a name or password in it; give them as "
+                "MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD"
+            )
+        if parts.scheme not in ("http", "https"):
             raise TrackerError(f"--mlflow {url}: expected the address of a server, such as http://lab:5000")
         read = os.environ.get
         self._headers = {"Content-Type": "application/json"}
@@ -62,7 +79,7 @@ class MLflow:
         data = None if body is None else json.dumps(body).encode()
         request = urllib.request.Request(url, data, self._headers)
         try:
-            with urllib.request.urlopen(request, timeout=_TIMEOUT) as reply:
+            with _OPENER.open(request, timeout=_TIMEOUT) as reply:
                 found: dict[str, Any] = json.load(reply)
         except urllib.error.HTTPError as error:
             raise _rejected(path, error) from None
