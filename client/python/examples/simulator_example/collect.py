@@ -45,10 +45,13 @@ class Mark:
     went_wrong: int | None
 
 
-def collect(env: Simulator, task: str, folder: Path, experts: int, each: int) -> Iterator[Demonstration]:
+def collect(
+    env: Simulator, task: str, folder: Path, experts: int, each: int, after_success_s: float = 0.0
+) -> Iterator[Demonstration]:
     """Yields the episodes of the expert, then `each` of every imperfect agent; failed episodes are kept.
 
-    An expert that fails is no expert there: another placement is taken in its place. The task is named `task`.
+    An expert that fails is no expert there: another placement is taken in its place. The task is named `task`, and
+    recordings continue for `after_success_s` once it is solved.
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / SPEC).write_text(json.dumps(task_spec(env, task), indent=2) + "\n")
@@ -59,7 +62,7 @@ def collect(env: Simulator, task: str, folder: Path, experts: int, each: int) ->
         while wanted > 0:
             shown = _known(folder, marks, agent, seed)
             if shown is None:
-                shown, mark = _record(env, agent, seed, folder)
+                shown, mark = _record(env, agent, seed, folder, after_success_s)
                 marks[mark.file] = mark
                 _write(folder / MARKS, marks.values())
             seed += 1
@@ -110,20 +113,26 @@ def _path(folder: Path, agent: Agent, seed: int, success: bool) -> Path:
     return folder / f"{agent.name}-{seed:06d}-{'success' if success else 'failure'}.mcap"
 
 
-def _record(env: Simulator, agent: Agent, seed: int, folder: Path) -> tuple[Demonstration, Mark]:
+def _record(
+    env: Simulator, agent: Agent, seed: int, folder: Path, after_success_s: float
+) -> tuple[Demonstration, Mark]:
     state, info = env.reset(seed=seed)
     act = env.demonstrator(agent, seed)
     about = {"task": env.task, "seed": str(seed), **{name: str(value) for name, value in asdict(agent).items()}}
     went_wrong: int | None = None
     with Recorder(folder / UNFINISHED, env.rate_hz, about) as recorder:
-        over, step = False, 0
-        while not over:
+        step, truncated = 0, False
+        last: int | None = None  # once the task is solved
+        while not truncated and step != last:
             action, right = act(state)
             if went_wrong is None and not np.array_equal(action, right):
                 went_wrong = step
             recorder.step(env.images(), env.depths(), env.felt(state), env.fields(action))
-            state, _, terminated, truncated, info = env.step(action)
-            over, step = terminated or truncated, step + 1
-        path = _path(folder, agent, seed, info["success"])
+            state, _, _, truncated, info = env.step(action)
+            step += 1
+            if last is None and info["success"]:
+                last = step + round(after_success_s * env.rate_hz)
+        success = last is not None
+        path = _path(folder, agent, seed, success)
         recorder.keep(path)
-    return Demonstration(path, agent.name, seed, info["success"]), Mark(path.name, went_wrong)
+    return Demonstration(path, agent.name, seed, success), Mark(path.name, went_wrong)

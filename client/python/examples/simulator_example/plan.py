@@ -12,19 +12,20 @@ SAID = {
     "simulator": "simulator: " + " or ".join(SIMULATORS),
     "task": "task of the simulator",
     "label": "distinguishes runs of one task with different demonstrations",
-    "server": "address of a gleaner server that runs",
+    "server": "address of a gleaner server that runs; GLEANER_TOKEN, GLEANER_CA, GLEANER_CLIENT_CERT and _KEY are read",
     "server_bin": "gleaner-server to start for this run instead, over OUT/server; empty: none",
     "out": "folder for recordings, trials, pictures and the report",
     "size": "height and width of the cameras' pictures",
     "experts": "demonstrations of the expert",
     "imperfect": "demonstrations of each imperfect agent",
+    "after_success": "seconds for which recordings continue once the task is solved; without them no expert stands there",
     "train_steps": "optimiser steps of each policy",
     "train_batch": "segments a step, of experts and of kept segments each",
     "keep": "part of the imperfect segments to keep, the best; 0: those whose q is above the default β",
     "seed": "of the trainings",
     "episodes": "closed-loop episodes of each policy",
     "deployment": "deployment to evaluate, of the stage attempt",
-    "token": "of the server, if it asks for one",
+    "cohort": "of the server's recordings of these attempts, of the stage attempt; empty: none are made",
 }
 
 
@@ -41,13 +42,14 @@ class Plan:
     size: int = 64
     experts: int = 20
     imperfect: int = 50
+    after_success: float = 0.0
     train_steps: int = 1500
     train_batch: int = 32
     keep: float = 0.0
     seed: int = 0
     episodes: int = 100
     deployment: str = ""
-    token: str = ""
+    cohort: str = ""
 
     @property
     def name(self) -> str:

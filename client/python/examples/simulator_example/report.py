@@ -27,7 +27,7 @@ def write(
 ) -> Path:
     """Writes pictures, report.json and report.md into the folder of the run; returns the path of report.md."""
     found = {
-        "plan": {name: str(value) for name, value in asdict(plan).items() if name != "token"},
+        "plan": {name: str(value) for name, value in asdict(plan).items()},
         "selection": _selection(client, plan, gleaned),
         "demonstrations": _demonstrations(client, plan, env, gleaned),
         "policies": {name: _result(trials) for name, trials in results.items()},

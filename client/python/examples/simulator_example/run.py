@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import gleaner
@@ -25,22 +27,33 @@ def main(about: str) -> None:
     env = make(plan.simulator, plan.task, plan.size)
     try:
         if until == "attempt":
-            with gleaner.connect(plan.server, plan.token or None) as client:
+            with _connected(plan.server) as client:
                 attempt(client, env, plan)
             return
         plan.folder.mkdir(parents=True, exist_ok=True)
         shown = _collect(env, plan)
         if until != "collect":
-            with _server(plan) as address, gleaner.connect(address, plan.token or None) as client:
+            with _client(plan) as client:
                 _with_server(client, plan, env, shown, until)
     finally:
         env.close()
 
 
-def _server(plan: Plan) -> AbstractContextManager[str]:
-    if plan.server_bin:
-        return own_server(Path(plan.server_bin), plan.out / "server")
-    return nullcontext(plan.server)
+@contextmanager
+def _client(plan: Plan) -> Iterator[gleaner.Client]:
+    if not plan.server_bin:
+        with _connected(plan.server) as client:
+            yield client
+        return
+    with own_server(Path(plan.server_bin), plan.out / "server") as address, gleaner.connect(address) as client:
+        yield client
+
+
+def _connected(address: str) -> gleaner.Client:
+    # The variables of the command line tool; an argument would be readable by other users of the machine.
+    read = os.environ.get
+    cert, key = read("GLEANER_CLIENT_CERT"), read("GLEANER_CLIENT_KEY")
+    return gleaner.connect(address, read("GLEANER_TOKEN"), ca=read("GLEANER_CA"), cert=cert, key=key)
 
 
 def _with_server(client: gleaner.Client, plan: Plan, env: Simulator, shown: list[Demonstration], until: str) -> None:
@@ -61,7 +74,8 @@ def _collect(env: Simulator, plan: Plan) -> list[Demonstration]:
     total = plan.experts + len(env.imperfect) * plan.imperfect
     shown = []
     with Progress("collect") as progress:
-        for demonstration in collect(env, plan.server_task, plan.folder / "episodes", plan.experts, plan.imperfect):
+        folder, amounts = plan.folder / "episodes", (plan.experts, plan.imperfect)
+        for demonstration in collect(env, plan.server_task, folder, *amounts, plan.after_success):
             shown.append(demonstration)
             progress.at(len(shown), total, demonstration.agent)
     return shown

@@ -49,7 +49,7 @@ def attempt(client: gleaner.Client, env: Simulator, plan: Plan) -> None:
     def on_trial(trial: gleaner.Trial) -> None:
         print(json.dumps({"seed": trial.seed, "success": trial.success, "steps": trial.steps}), flush=True)
 
-    with gleaner.Policy(client, plan.deployment) as policy:
+    with gleaner.Policy(client, plan.deployment, record=bool(plan.cohort), cohort=plan.cohort) as policy:
         first = SEED + plan.seed * EPISODES_APART
         gleaner.evaluate(env, policy, SimulatorAdapter(), plan.episodes, first, on_trial=on_trial)
 
@@ -57,5 +57,10 @@ def attempt(client: gleaner.Client, env: Simulator, plan: Plan) -> None:
 def _read(file: Path, policy_id: str) -> list[gleaner.Trial]:
     if not file.exists():
         return []
-    rows = [json.loads(line) for line in file.read_text().splitlines()]
+    text = file.read_text()
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        # The line that an earlier run was interrupted in; that episode runs again.
+        file.write_text(whole)
+    rows = [json.loads(line) for line in whole.splitlines()]
     return [gleaner.Trial(row["seed"], row["success"], row["steps"]) for row in rows if row["policy"] == policy_id]
