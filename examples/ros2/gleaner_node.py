@@ -139,6 +139,7 @@ class GleanerNode(Node):
             if time.monotonic() - begun > self._most:
                 # The robot has moved on, or the watchdog has stopped it.
                 self._say(f"no action: the answer took longer than {self._most:g} s")
+                self._policy.discard_action()
                 return
             with self._publishing:
                 if self._ending.is_set():

@@ -51,6 +51,33 @@ def test_action_is_that_of_the_deployment(server: str) -> None:
     assert not torch.equal(actions[0], actions[1])
 
 
+def test_row_that_misses_its_deadline_repeats_its_action_and_the_others_keep_theirs(
+    server: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = config(server)
+    made.deadline = 60.0
+    policy = GleanerPolicy(made)
+    first = policy.select_action(batch(2)[0])
+
+    def missed() -> gleaner.Chunk:
+        raise gleaner.Missed("no action by the deadline")
+
+    monkeypatch.setattr(policy._sessions.rows[0], "_answer", missed)
+    second = policy.select_action(batch(2, seed=1)[0])
+    assert torch.equal(second[0], first[0])
+    assert not torch.equal(second[1], first[1])
+    policy.reset()
+
+
+def test_missed_deadline_before_the_first_action_ends_the_rollout(server: str) -> None:
+    made = config(server)
+    made.deadline = 1e-6
+    policy = GleanerPolicy(made)
+    with pytest.raises(gleaner.Missed, match="no action of the last 1 s to repeat"):
+        policy.select_action(batch(1)[0])
+    policy.reset()
+
+
 def test_saved_folder_is_a_policy_without_weights(server: str, tmp_path: Path) -> None:
     made = config(server)
     made.save_pretrained(tmp_path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +13,7 @@ import pytest
 
 import gleaner
 from fake_ros import EXAMPLE
+from fake_server import Answer, Play, Start
 from gleaner._proto.v1 import episode_pb2
 from gleaner._upload import Upload, digest
 from gleaner.types import Job
@@ -130,6 +131,23 @@ def deployment(lab: Lab) -> str:
     """The name of a deployed policy of the task."""
     del lab
     return DEPLOYMENT
+
+
+@pytest.fixture
+def play() -> Iterator[Start]:
+    """Starts a fake server that answers as given, and connects to it."""
+    stack: list[Callable[[], object]] = []
+
+    def start(answer: Answer) -> tuple[Play, gleaner.Client]:
+        shown = Play(answer)
+        server, address = shown.serve()
+        client = gleaner.connect(address)
+        stack.extend((lambda: server.stop(0).wait(), client.close))
+        return shown, client
+
+    yield start
+    while stack:
+        stack.pop()()
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,8 @@ LIMIT = 12
 
 
 @pytest.fixture
-def collected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Collects one episode of a task that is solved before step `solved` and whose recordings continue for `after` s."""
+def collected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Collects one episode of a task that is solved at these steps; its recording continues for `after` seconds."""
     monkeypatch.syspath_prepend(str(ROOT / "client" / "python" / "examples"))
     from simulator_example.agent import Action, Agent, Demonstrator, State
     from simulator_example.collect import collect
@@ -52,11 +51,11 @@ def collected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
     def collect_one(solved: set[int], after: float) -> tuple[bool, int]:
         folder = tmp_path / f"{sorted(solved)}-{after}"
-        [shown] = collect(Counting(solved), "count", folder, 0, 1, after)
+        [shown] = collect(Counting(solved), "count", folder, 0, 1, after_success_s=after)
         with shown.path.open("rb") as file:
             return shown.success, sum(1 for _ in make_reader(file).iter_messages([ACTION_TOPIC]))
 
-    yield collect_one
+    return collect_one
 
 
 def test_recordings_continue_for_a_while_after_the_success(collected: Any) -> None:

@@ -155,11 +155,13 @@ def test_a_deployment_is_rolled_back(client: gleaner.Client, lab: Lab) -> None:
 
 def test_late_actions_are_missed(client: gleaner.Client, deployment: str) -> None:
     with gleaner.Policy(client, deployment, deadline=1e-6) as policy:
+        policy.open()
         for _ in range(2):
             with pytest.raises(gleaner.Missed, match=deployment):
                 policy(observation(policy.spec))
         assert policy.missed == 2
     with gleaner.Policy(client, deployment, deadline=60.0) as policy:
+        policy.open()
         policy(observation(policy.spec))
         assert policy.missed == 0
 

@@ -203,11 +203,14 @@ class Late(Posed):
 
     def __init__(self, now: list[float]) -> None:
         super().__init__()
-        self.now, self.takes = now, 0.0
+        self.now, self.takes, self.discarded = now, 0.0, 0
 
     def __call__(self, observation: gleaner.Observation) -> np.ndarray[Any, Any]:
         self.now[0] += self.takes
         return super().__call__(observation) + 1
+
+    def discard_action(self) -> None:
+        self.discarded += 1
 
 
 def late_node(now: list[float], monkeypatch: pytest.MonkeyPatch, **parameters: Any) -> tuple[Any, Late, Graph]:
@@ -227,10 +230,12 @@ def test_an_answer_that_took_too_long_is_not_published(monotonic: list[float], m
     node.step()
     assert graph.log[-1] == "no action: the answer took longer than 0.5 s"
     assert published(graph) == []
+    assert policy.discarded == 1
     policy.takes = 0.4
     graph.send("/tf", transforms(ARM))
     node.step()
     assert published(graph) == [[1.0] * 7]
+    assert policy.discarded == 1
     node.end()
 
 

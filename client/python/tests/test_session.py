@@ -1,117 +1,14 @@
-"""A policy whose server is late, stops or breaks: a fake server, because a real one cannot be made to do so."""
+"""A policy whose server is late, stops or breaks (`fake_server`)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent import futures
-from dataclasses import dataclass, field
-from typing import Any
+import threading
 
-import grpc
-import numpy as np
 import pytest
-from google.protobuf.message import Message
 
 import gleaner
+from fake_server import SEEN, Start, action, missed
 from gleaner._proto.v1 import policy_pb2 as pb
-from gleaner._proto.v1 import task_pb2
-
-Answer = Callable[[int, pb.Observation], pb.SessionResponse]
-
-
-@dataclass
-class Play:
-    """A server with one deployment of a task with one value each; `answer` is the reply to the n-th observation."""
-
-    answer: Answer
-    opened: list[pb.SessionOpen] = field(default_factory=list)
-    heard: list[pb.Observation] = field(default_factory=list)
-    outcomes: list[str] = field(default_factory=list)
-
-    def session(
-        self, requests: Iterator[pb.SessionRequest], context: grpc.ServicerContext
-    ) -> Iterator[pb.SessionResponse]:
-        self.opened.append(next(requests).open)
-        yield pb.SessionResponse(opened=pb.SessionOpened(policy_id=f"pol_{len(self.opened)}"))
-        for number, request in enumerate(requests):
-            if request.HasField("close"):
-                self.outcomes.append(gleaner.word(request.close, "outcome"))
-                kept = f"ep_{len(self.outcomes)}" if self.opened[-1].record else ""
-                yield pb.SessionResponse(closed=pb.SessionClosed(observations=number, episode_id=kept))
-                return
-            self.heard.append(request.observation)
-            response = self.answer(number, request.observation)
-            if response.HasField("closed"):
-                context.abort(grpc.StatusCode.UNAVAILABLE, "the server has stopped")
-            if response.HasField("draining"):
-                yield response
-                response = action(1.0)(number, request.observation)
-            yield response
-
-
-def action(*values: float, dropped: int = 0) -> Answer:
-    def answer(_: int, observation: pb.Observation) -> pb.SessionResponse:
-        steps = [pb.ActionStep(values=[value]) for value in values]
-        return pb.SessionResponse(
-            action=pb.SessionAction(observation_stamp_ns=observation.stamp_ns, actions=steps, dropped=dropped)
-        )
-
-    return answer
-
-
-def missed(_: int, observation: pb.Observation) -> pb.SessionResponse:
-    return pb.SessionResponse(missed=pb.SessionMissed(observation_stamp_ns=observation.stamp_ns))
-
-
-SPEC = task_pb2.TaskSpec(
-    name="t",
-    rate_hz=10.0,
-    cameras=[task_pb2.CameraSpec(name="top", height=2, width=2)],
-    proprioception=[task_pb2.FieldSpec(name="q", size=1)],
-    action=[task_pb2.FieldSpec(name="dq", size=1)],
-)
-SEEN = {"images": {"top": np.zeros((2, 2, 3), np.uint8)}, "proprioception": [0.0]}
-
-
-@pytest.fixture
-def play() -> Iterator[Callable[[Answer], tuple[Play, gleaner.Client]]]:
-    stack: list[Callable[[], object]] = []
-
-    def start(answer: Answer) -> tuple[Play, gleaner.Client]:
-        shown = Play(answer)
-        deployments = pb.ListDeploymentsResponse(deployments=[pb.Deployment(name="d", task_id="task_1")])
-        task = task_pb2.GetTaskResponse(task=task_pb2.Task(spec=SPEC))
-        handlers = {
-            "PolicyService/ListDeployments": _reply(pb.ListDeploymentsRequest, deployments),
-            "TaskService/GetTask": _reply(task_pb2.GetTaskRequest, task),
-            "PolicyService/Session": grpc.stream_stream_rpc_method_handler(
-                shown.session, pb.SessionRequest.FromString, pb.SessionResponse.SerializeToString
-            ),
-        }
-        server = grpc.server(futures.ThreadPoolExecutor(4))
-        for method, handler in handlers.items():
-            service, name = method.split("/")
-            server.add_generic_rpc_handlers(
-                (grpc.method_handlers_generic_handler(f"gleaner.v1.{service}", {name: handler}),)
-            )
-        port = server.add_insecure_port("127.0.0.1:0")
-        server.start()
-        client = gleaner.connect(f"127.0.0.1:{port}")
-        stack.extend((lambda: server.stop(0).wait(), client.close))
-        return shown, client
-
-    yield start
-    while stack:
-        stack.pop()()
-
-
-def _reply(request: type[Message], reply: Message) -> Any:
-    return grpc.unary_unary_rpc_method_handler(
-        lambda asked, context: reply, request.FromString, lambda message: message.SerializeToString()
-    )
-
-
-Start = Callable[[Answer], tuple[Play, gleaner.Client]]
 
 
 def test_missed_step_uses_the_chunk_that_covers_it(play: Start) -> None:
@@ -120,6 +17,7 @@ def test_missed_step_uses_the_chunk_that_covers_it(play: Start) -> None:
     with pytest.warns(UserWarning, match="rate_hz 20: the steps of the task are at 10 Hz.* moves faster"):
         twice_as_fast = gleaner.Policy(client, "d", deadline=0.05, rate_hz=20.0)
     with twice_as_fast as policy:
+        policy.open()
         assert policy(SEEN) == [1.0]
         assert policy(SEEN) == [2.0]
         with pytest.raises(gleaner.Missed, match="deployment d"):
@@ -233,8 +131,6 @@ def test_lost_session_raises_and_is_not_restarted(play: Start) -> None:
 
 
 def test_silent_server_raises_after_the_time_limit(play: Start) -> None:
-    import threading
-
     silent = threading.Event()
 
     def answer(number: int, seen: pb.Observation) -> pb.SessionResponse:

@@ -18,6 +18,10 @@ from . import task_match
 from .configuration_gleaner import GleanerConfig
 from .names import STATE
 
+# Seconds for which a row without an action by the deadline repeats its last one. LeRobot ends the rollout at an error,
+# but an action that moves the robot on must not be repeated for as long as the connection is broken.
+HOLD = 1.0
+
 TRAINED_BY_THE_SERVER = "policy gleaner: training is a job of the server; see `gleaner train --help`"
 
 
@@ -56,12 +60,18 @@ class GleanerPolicy(PreTrainedPolicy):
 
     @torch.no_grad()
     def select_action(self, batch: dict[str, Tensor], **kwargs: Any) -> Tensor:
-        """The action of each row, `[rows, values]`."""
+        """The action of each row, `[rows, values]`.
+
+        A row that misses its deadline repeats its last action for up to a second. Raises `gleaner.Missed` after that,
+        and where the episode has no action yet, because no other one is known to be safe.
+        """
         del kwargs
         seen = self._observations(batch)
         if len(seen) != len(self._sessions.rows):
             self._sessions.reset()
             self._sessions = self._open(len(seen))
+        # The loop has no newer observation to send after a slow opening, and its robot has had no action until now.
+        self._sessions.open()
         return torch.from_numpy(self._sessions(seen))
 
     @torch.no_grad()
@@ -97,6 +107,7 @@ class GleanerPolicy(PreTrainedPolicy):
             rows,
             rate_hz=config.rate_hz,
             deadline=config.deadline,
+            hold=HOLD,
             record=config.record,
             cohort=config.cohort,
             seed=config.seed,

@@ -46,7 +46,7 @@ class Mark:
 
 
 def collect(
-    env: Simulator, task: str, folder: Path, experts: int, each: int, after_success_s: float = 0.0
+    env: Simulator, task: str, folder: Path, experts: int, each: int, *, after_success_s: float = 0.0
 ) -> Iterator[Demonstration]:
     """Yields the episodes of the expert, then `each` of every imperfect agent; failed episodes are kept.
 

@@ -18,7 +18,7 @@ SAID = {
     "size": "height and width of the cameras' pictures",
     "experts": "demonstrations of the expert",
     "imperfect": "demonstrations of each imperfect agent",
-    "after_success": "seconds for which recordings continue once the task is solved; without them no expert stands there",
+    "after_success": "seconds for which recordings continue after the success, so that experts stand at the goal too",
     "train_steps": "optimiser steps of each policy",
     "train_batch": "segments a step, of experts and of kept segments each",
     "keep": "part of the imperfect segments to keep, the best; 0: those whose q is above the default β",

@@ -74,8 +74,8 @@ def _collect(env: Simulator, plan: Plan) -> list[Demonstration]:
     total = plan.experts + len(env.imperfect) * plan.imperfect
     shown = []
     with Progress("collect") as progress:
-        folder, amounts = plan.folder / "episodes", (plan.experts, plan.imperfect)
-        for demonstration in collect(env, plan.server_task, folder, *amounts, plan.after_success):
+        where, amounts = (plan.server_task, plan.folder / "episodes"), (plan.experts, plan.imperfect)
+        for demonstration in collect(env, *where, *amounts, after_success_s=plan.after_success):
             shown.append(demonstration)
             progress.at(len(shown), total, demonstration.agent)
     return shown

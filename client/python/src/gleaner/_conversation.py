@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Generic, TypeVar
 
 import grpc
@@ -15,6 +16,10 @@ from gleaner.errors import DeadlineExceeded, Rejected, Unavailable, from_rpc
 
 Request = TypeVar("Request", bound=Message)
 Reply = TypeVar("Reply", bound=Message)
+
+
+class ReplyTimeout(DeadlineExceeded):
+    """No answer within the time limit of the caller. The call continues."""
 
 
 class Conversation(Generic[Request, Reply]):
@@ -37,16 +42,31 @@ class Conversation(Generic[Request, Reply]):
         """Sends, without waiting."""
         self._requests.put(request)
 
+    def withdraw(self) -> list[Request]:
+        """Takes back the requests that wait to be sent."""
+        waiting = []
+        with suppress(queue.Empty):
+            while (request := self._requests.get_nowait()) is not None:
+                waiting.append(request)
+            # The sending side is closed, and stays so.
+            self._requests.put(None)
+        return waiting
+
     def no_more(self) -> None:
         """Closes the sending side."""
         self._requests.put(None)
 
-    def receive(self) -> Reply:
-        """Returns the next answer. Raises the error that ended the call, at every call, or `DeadlineExceeded`."""
+    def receive(self, within: float | None = None) -> Reply:
+        """Returns the next answer. Raises the error that ended the call, at every call.
+
+        Raises `ReplyTimeout` without one within this time, or within the patience of the conversation.
+        """
+        if within is None:
+            within = self._patience
         try:
-            reply = self._replies.get(timeout=self._patience)
+            reply = self._replies.get(timeout=max(within, 0.0))
         except queue.Empty:
-            raise DeadlineExceeded(f"the server did not answer within {self._patience:g} s") from None
+            raise ReplyTimeout(f"the server did not answer within {within:g} s") from None
         if isinstance(reply, Rejected):
             # Raised again by later calls.
             self._replies.put(reply)

@@ -104,7 +104,7 @@ def below(folder: Path, name: str) -> Path:
 
 
 def part_name() -> str:
-    """The name of a file or folder until it is complete: another one for each download, which may have the same path."""
+    """The name of a file or folder until it is complete: a new one for each download, which may have the same path."""
     return f".gleaner-{secrets.token_hex(8)}.part"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gleaner._client import Client
+from gleaner._executed import Executed
+from gleaner._limits import Limits, check
 from gleaner._messages import number
 from gleaner._proto.v1 import policy_pb2 as pb
 from gleaner._retry import patiently
@@ -23,10 +25,10 @@ from gleaner.observation import Observation, size, to_wire
 from gleaner.scoring import LiveScore
 from gleaner.types import TaskSpec, Timings
 
-# The most of a rate or a time; longer deadlines than about an hour do not fit the message.
-_MOST = 3600.0
 # The part by which a rate may differ from the task's.
 _OTHER_RATE = 0.1
+# The control periods after which a robot has newer observations than one that waits for its session.
+_NEWER = 2
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,14 @@ class Policy:
     """A deployment to act with. A context manager; for one thread.
 
     `rate_hz` is the control rate (None: the task's; another one is accepted with a warning), `deadline` how many
-    seconds after its arrival at the server an observation may be answered (None: no deadline), `timeout` how long to
-    wait for any answer.
+    seconds after its arrival at the server an observation may be answered (None: no deadline).
+
+    A deadline is for robots in real time. With one, a call waits for its answer until 0.1 s after the deadline, also
+    while the connection is broken, and does not send an observation whose session took longer than two control periods
+    to open. A step without an action repeats the last one for `hold` seconds, and then raises `Missed`.
+
+    `timeout` is how many seconds a server that owes an answer may send nothing, `open_timeout` how many it may take to
+    load the policy and open a session, and `close_timeout` to inspect and store a recorded episode.
 
     With `record` the server keeps each episode as a recording of the task, under `cohort` (empty: the deployment's
     name) and the outcome given to `close` or `reset`; an episode that ends otherwise is kept as unknown.
@@ -63,14 +71,17 @@ class Policy:
         *,
         rate_hz: float | None = None,
         deadline: float | None = None,
+        hold: float = 0.0,
         timeout: float = 60.0,
+        open_timeout: float = 60.0,
+        close_timeout: float = 600.0,
         record: bool = False,
         cohort: str = "",
         seed: int = 0,
     ) -> None:
-        for name, value in (("rate_hz", rate_hz), ("deadline", deadline), ("timeout", timeout)):
-            if value is not None and not 0 < value <= _MOST:
-                raise invalid(name, f"{value:g}: must be above 0 and at most {_MOST:g}")
+        if rate_hz is not None:
+            check("rate_hz", rate_hz)
+        self._limits = Limits(deadline, hold, timeout, open_timeout, close_timeout)
         if not 0 <= seed < 2**64:
             raise invalid("seed", f"{seed}: must be from 0 to 2**64 - 1")
         self._client = client
@@ -92,20 +103,19 @@ class Policy:
             cohort=cohort,
             seed=seed,
         )
-        self._timeout = timeout
         self._session: Session | None = None
         self.policy_id = ""
         self.last: Chunk | None = None
         self.dropped = 0
         self.missed = 0
-        self._given: NDArray[np.float32] | None = None
+        self._executed = Executed()
         self._stamp_ns: int | None = None
 
     def __call__(self, observation: Observation | Mapping[str, Any]) -> NDArray[np.float32]:
         """The action for this step.
 
-        When the server misses the deadline, the newest chunk that covers this step is used in its place; without
-        one `Missed` is raised, and the robot should hold.
+        Without an answer by the deadline, the newest chunk that covers this step is used in its place; without one
+        the action before is repeated, if `hold` says so, or `Missed` is raised, and the robot should hold.
         """
         self._observe(observation)
         return self._action()
@@ -115,28 +125,60 @@ class Policy:
         self._observe(observation)
         return self._answer()
 
+    def open(self) -> None:
+        """Opens the session of the next episode, as the first call would.
+
+        The server ends a session that gets no observation within a minute, by default.
+        """
+        self._opened()
+
+    def discard_action(self) -> None:
+        """Reports that the action returned last was not executed: the robot still executes the one before it.
+
+        Without one before it the episode begins again, because the server takes its first action as executed.
+        """
+        if self._executed.next is None or self._session is None:
+            return
+        self._executed.withhold()
+        if self._executed.next is None:
+            begun, self._session = self._session, None
+            self._begin()
+            try:
+                # Before the other ends, so that the policy stays loaded.
+                self.open()
+            finally:
+                begun.abandon()
+
     def _action(self) -> NDArray[np.float32]:
         # The action for the observation that was sent last.
         try:
             action: NDArray[np.float32] = self._answer().actions[0]
-        except Missed:
+        except Missed as missed:
             late = self._late()
             if late is None:
-                raise
+                return self._repeated(missed)
             action = late
-        self._given = action.copy()
+        self._executed.give(action)
         return action.copy()
+
+    def _repeated(self, missed: Missed) -> NDArray[np.float32]:
+        hold = self._limits.hold
+        if not hold:
+            raise missed
+        action = self._executed.repeated(hold)
+        if action is None:
+            raise Missed(f"{missed}; there is no action of the last {hold:g} s to repeat") from None
+        return action
 
     def _observe(self, observation: Observation | Mapping[str, Any]) -> None:
         # Sends without waiting.
         observation = Observation.of(observation)
         stamp_ns = self._stamp(observation)
         message = to_wire(observation, self.spec, stamp_ns)
-        if not message.executed_action and self._given is not None:
-            message.executed_action.extend(self._given)
-        session = self._session or self._connect()
-        self._stamp_ns, self._given = stamp_ns, None
-        session.observe(message)
+        open_for_step([self])
+        self._executed.report(message)
+        self._stamp_ns = stamp_ns
+        self._opened().observe(message)
 
     def _answer(self) -> Chunk:
         # The answer to the observation that was sent last.
@@ -144,10 +186,14 @@ class Policy:
         if session is None or stamp_ns is None:
             raise invalid("observation", "none was sent")
         try:
-            answer = session.answer(stamp_ns)
+            answer = session.answer(stamp_ns, self._limits.answer_within)
         except Rejected:
             self._abandon()
             raise
+        if answer is None:
+            # The server may have answered with an action, which it would take as executed.
+            self._executed.withhold()
+            answer = pb.SessionMissed(reason=f"no reply within {self._limits.answer_within:g} s")
         self.dropped += answer.dropped
         if isinstance(answer, pb.SessionMissed):
             self.missed += 1
@@ -162,18 +208,20 @@ class Policy:
         """Ends the episode; the next call starts another, with the policy deployed then.
 
         Returns the id of the recorded episode; empty without `record`, or with fewer than two steps.
-        `outcome` is its label: success, failure or unknown. Raises when the server could not store it.
+        `outcome` is its label: success, failure or unknown. Raises when the server could not store it, or has not
+        within `close_timeout`.
         """
         wire = number(pb.SessionClose, "outcome", outcome)
         session, self._session = self._session, None
         self._begin()
         if session is None:
             return ""
+        record = self._open.record
         try:
-            return session.close(wire).episode_id
+            return session.close(wire, self._limits.close_timeout if record else self._limits.timeout).episode_id
         except GleanerError:
             # The episode is over either way; without a recording only the close failed.
-            if self._open.record:
+            if record:
                 raise
             return ""
 
@@ -203,13 +251,15 @@ class Policy:
 
     def _begin(self) -> None:
         # The state of one episode; policy_id stays until the next session opens.
-        self.last, self._given, self._stamp_ns = None, None, None
+        self.last, self._stamp_ns, self._executed = None, None, Executed()
         self.dropped, self.missed = 0, 0
 
-    def _connect(self) -> Session:
-        self._session = patiently(lambda: Session(self._client._rpc, self._open, self._timeout))
-        self._open.seed = (self._open.seed + 1) % 2**64
-        self.policy_id = self._session.opened.policy_id
+    def _opened(self) -> Session:
+        if self._session is None:
+            rpc, limits = self._client._rpc, self._limits
+            self._session = patiently(lambda: Session(rpc, self._open, limits.timeout, limits.open_timeout))
+            self._open.seed = (self._open.seed + 1) % 2**64
+            self.policy_id = self._session.opened.policy_id
         return self._session
 
     def _abandon(self) -> None:
@@ -235,6 +285,22 @@ class Policy:
     @property
     def _period_ns(self) -> int:
         return round(1e9 / self.rate_hz)
+
+
+def open_for_step(policies: Sequence[Policy]) -> None:
+    """Opens missing sessions. Raises `Missed` if a robot's observations are out of date by then."""
+    begun = time.monotonic()
+    missing = [policy for policy in policies if policy._session is None]
+    for policy in missing:
+        policy.open()
+    took = time.monotonic() - begun
+    if any(policy._limits.deadline is not None and took > _NEWER / policy.rate_hz for policy in missing):
+        for policy in policies:
+            policy.missed += 1
+        raise Missed(
+            f"deployment {missing[0].deployment}: the session was opened meanwhile, in {took:.1f} s; send the newest "
+            "observation"
+        )
 
 
 def other_rate(rate_hz: float, spec: TaskSpec) -> bool:

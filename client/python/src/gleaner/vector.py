@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gleaner._client import Client
 from gleaner.errors import invalid
 from gleaner.observation import Observation, size
-from gleaner.policy import Policy
+from gleaner.policy import Policy, open_for_step
 
 
 class VectorPolicy:
@@ -47,6 +47,8 @@ class VectorPolicy:
             raise invalid(
                 "observations", f"expected {len(self.rows)}, one for each environment, got {len(observations)}"
             )
+        # First, because an opening may take longer than the other rows' observations are of use.
+        open_for_step([self.rows[row] for row, observation in enumerate(observations) if observation is not None])
         asked = []
         failed: Exception | None = None
         for row, observation in enumerate(observations):
@@ -67,6 +69,11 @@ class VectorPolicy:
         if failed is not None:
             raise failed
         return actions
+
+    def open(self) -> None:
+        """Opens the session of each row, as the first call would."""
+        for row in self.rows:
+            row.open()
 
     @property
     def policy_ids(self) -> set[str]:
