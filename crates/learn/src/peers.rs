@@ -6,6 +6,7 @@
 //! one process, up to rounding. All ranks apply the same bits, so their weights stay equal.
 
 mod exchange;
+mod signs;
 #[cfg(test)]
 pub(crate) mod testing;
 
@@ -79,7 +80,7 @@ impl Peers {
         let [high, low] = [step >> 24, step & 0xFF_FFFF].map(|half| u32::try_from(half).unwrap_or(u32::MAX));
         let own = [f64::from(high), f64::from(low)];
         let own = Tensor::from_slice(&own).to_kind(Kind::Float);
-        let device = parameters.clone().next().map_or(Device::Cpu, Tensor::device);
+        let device = device_of(parameters.clone());
         let weights = parameters.clone().map(|parameter| parameter.detach().flatten(0, -1));
         let flat: Vec<Tensor> = std::iter::once(own.to_device(device)).chain(weights).collect();
         let mut flat = Tensor::cat(&flat, 0);
@@ -113,7 +114,7 @@ impl Peers {
     ) -> Result<bool, LearnError> {
         let Some(group) = &mut self.0 else { return Ok(false) };
         let _no_grad = no_grad_guard();
-        let device = parameters.clone().next().map_or(Device::Cpu, Tensor::device);
+        let device = device_of(parameters.clone());
         // One buffer: the gradients, how many ranks have each of them, the numbers, and the requests to stop.
         let mut flat: Vec<Tensor> = Vec::with_capacity(gradients.len() + numbers.len() + 2);
         for (gradient, parameter) in gradients.iter().zip(parameters.clone()) {
@@ -144,6 +145,11 @@ impl Peers {
         }
         Ok(notes.last().is_some_and(|asked| *asked > 0.0))
     }
+}
+
+/// Where these parameters are.
+fn device_of<'a>(mut parameters: impl Iterator<Item = &'a Tensor>) -> Device {
+    parameters.next().map_or(Device::Cpu, Tensor::device)
 }
 
 #[cfg(test)]

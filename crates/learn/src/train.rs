@@ -189,9 +189,7 @@ impl<N: Learner> Training<N> {
                 self.send(&read, monitor);
             }
             if due {
-                if lead {
-                    self.keep(monitor)?;
-                }
+                peers.lead_alone(self.optimizer.parameters(), || self.keep(monitor))?.transpose()?;
                 kept = done;
                 peers.align(done, self.optimizer.parameters())?;
             }

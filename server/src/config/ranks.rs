@@ -34,7 +34,7 @@ pub struct RanksConfig {
     pub evaluate_ranks: u32,
     /// End an attempt with several processes when one of them has not joined, or not delivered its gradients or progress,
     /// for this many seconds, 1 to 3600. It must be longer than the largest difference between their reading of episodes,
-    /// than storing a checkpoint, and than scoring the longest episode. A process that ends is noticed at once.
+    /// and than scoring the longest episode. A process that ends is noticed at once.
     #[arg(long, env = "GLEANER_RANK_TIMEOUT_SECONDS", default_value_t = 120, value_name = "SECONDS",
           value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub rank_timeout_seconds: u64,

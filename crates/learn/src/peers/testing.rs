@@ -21,11 +21,20 @@ pub(crate) fn ranks<T: Send>(
     stop_after: &[Option<usize>],
     work: impl Fn(&mut Peers, &mut Recorder) -> T + Sync,
 ) -> Vec<(T, Recorder)> {
+    ranks_within(TIMEOUT, stop_after, work)
+}
+
+/// As [`ranks`], where the ranks wait so long for each other.
+pub(crate) fn ranks_within<T: Send>(
+    timeout: Duration,
+    stop_after: &[Option<usize>],
+    work: impl Fn(&mut Peers, &mut Recorder) -> T + Sync,
+) -> Vec<(T, Recorder)> {
     let count = u32::try_from(stop_after.len()).unwrap();
-    let first = Meeting::open(count, TIMEOUT).unwrap();
+    let first = Meeting::open(count, timeout).unwrap();
     let at = SocketAddr::new(LOCAL, first.port());
     let mut meetings = vec![first];
-    meetings.extend((1..count).map(|_| Meeting::find(at, count, TIMEOUT).unwrap()));
+    meetings.extend((1..count).map(|_| Meeting::find(at, count, timeout).unwrap()));
     let (ended, all) = channel();
     thread::scope(|scope| {
         for (rank, (meeting, stop_after)) in (0..count).zip(meetings.into_iter().zip(stop_after)) {

@@ -2,10 +2,15 @@
 
 mod gpu;
 
+use std::sync::Mutex;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+
 use gleaner_core::kinds::Family;
 use gleaner_core::{Augmentation, Chosen, PretrainSpec, TrainSpec};
+use tch::Tensor;
 
-use super::testing::ranks;
+use super::testing::{ranks, ranks_within};
 use crate::checkpoint;
 use crate::checkpoint::CheckpointKind;
 use crate::error::LearnError;
@@ -167,6 +172,33 @@ fn a_rank_that_is_asked_to_stop_takes_all_along_with_a_checkpoint() {
     });
     assert!(follower.iter().all(|(made, _)| matches!(made, Err(LearnError::Cancelled))));
     assert_eq!(follower[0].1.losses.len(), 1);
+}
+
+/// As on a disk that is full for a while.
+#[test]
+fn ranks_wait_for_what_the_lead_does_alone_and_not_for_a_silent_one() {
+    if !in_own_process() {
+        return;
+    }
+    let patience = Duration::from_secs(4);
+    let (_open, never) = channel::<()>();
+    let never = Mutex::new(never);
+    let storing = || never.lock().unwrap().recv_timeout(patience * 2).unwrap_err();
+    let done = ranks_within(patience, &[None; 3], |peers, _| {
+        let parameters = [Tensor::from(1.0)];
+        let stored = peers.lead_alone(parameters.iter(), storing)?;
+        peers.align(5, parameters.iter())?;
+        Ok::<_, LearnError>(stored)
+    });
+    let stored: Vec<_> = done.into_iter().map(|(stored, _)| stored.unwrap()).collect();
+    assert_eq!(stored, [Some(RecvTimeoutError::Timeout), None, None]);
+    let silent = ranks_within(patience, &[None; 2], |peers, _| {
+        if peers.lead() {
+            storing();
+        }
+        peers.align(5, [Tensor::from(1.0)].iter())
+    });
+    assert!(silent.iter().all(|(aligned, _)| matches!(aligned, Err(LearnError::Group(_)))));
 }
 
 #[test]
