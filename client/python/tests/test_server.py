@@ -109,6 +109,10 @@ def test_labels_change_and_are_kept(client: gleaner.Client, lab: Lab) -> None:
     labels = client.episodes.labels(episode)[before:]
     assert [(gleaner.word(label, "outcome"), label.author) for label in labels] == [("unknown", "ada"), ("failure", "")]
     assert client.episodes.get(episode).cohort == "wrong_goal"
+    [kept] = client.episodes.label(episode, cohort="wrong_goal", reason="its outcome stays")
+    assert gleaner.word(kept, "outcome") == "failure"
+    with pytest.raises(gleaner.InvalidArgument, match="outcome: or cohort must be set"):
+        client.episodes.label(episode)
 
 
 def test_deleted_episode_can_be_restored(client: gleaner.Client, task: str, recordings: dict[str, list[Path]]) -> None:

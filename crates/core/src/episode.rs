@@ -93,8 +93,8 @@ pub struct Label {
 /// A label to be given to episodes.
 #[derive(Debug, Clone)]
 pub struct NewLabel {
-    /// Outcome of the episodes.
-    pub outcome: Outcome,
+    /// Outcome of the episodes; `None` keeps each one's own.
+    pub outcome: Option<Outcome>,
     /// Their cohort; `None` keeps each one's own.
     pub cohort: Option<String>,
     /// The author.

@@ -1,22 +1,21 @@
 //! `label`, `labels`: outcomes and cohorts, and their history.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::Args;
-use gleaner_client::{Client, outcome_from_word};
-use gleaner_proto::v1::{Episode, GetEpisodeRequest, Label, LabelEpisodesRequest, LabelEpisodesResponse, Outcome};
+use gleaner_client::outcome_from_word;
+use gleaner_proto::v1::{Label, LabelEpisodesRequest, LabelEpisodesResponse, Outcome};
 
 use super::{episodes, label_file, label_table::LabelTableArgs};
 use crate::context::Context;
-use crate::failure::{Failure, Result, present};
+use crate::failure::Result;
 use crate::table::Column::Left;
 use crate::table::table;
 use crate::{json, words};
 
 #[derive(Args, Debug)]
 pub(crate) struct LabelArgs {
-    /// Ids of the episodes; either all are labelled or none; without --outcome, all of one outcome or none of them.
+    /// Ids of the episodes; either all are labelled or none.
     #[arg(required_unless_present = "from")]
     ids: Vec<String>,
     /// Outcome of the attempts. Default with --cohort: unchanged.
@@ -53,51 +52,20 @@ impl LabelArgs {
         }
         self.table.refuse("--from")?;
         let client = context.client().await?;
-        let labels = match self.outcome {
-            Some(outcome) => BTreeMap::from([(outcome.into(), self.ids.clone())]),
-            None => by_outcome(&episodes_of(&client, &self.ids).await?)?,
+        let request = LabelEpisodesRequest {
+            episode_ids: self.ids,
+            outcome: self.outcome.unwrap_or_default().into(),
+            cohort: self.cohort,
+            author: context.connection.author(),
+            reason: self.reason,
         };
-        let mut reply = LabelEpisodesResponse::default();
-        for (outcome, episode_ids) in labels {
-            let request = LabelEpisodesRequest {
-                episode_ids,
-                outcome,
-                cohort: self.cohort.clone(),
-                author: context.connection.author(),
-                reason: self.reason.clone(),
-            };
-            reply.episodes.extend(client.episodes().label_episodes(request).await?.into_inner().episodes);
-        }
+        let reply = client.episodes().label_episodes(request).await?.into_inner();
         context.output.result(|| json::value(&reply), || episodes::listing(&reply.episodes))?;
         if let Some(episode) = reply.episodes.first() {
             context.output.next(format_args!("gleaner labels {} (the history of its labels)", episode.id));
         }
         Ok(())
     }
-}
-
-async fn episodes_of(client: &Client, ids: &[String]) -> Result<Vec<Episode>> {
-    let mut found = Vec::with_capacity(ids.len());
-    for id in ids {
-        let request = GetEpisodeRequest { episode_id: id.clone() };
-        let reply = client.episodes().get_episode(request).await?.into_inner();
-        found.push(present(reply.episode, "an episode")?);
-    }
-    Ok(found)
-}
-
-/// The ids of episodes for each outcome that they have: a label states its outcome, also one that keeps it.
-fn by_outcome(episodes: &[Episode]) -> Result<BTreeMap<i32, Vec<String>>> {
-    let mut found: BTreeMap<i32, Vec<String>> = BTreeMap::new();
-    for episode in episodes {
-        // Here, because the labels of another outcome would be changed before the server refuses it.
-        if episode.delete_time.is_some() {
-            let problem = format!("{} is in the trash; no label was changed: restore it, or leave it out", episode.id);
-            return Err(Failure::message(problem));
-        }
-        found.entry(episode.outcome).or_default().push(episode.id.clone());
-    }
-    Ok(found)
 }
 
 #[derive(Args, Debug)]
@@ -129,28 +97,12 @@ impl LabelsArgs {
 mod tests {
     use clap::Parser as _;
 
-    use super::*;
     use crate::cli::Cli;
 
     #[test]
-    fn a_cohort_alone_keeps_the_outcome_of_each_episode() {
+    fn a_label_has_an_outcome_or_a_cohort() {
         let parsed = |line: &str| Cli::try_parse_from(line.split(' '));
         assert!(parsed("gleaner label ep_1 ep_2 --cohort dropped").is_ok());
         assert!(parsed("gleaner label ep_1").unwrap_err().to_string().contains("--outcome"));
-        let episode =
-            |id: &str, outcome: Outcome| Episode { id: id.into(), outcome: outcome.into(), ..Episode::default() };
-        let (failure, success) = (Outcome::Failure, Outcome::Success);
-        let episodes = [episode("ep_1", failure), episode("ep_2", success), episode("ep_3", failure)];
-        let ids = |ids: &[&str]| ids.iter().map(|&id| id.to_owned()).collect::<Vec<_>>();
-        let expected = [(failure.into(), ids(&["ep_1", "ep_3"])), (success.into(), ids(&["ep_2"]))];
-        assert_eq!(by_outcome(&episodes).unwrap(), BTreeMap::from(expected));
-    }
-
-    #[test]
-    fn a_deleted_episode_is_refused_before_the_first_label() {
-        let delete_time = Some(prost_types::Timestamp::default());
-        let episodes = [Episode::default(), Episode { id: "ep_2".into(), delete_time, ..Episode::default() }];
-        let refused = by_outcome(&episodes).unwrap_err().to_string();
-        assert!(refused.starts_with("ep_2 is in the trash; no label was changed"), "{refused}");
     }
 }

@@ -43,7 +43,7 @@ class Conversation(Generic[Request, Reply]):
         self._requests.put(request)
 
     def withdraw(self) -> list[Request]:
-        """Takes back the requests that wait to be sent."""
+        """Returns the requests that wait to be sent, which are then not sent."""
         waiting = []
         with suppress(queue.Empty):
             while (request := self._requests.get_nowait()) is not None:

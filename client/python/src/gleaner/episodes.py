@@ -74,15 +74,15 @@ class Episodes:
     def label(
         self,
         episode_ids: str | Iterable[str],
-        outcome: str,
+        outcome: str | None = None,
         *,
         cohort: str | None = None,
         author: str = "",
         reason: str = "",
     ) -> list[Episode]:
-        """Sets the outcome (and cohort, if given) of one or many episodes at once; each change is kept."""
+        """Sets the outcome, the cohort or both of one or many episodes at once; each change is kept."""
         ids = _ids(episode_ids)
-        wire = number(pb.LabelEpisodesRequest, "outcome", outcome)
+        wire = None if outcome is None else number(pb.LabelEpisodesRequest, "outcome", outcome)
         request = pb.LabelEpisodesRequest(episode_ids=ids, outcome=wire, cohort=cohort, author=author, reason=reason)
         reply = self._rpc.unary("EpisodeService/LabelEpisodes", request, pb.LabelEpisodesResponse)
         return [*reply.episodes]

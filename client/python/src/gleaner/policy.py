@@ -115,7 +115,7 @@ class Policy:
         """The action for this step.
 
         Without an answer by the deadline, the newest chunk that covers this step is used in its place; without one
-        the action before is repeated, if `hold` says so, or `Missed` is raised, and the robot should hold.
+        the action before is repeated for the time of `hold`, or `Missed` is raised, and the robot should hold.
         """
         self._observe(observation)
         return self._action()

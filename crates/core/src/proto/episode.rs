@@ -88,12 +88,16 @@ pub fn labels_token(next: Option<i64>) -> String {
     page::token(next.map(|number| page::named_token(LABEL, number)))
 }
 
-/// The episodes to label, and their label.
+/// The episodes to label, and their label, which has an outcome or a cohort.
 pub fn label_request(request: v1::LabelEpisodesRequest) -> Result<(Vec<EpisodeId>, NewLabel)> {
     let v1::LabelEpisodesRequest { episode_ids, outcome, cohort, author, reason } = request;
     let ids = episode_ids_of(&episode_ids)?;
+    let outcome = outcome_from_proto("outcome", outcome)?;
+    if outcome.is_none() && cohort.is_none() {
+        return Err(Error::invalid("outcome", "or cohort must be set; without an outcome each episode keeps its own"));
+    }
     let label = NewLabel {
-        outcome: required_outcome(outcome)?,
+        outcome,
         cohort: cohort.map(|cohort| field::tag("cohort", cohort)).transpose()?,
         author: field::tag("author", author)?,
         reason: field::tag("reason", reason)?,
@@ -213,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_label_needs_episodes_and_an_outcome() {
+    fn a_label_needs_episodes_and_an_outcome_or_a_cohort() {
         let id = EpisodeId::new();
         let request = |ids: &[&str], outcome: v1::Outcome| v1::LabelEpisodesRequest {
             episode_ids: ids.iter().map(|&id| id.to_owned()).collect(),
@@ -221,7 +225,12 @@ mod tests {
             ..Default::default()
         };
         let (ids, label) = label_request(request(&[id.as_str()], v1::Outcome::Failure)).unwrap();
-        assert_eq!((ids, label.outcome, label.cohort), (vec![id.clone()], Outcome::Failure, None));
+        assert_eq!((ids, label.outcome, label.cohort), (vec![id.clone()], Some(Outcome::Failure), None));
+        let cohort = Some("night".to_owned());
+        let kept =
+            v1::LabelEpisodesRequest { cohort: cohort.clone(), ..request(&[id.as_str()], v1::Outcome::Unspecified) };
+        let (_, label) = label_request(kept).unwrap();
+        assert_eq!((label.outcome, label.cohort), (None, cohort));
         for (request, field) in [
             (request(&[], v1::Outcome::Failure), "episode_ids: "),
             (request(&[id.as_str(), "x"], v1::Outcome::Failure), "episode_ids[1]: "),

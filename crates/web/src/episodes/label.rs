@@ -60,7 +60,7 @@ impl Sent {
             Ok((EpisodeId::parse(&format!("episodes[{at}].id"), &labelled.id)?, labelled.version))
         };
         let label = NewLabel {
-            outcome: outcome("outcome", &self.outcome)?,
+            outcome: Some(outcome("outcome", &self.outcome)?),
             cohort: self.cohort.map(|cohort| tag("cohort", cohort)).transpose()?,
             author: author.to_owned(),
             reason: tag("reason", self.reason)?,
@@ -209,7 +209,7 @@ mod tests {
         let body = json!({ "episodes": [{ "id": ID, "version": 3 }], "outcome": "success", "reason": "held it" });
         let (labelled, label) = sent(&body).unwrap();
         assert_eq!((labelled[0].0.as_str(), labelled[0].1), (ID, 3));
-        assert_eq!((label.outcome, label.cohort, label.author.as_str()), (Outcome::Success, None, "ann"));
+        assert_eq!((label.outcome, label.cohort, label.author.as_str()), (Some(Outcome::Success), None, "ann"));
     }
 
     #[test]

@@ -26,7 +26,7 @@ async fn described() -> (Lab, Vec<Episode>) {
     let lab = lab().await;
     let (labelled, deleted) = (stored(&lab, b"labelled later").await, stored(&lab, b"deleted").await);
     let label = NewLabel {
-        outcome: Outcome::Failure,
+        outcome: Some(Outcome::Failure),
         cohort: Some("night".into()),
         author: "ada".into(),
         reason: "it slipped".into(),

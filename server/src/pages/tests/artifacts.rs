@@ -56,7 +56,7 @@ async fn a_snapshot_shows_its_labels_after_they_changed() {
 
     let episode = serde_json::from_value(failure["episode_id"].clone()).unwrap();
     let cohort = Some("=carol".to_owned());
-    let label = NewLabel { outcome: Outcome::Unknown, cohort, author: "ada".into(), reason: String::new() };
+    let label = NewLabel { outcome: Some(Outcome::Unknown), cohort, author: "ada".into(), reason: String::new() };
     pages.services.store.label_episodes(std::slice::from_ref(&episode), &label).await.unwrap();
     let after = text(&pages, &path).await;
     let row = after.split("<tr>").find(|row| row.contains(&format!("/episodes/{episode}"))).unwrap();

@@ -126,7 +126,7 @@ mod tests {
     };
 
     fn label(outcome: Outcome) -> NewLabel {
-        NewLabel { outcome, cohort: None, author: "ada".into(), reason: String::new() }
+        NewLabel { outcome: Some(outcome), cohort: None, author: "ada".into(), reason: String::new() }
     }
 
     #[tokio::test]

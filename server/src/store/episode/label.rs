@@ -136,16 +136,19 @@ async fn label_all(
                     "{id} is in the trash; no episode was labelled. Restore it first"
                 )));
             }
-            episode.outcome = label.outcome;
+            episode.outcome = label.outcome.unwrap_or(episode.outcome);
             if let Some(cohort) = &label.cohort {
                 episode.cohort.clone_from(cohort);
             }
             episodes.push(episode);
         }
-        let mut query = QueryBuilder::new("update episodes set outcome = ");
-        query.push_bind(label.outcome.param());
+        let (mut query, mut before) = (QueryBuilder::new(""), "update episodes set ");
+        if let Some(outcome) = label.outcome {
+            query.push(before).push("outcome = ").push_bind(outcome.param());
+            before = ", ";
+        }
         if let Some(cohort) = &label.cohort {
-            query.push(", cohort = ").push_bind(cohort);
+            query.push(before).push("cohort = ").push_bind(cohort);
         }
         query.push(" where id in (").push_list(part.iter().map(|id| id.as_str())).push(")");
         query.build().execute(&mut *tx).await.map_err(fault("labelling episodes"))?;

@@ -50,7 +50,7 @@ async fn triggered(store: &Store, task: &TaskId, name: &str, trigger: Trigger) -
 }
 
 async fn label(store: &Store, episode: &crate::domain::id::EpisodeId, outcome: Outcome) {
-    let label = NewLabel { outcome, cohort: None, author: "tests".into(), reason: String::new() };
+    let label = NewLabel { outcome: Some(outcome), cohort: None, author: "tests".into(), reason: String::new() };
     store.label_episodes(std::slice::from_ref(episode), &label).await.unwrap();
 }
 

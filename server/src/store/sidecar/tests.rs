@@ -10,7 +10,7 @@ async fn every_change_that_a_sidecar_repeats_is_queued_and_a_later_one_stays_que
     let episode = testing::episode(&store, &task, Outcome::Unknown, "").await;
     let first = store.undescribed(None, 9).await.unwrap();
     assert_eq!(first.iter().map(|row| row.id.as_str()).collect::<Vec<_>>(), [task.id.as_str(), episode.id.as_str()]);
-    let label = NewLabel { outcome: Outcome::Success, cohort: None, author: "ada".into(), reason: String::new() };
+    let label = NewLabel { outcome: Some(Outcome::Success), cohort: None, author: "ada".into(), reason: String::new() };
     store.label_episodes(std::slice::from_ref(&episode.id), &label).await.unwrap();
     store.note_described(&first).await.unwrap();
     let left = store.undescribed(None, 9).await.unwrap();

@@ -15,7 +15,7 @@ async fn a_snapshot_does_not_change_when_labels_do() {
     assert_eq!((frozen.expert_episodes, frozen.imperfect_episodes), (1, 1));
 
     let label = NewLabel {
-        outcome: Outcome::Failure,
+        outcome: Some(Outcome::Failure),
         cohort: Some("carol".into()),
         author: "ada".into(),
         reason: String::new(),

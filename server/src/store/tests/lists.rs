@@ -201,7 +201,7 @@ async fn pages_of_labels_have_each_label_once_and_oldest_first() {
     let neighbour = testing::episode(&store, &task, Outcome::Unknown, "").await.id;
     let label = async |reason: &str| {
         let (author, reason) = ("ada".into(), reason.to_owned());
-        let label = NewLabel { outcome: Outcome::Success, cohort: None, author, reason };
+        let label = NewLabel { outcome: Some(Outcome::Success), cohort: None, author, reason };
         store.label_episodes(&[neighbour.clone(), episode.clone()], &label).await.unwrap();
     };
     for reason in ["1", "2", "3"] {

@@ -63,7 +63,7 @@ async fn lab_is_the_same_after_a_round_trip() {
     assert_eq!(back.integrity().await.unwrap(), []);
     let history = async |store: &Store| format!("{:?}", store.deployment("arm").await.unwrap());
     assert_eq!(history(&back).await, history(&source).await);
-    let label = NewLabel { outcome: Outcome::Success, cohort: None, author: "ada".into(), reason: String::new() };
+    let label = NewLabel { outcome: Some(Outcome::Success), cohort: None, author: "ada".into(), reason: String::new() };
     for store in [&middle, &back] {
         let before = store.newest_label().await.unwrap();
         store.label_episodes(std::slice::from_ref(&episode), &label).await.unwrap();

@@ -41,7 +41,8 @@ async fn deleted_episodes_are_invisible_and_can_be_restored() {
     let snapshot = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap();
     assert_eq!((snapshot.expert_episodes, snapshot.imperfect_episodes), (1, 1));
     assert_eq!(store.episode(&gone).await.unwrap().episode.deleted_at, Some(since), "it can be looked at");
-    let label = NewLabel { outcome: Outcome::Failure, cohort: None, author: String::new(), reason: String::new() };
+    let label =
+        NewLabel { outcome: Some(Outcome::Failure), cohort: None, author: String::new(), reason: String::new() };
     let error = store.label_episodes(std::slice::from_ref(&gone), &label).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition, "{error}");
 

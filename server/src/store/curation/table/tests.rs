@@ -26,7 +26,7 @@ async fn a_row_has_its_last_author_and_version() {
     let task = testing::task(&store).await;
     let first = episode(&store, &task, "first.mcap", (0, 1)).await;
     let second = episode(&store, &task, "second.mcap", (0, 2)).await;
-    let label = NewLabel { outcome: Outcome::Failure, cohort: None, author: "bob".into(), reason: String::new() };
+    let label = NewLabel { outcome: Some(Outcome::Failure), cohort: None, author: "bob".into(), reason: String::new() };
     store.label_episodes(std::slice::from_ref(&first.id), &label).await.unwrap();
     let rows = store.episode_table(&task.id, &TableFilter::default()).await.unwrap();
     assert_eq!(rows.iter().map(|row| &row.episode.id).collect::<Vec<_>>(), [&first.id, &second.id]);
@@ -50,8 +50,12 @@ async fn every_filter_leaves_out_other_episodes() {
     }
     let gone = episode(&store, &task, "gone.mcap", (0, 40)).await;
     store.delete_episodes(&[gone.id], false).await.unwrap();
-    let label =
-        NewLabel { outcome: Outcome::Failure, cohort: Some("bob".into()), author: "bob".into(), reason: String::new() };
+    let label = NewLabel {
+        outcome: Some(Outcome::Failure),
+        cohort: Some("bob".into()),
+        author: "bob".into(),
+        reason: String::new(),
+    };
     store.label_episodes(&ids[2..], &label).await.unwrap();
 
     let all = TableFilter::default;

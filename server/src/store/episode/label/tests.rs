@@ -8,7 +8,12 @@ use crate::{
 };
 
 fn label(outcome: Outcome, cohort: Option<&str>) -> NewLabel {
-    NewLabel { outcome, cohort: cohort.map(str::to_owned), author: "ada".into(), reason: "watched it".into() }
+    NewLabel {
+        outcome: Some(outcome),
+        cohort: cohort.map(str::to_owned),
+        author: "ada".into(),
+        reason: "watched it".into(),
+    }
 }
 
 #[tokio::test]
@@ -26,6 +31,8 @@ async fn every_label_is_kept() {
     store.label_episodes(&ids[1..2], &label(Outcome::Success, Some("dave"))).await.unwrap();
     let now = store.episode(&first.id).await.unwrap().episode;
     assert_eq!((now.outcome, now.cohort.as_str()), (Outcome::Success, "dave"));
+    let cohort = NewLabel { outcome: None, ..label(Outcome::Unknown, Some("night")) };
+    store.label_episodes(&[first.id.clone(), second.id.clone()], &cohort).await.unwrap();
     let history = store.labels(&first.id).await.unwrap();
     let words: Vec<_> = history.iter().map(|l| (l.outcome, l.cohort.as_str(), l.reason.as_str())).collect();
     assert_eq!(
@@ -34,9 +41,12 @@ async fn every_label_is_kept() {
             (Outcome::Unknown, "bob", ""),
             (Outcome::Failure, "bob", "watched it"),
             (Outcome::Success, "dave", "watched it"),
+            (Outcome::Success, "night", "watched it"),
         ]
     );
-    assert_eq!(store.labels(&second.id).await.unwrap().len(), 2, "named twice, labelled once");
+    let kept = store.episode(&second.id).await.unwrap().episode;
+    assert_eq!((kept.outcome, kept.cohort.as_str()), (Outcome::Failure, "night"), "each keeps its own outcome");
+    assert_eq!(store.labels(&second.id).await.unwrap().len(), 3, "named twice, labelled once");
 }
 
 #[tokio::test]
