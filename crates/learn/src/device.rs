@@ -1,5 +1,5 @@
-//! The device of tensors and the number of threads. The only module that changes process-wide settings of the tensor
-//! library.
+//! The device of tensors and the number of threads. The only module of this crate that changes process-wide settings of the
+//! tensor library; `gleaner_search` sets the number of threads while it searches.
 
 use std::hint::black_box;
 use std::io;

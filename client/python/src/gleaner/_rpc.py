@@ -27,6 +27,8 @@ _OPTIONS: list[tuple[str, int | str]] = [
     ("grpc.max_send_message_length", _LARGEST),
     ("grpc.keepalive_time_ms", 30_000),
     ("grpc.keepalive_timeout_ms", 20_000),
+    # Some versions stop after two pings during a call without data, such as a long inspection.
+    ("grpc.http2.max_pings_without_data", 0),
     # With grpc's default a restarted server could go unnoticed for longer than the retries last.
     ("grpc.initial_reconnect_backoff_ms", 200),
     ("grpc.min_reconnect_backoff_ms", 200),
