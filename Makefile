@@ -214,7 +214,7 @@ differential differential-test: $(DIFFERENTIAL_ENV)
 STAGE ?= all
 metaworld: TASK ?= pick-place-v3
 metaworld: SIMULATOR = metaworld
-maniskill: ARGS ?= --size 128 --experts 100 --train-steps 5000
+maniskill: ARGS ?= --size 128 --experts 100 --after-success 0.5 --train-steps 5000
 maniskill: TASK ?= PickCube-v0
 maniskill: SIMULATOR = maniskill2
 metaworld maniskill: .libtorch

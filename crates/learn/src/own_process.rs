@@ -1,5 +1,5 @@
-//! Tests that run in processes of their own: what they set belongs to their process alone, and a process that a signal ends is a
-//! failure of the test by its name. For tests only.
+//! Tests that run in processes of their own: what they set belongs to their process alone, and a process that a signal ends
+//! is a failure of the test by its name. For tests only.
 
 use std::process::Command;
 

@@ -11,8 +11,9 @@ use crate::words;
 /// A row, and its file.
 type Row<'a> = (LabelledFile, &'a Path);
 
-/// The rows of these recordings; each must have one, and rows of one recording must have the same labels. Where there is only one labels file, a row whose path does not exist
-/// names a recording wherever it is, such as `a` or `day/a.mcap` for `data/day/a.mcap`.
+/// The rows of these recordings; each must have one, and rows of one recording must have the same labels. Where there is
+/// only one labels file, a row whose path does not exist names a recording wherever it is, such as `a` or `day/a.mcap` for
+/// `data/day/a.mcap`.
 pub(super) fn chosen<'a>(
     rows: Vec<Row<'a>>,
     recordings: Vec<PathBuf>,
