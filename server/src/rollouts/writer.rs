@@ -135,8 +135,8 @@ impl RolloutWriter {
         Ok(true)
     }
 
-    /// The outcome of the episode. A success whose recording lacks steps becomes unknown, because snapshots would take it
-    /// for an expert.
+    /// The outcome of the episode. A success whose recording lacks steps or notes becomes unknown, because snapshots would
+    /// take it for an expert.
     fn outcome(&self, ending: &Ending) -> Outcome {
         let left_out = self.left_out(ending);
         if ending.outcome != Outcome::Success || (left_out == 0 && !self.broken) {
@@ -144,7 +144,7 @@ impl RolloutWriter {
         }
         tracing::warn!(
             session.id = %self.sidecar.session.session_id, recording.steps = self.steps, recording.left_out = left_out,
-            "a session ended as a success, but its recording lacks steps; its outcome is stored as unknown"
+            "a session ended as a success, but its recording lacks steps or notes; its outcome is stored as unknown"
         );
         Outcome::Unknown
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
@@ -17,6 +17,7 @@ from gleaner._client import Client
 from gleaner._executed import Executed
 from gleaner._limits import Limits, check
 from gleaner._messages import number
+from gleaner._opening import open_for_step
 from gleaner._proto.v1 import policy_pb2 as pb
 from gleaner._retry import patiently
 from gleaner._session import Session
@@ -27,8 +28,6 @@ from gleaner.types import TaskSpec, Timings
 
 # The part by which a rate may differ from the task's.
 _OTHER_RATE = 0.1
-# The control periods after which a robot has newer observations than one that waits for its session.
-_NEWER = 2
 
 
 @dataclass(frozen=True)
@@ -285,22 +284,6 @@ class Policy:
     @property
     def _period_ns(self) -> int:
         return round(1e9 / self.rate_hz)
-
-
-def open_for_step(policies: Sequence[Policy]) -> None:
-    """Opens missing sessions. Raises `Missed` if a robot's observations are out of date by then."""
-    begun = time.monotonic()
-    missing = [policy for policy in policies if policy._session is None]
-    for policy in missing:
-        policy.open()
-    took = time.monotonic() - begun
-    if any(policy._limits.deadline is not None and took > _NEWER / policy.rate_hz for policy in missing):
-        for policy in policies:
-            policy.missed += 1
-        raise Missed(
-            f"deployment {missing[0].deployment}: the session was opened meanwhile, in {took:.1f} s; send the newest "
-            "observation"
-        )
 
 
 def other_rate(rate_hz: float, spec: TaskSpec) -> bool:

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gleaner._client import Client
+from gleaner._opening import open_for_step
 from gleaner.errors import invalid
 from gleaner.observation import Observation, size
-from gleaner.policy import Policy, open_for_step
+from gleaner.policy import Policy
 
 
 class VectorPolicy:
