@@ -2,7 +2,7 @@
 //!
 //! Hostile bytes can abort the process in any of these functions, which is why it is a separate process.
 
-use std::io::{ErrorKind, Write as _};
+use std::io::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -68,18 +68,12 @@ pub fn inspect(order: &Order) -> Result<(), InspectError> {
     limits::apply(order)?;
     let verdict = match read(order)? {
         Ok(verdict) => verdict,
-        Err(error) if is_full(&error) => Verdict::Full(error.to_string()),
+        Err(error) if error.is_full() => Verdict::Full(error.to_string()),
         Err(error @ (RecordingError::Io { .. } | RecordingError::Write(_))) => Verdict::Fault(error.to_string()),
         Err(error) => Verdict::Refused(error.to_string()),
     };
     let json = serde_json::to_vec(&verdict).map_err(InspectError::when("writing the verdict"))?;
     std::fs::write(&order.report, json).map_err(InspectError::when("writing the verdict"))
-}
-
-/// Whether the disk has no room for the decoded frames.
-fn is_full(error: &RecordingError) -> bool {
-    let RecordingError::Io { source, .. } = error else { return false };
-    matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded)
 }
 
 fn read(order: &Order) -> Result<Result<Verdict, RecordingError>, InspectError> {
@@ -152,7 +146,7 @@ fn reason(problem: Problem) -> String {
 fn file_failure(problem: Problem) -> Result<String, RecordingError> {
     match problem {
         Problem::Io { path, source } => Err(RecordingError::Io { path, source }),
-        Problem::Recording { source: error @ RecordingError::Io { .. }, .. } => Err(error),
+        Problem::Recording { source: error, .. } if error.io_source().is_some() => Err(error),
         Problem::Recording { .. } | Problem::Unfit(_) | Problem::Input(_) => Ok(problem.to_string()),
     }
 }
@@ -161,4 +155,30 @@ fn file_failure(problem: Problem) -> Result<String, RecordingError> {
 fn json<T: serde::de::DeserializeOwned>(path: &Path, when: &'static str) -> Result<T, InspectError> {
     let bytes = std::fs::read(path).map_err(InspectError::when(when))?;
     serde_json::from_slice(&bytes).map_err(InspectError::when(when))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use gleaner_recording::EpisodeWriter;
+
+    use super::*;
+
+    #[test]
+    fn a_disk_that_fills_while_an_episode_is_converted_is_no_fault_of_the_dataset() {
+        let task: TaskSpec = serde_json::from_value(serde_json::json!({
+            "name": "reach", "rate_hz": 10.0, "mappings": [], "cameras": [],
+            "proprioception": [{ "name": "joints", "size": 2 }],
+            "action": [{ "name": "command", "size": 1 }],
+        }))
+        .unwrap();
+        let mut room = [0_u8; 16];
+        let written = EpisodeWriter::create(Cursor::new(&mut room[..]), &task).and_then(EpisodeWriter::finish);
+        let problem = |source| Problem::Recording { episode: "0".to_owned(), source };
+        let error = file_failure(problem(written.err().unwrap())).unwrap_err();
+        assert!(error.to_string().starts_with("writing MCAP failed"), "{error}");
+        let empty = RecordingError::Empty { path: "a.mcap".into() };
+        assert!(file_failure(problem(empty)).unwrap().contains("is empty"));
+    }
 }

@@ -1,29 +1,34 @@
 //! Cuts one long recording into episodes, at the messages of an event topic or by ranges of time.
 //!
-//! A message of the topic begins an episode, which ends at the next one, unless its content states otherwise ([`Event`]).
+//! A message of the topic begins an episode, which ends at the next one, unless its content states otherwise
+//! ([`event::Event`]).
 //! Messages are copied unchanged, by the time at which they were logged. An episode begins with the earlier messages of
 //! topics whose messages hold for those who come later, such as `/tf_static`. Memory follows the largest chunk and the number of events.
 
+mod declared;
 mod event;
 mod latched;
+mod look;
+mod marks;
 mod range;
 
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use mcap::records::MessageHeader;
 use serde::{Deserialize, Serialize};
 
-use crate::channels::Channels;
 use crate::container::{Record, scan};
 use crate::copy::Copier;
 use crate::error::RecordingError;
 use crate::limits::Limits;
 use crate::write::write_options;
-use event::Event;
+use declared::Declared;
 use latched::Latched;
+use look::Look;
 
 pub use range::TimeRange;
 
@@ -33,8 +38,8 @@ const CHUNK_BYTES: u64 = 1 << 20;
 const LIBRARY: &str = "gleaner cut 1";
 /// A recorder writes messages of several threads: one may lie this many nanoseconds after its place in the file.
 const DISORDER: u64 = 2_000_000_000;
-/// Most episodes of a recording.
-const MOST_EPISODES: usize = 100_000;
+/// An episode that is cut out of a recording without its end is to end this many nanoseconds before the last message.
+const BEFORE_THE_END: u64 = 20_000_000;
 
 /// What marks the episodes of a recording.
 #[derive(Clone, Copy, Debug)]
@@ -52,6 +57,8 @@ pub struct CutEpisode {
     pub file_name: String,
     /// Whether it succeeded, if its range or the event that ends it states so.
     pub success: Option<bool>,
+    /// Why it is left out, with the fix; there is no file of it then.
+    pub left_out: Option<String>,
 }
 
 /// The time of an episode, in nanoseconds; the end is not part of it.
@@ -62,19 +69,27 @@ struct Span {
     success: Option<bool>,
 }
 
-/// Cuts a recording into files of a folder, one for each episode: the same recording gives the same bytes.
+/// Cuts a recording into files of a folder, one for each episode: the same recording gives the same bytes. If the recording
+/// ends in the middle, as after a crash of its recorder, the episode that reaches its end is left out.
 ///
 /// # Errors
 /// [`RecordingError::Field`] if the topic is not there or marks no episode; [`RecordingError::Ranges`] if a range is not one
-/// of the recording; the errors of reading the recording; [`RecordingError::Write`] and `Io`.
+/// of the recording; [`RecordingError::Damaged`] if other parts than its end are lost; the errors of reading the recording;
+/// [`RecordingError::Write`] and `Io`.
 pub fn cut(path: &Path, cuts: Cuts<'_>, limits: &Limits, folder: &Path) -> Result<Vec<CutEpisode>, RecordingError> {
+    let topic = if let Cuts::Topic(topic) = cuts { Some(topic) } else { None };
+    let look = Look::at(path, topic, limits)?;
+    let no_messages = || RecordingError::Ranges { problem: "the recording has no messages to cut".to_owned() };
     let spans = match cuts {
-        Cuts::Topic(topic) => marked(path, topic, limits)?,
-        Cuts::Ranges(ranges) => range::spans(ranges, times(path, limits)?)?,
+        Cuts::Topic(topic) => marks::spans(topic, &look)?,
+        Cuts::Ranges(ranges) => range::spans(ranges, look.times.ok_or_else(no_messages)?)?,
     };
     let name = |at: usize| format!("episode_{at:06}.mcap");
+    let left_out: Vec<Option<String>> = spans.iter().map(|span| left_out(span, &look)).collect();
+    // It is the last one in time that reaches the end.
+    let whole = left_out.iter().take_while(|reason| reason.is_none()).count();
     let mut cut = Cut {
-        spans: &spans,
+        spans: spans.get(..whole).unwrap_or_default(),
         folder,
         name: &name,
         profile: String::new(),
@@ -83,77 +98,30 @@ pub fn cut(path: &Path, cuts: Cuts<'_>, limits: &Limits, folder: &Path) -> Resul
         open: BTreeMap::new(),
         closed: 0,
     };
+    look.late.into_iter().for_each(|declared| cut.declare(declared));
     scan(path, limits, &mut |record| cut.record(&record))?;
     cut.finish()?;
-    let episode = |(at, span): (usize, &Span)| CutEpisode { file_name: name(at), success: span.success };
-    Ok(spans.iter().enumerate().map(episode).collect())
+    let episodes = spans.iter().zip(left_out).enumerate();
+    let episode = |(at, (span, left_out)): (usize, (&Span, Option<String>))| CutEpisode {
+        file_name: name(at),
+        success: span.success,
+        left_out,
+    };
+    Ok(episodes.map(episode).collect())
 }
 
-/// The episodes that the messages of a topic mark, in order.
-fn marked(path: &Path, topic: &str, limits: &Limits) -> Result<Vec<Span>, RecordingError> {
-    let mut channels = Channels::new(limits);
-    let mut events: Vec<(u64, Event)> = Vec::new();
-    let wrong = |problem: String| RecordingError::Field { topic: topic.to_owned(), path: "-".to_owned(), problem };
-    scan(path, limits, &mut |record| {
-        let Record::Message { header, data } = record else {
-            return channels.declare(&record, &|known| known == topic);
-        };
-        let Some((found, _, decoder)) = channels.next(header.channel_id) else { return Ok(()) };
-        if found == topic {
-            let event = match decoder.as_ref() {
-                Ok(decoder) => decoder.decode(data).map(|value| Event::of(&value)).map_err(&wrong)?,
-                // A message that cannot be read still marks a moment.
-                Err(_) => Event::Begin,
-            };
-            events.push((header.log_time, event));
-            if events.len() > MOST_EPISODES {
-                return Err(wrong(format!(
-                    "it has more than {MOST_EPISODES} messages; mark episodes on a topic of their own"
-                )));
-            }
-        }
-        Ok(())
-    })?;
-    if events.is_empty() {
-        let known: Vec<&str> = channels.topics().iter().map(|known| known.topic.as_str()).take(32).collect();
-        return Err(wrong(format!("the recording has no message of it; its topics are {}", known.join(", "))));
-    }
-    events.sort_by_key(|(time, _)| *time);
-    let counted = events.iter().any(|(_, event)| event.counts());
-    let mut spans: Vec<Span> = Vec::new();
-    let mut open: Option<u64> = None;
-    for (time, event) in events {
-        let (ended, event) = (open.take(), event.resolved(counted));
-        match event {
-            Event::Discard => {}
-            Event::Begin | Event::End(_) | Event::Number(_) => {
-                spans.extend(ended.filter(|begin| *begin < time).map(|begin| Span {
-                    begin,
-                    end: time,
-                    success: if let Event::End(success) = event { success } else { None },
-                }))
-            }
-        }
-        open = (event == Event::Begin).then_some(time);
-    }
-    spans.extend(open.map(|begin| Span { begin, end: u64::MAX, success: None }));
-    if spans.is_empty() {
-        return Err(wrong("its messages mark no episode: none begins one".to_owned()));
-    }
-    Ok(spans)
-}
-
-/// The times of a recording's first and last message.
-fn times(path: &Path, limits: &Limits) -> Result<(u64, u64), RecordingError> {
-    let mut times: Option<(u64, u64)> = None;
-    scan(path, limits, &mut |record| {
-        if let Record::Message { header, .. } = record {
-            let (first, last) = times.unwrap_or((header.log_time, header.log_time));
-            times = Some((first.min(header.log_time), last.max(header.log_time)));
-        }
-        Ok(())
-    })?;
-    times.ok_or_else(|| RecordingError::Ranges { problem: "the recording has no messages to cut".to_owned() })
+/// Why an episode is left out: the end of the recording is missing, and so may be its own.
+fn left_out(span: &Span, look: &Look) -> Option<String> {
+    let (first, last) = look.times?;
+    (look.is_cut_off && span.end > last).then(|| {
+        let end = Duration::from_nanos(last.saturating_sub(first).saturating_sub(BEFORE_THE_END)).as_millis() / 10;
+        format!(
+            "the recording ends in the middle of it, as after a crash of its recorder; what there is of it can be cut out as \
+             a range of time that ends at {}.{:02} s or before",
+            end / 100,
+            end % 100
+        )
+    })
 }
 
 /// The episodes that are being written.
@@ -170,44 +138,6 @@ struct Cut<'a> {
     closed: usize,
 }
 
-/// A schema or a channel.
-enum Declared {
-    Schema { id: u16, name: String, encoding: String, data: Vec<u8> },
-    Channel { id: u16, schema_id: u16, topic: String, encoding: String, metadata: BTreeMap<String, String> },
-}
-
-impl Declared {
-    fn of(record: &Record<'_>) -> Option<Self> {
-        match record {
-            Record::Schema { id, name, encoding, data } => Some(Self::Schema {
-                id: *id,
-                name: (*name).to_owned(),
-                encoding: (*encoding).to_owned(),
-                data: data.to_vec(),
-            }),
-            Record::Channel { id, schema_id, topic, encoding, metadata } => Some(Self::Channel {
-                id: *id,
-                schema_id: *schema_id,
-                topic: (*topic).to_owned(),
-                encoding: (*encoding).to_owned(),
-                metadata: metadata.clone(),
-            }),
-            Record::Header { .. } | Record::Message { .. } | Record::Metadata { .. } | Record::Attachment { .. } => {
-                None
-            }
-        }
-    }
-
-    fn record(&self) -> Record<'_> {
-        match self {
-            Self::Schema { id, name, encoding, data } => Record::Schema { id: *id, name, encoding, data },
-            Self::Channel { id, schema_id, topic, encoding, metadata } => {
-                Record::Channel { id: *id, schema_id: *schema_id, topic, encoding, metadata: metadata.clone() }
-            }
-        }
-    }
-}
-
 impl Cut<'_> {
     fn record(&mut self, record: &Record<'_>) -> Result<(), RecordingError> {
         match record {
@@ -217,14 +147,19 @@ impl Cut<'_> {
             }
             Record::Message { header, data } => self.message(*header, data),
             Record::Schema { .. } | Record::Channel { .. } => {
-                if let Record::Channel { id, topic, metadata, .. } = record {
-                    self.latched.declare(*id, topic, metadata);
-                }
-                self.declared.extend(Declared::of(record));
+                Declared::of(record).into_iter().for_each(|declared| self.declare(declared));
                 self.open.values_mut().try_for_each(|copier| copier.declare(record))
             }
             Record::Metadata { .. } | Record::Attachment { .. } => Ok(()),
         }
+    }
+
+    /// Keeps a declaration for the episodes that begin later.
+    fn declare(&mut self, declared: Declared) {
+        if let Declared::Channel { id, topic, metadata, .. } = &declared {
+            self.latched.declare(*id, topic, metadata);
+        }
+        self.declared.push(declared);
     }
 
     fn message(&mut self, header: MessageHeader, data: &[u8]) -> Result<(), RecordingError> {

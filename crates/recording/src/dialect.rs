@@ -4,7 +4,7 @@
 
 mod budget;
 mod cdr;
-mod json;
+pub(crate) mod json;
 mod protobuf;
 mod ros2msg;
 mod value;

@@ -110,8 +110,13 @@ pub enum RecordingError {
         problem: String,
     },
     /// Writing an MCAP file failed.
-    #[error("writing MCAP failed: {0}")]
-    Write(mcap::McapError),
+    #[error("writing MCAP failed: {}", cause(.0))]
+    Write(#[source] mcap::McapError),
+}
+
+/// The message of an error of the MCAP writer, which does not name the cause of a failed file operation.
+fn cause(error: &mcap::McapError) -> &dyn std::fmt::Display {
+    if let mcap::McapError::Io(source) = error { source } else { error }
 }
 
 impl RecordingError {
@@ -120,5 +125,58 @@ impl RecordingError {
     pub fn is_of_the_cache(&self) -> bool {
         let gone = |source: &std::io::Error| source.kind() == std::io::ErrorKind::NotFound;
         matches!(self, Self::Cache { .. }) || matches!(self, Self::Io { source, .. } if gone(source))
+    }
+
+    /// The failed file operation, such as a write to a full disk; `None` if the cause is another one.
+    pub fn io_source(&self) -> Option<&std::io::Error> {
+        if let Self::Io { source, .. } | Self::Write(mcap::McapError::Io(source)) = self { Some(source) } else { None }
+    }
+
+    /// Whether a disk, or its owner's share of it, is full.
+    pub fn is_full(&self) -> bool {
+        use std::io::ErrorKind::{QuotaExceeded, StorageFull};
+        self.io_source().is_some_and(|source| matches!(source.kind(), StorageFull | QuotaExceeded))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{self, Seek, SeekFrom, Write};
+
+    use super::*;
+    use crate::EpisodeWriter;
+    use crate::testing::arm;
+
+    /// A disk without room.
+    struct Full;
+
+    impl Write for Full {
+        fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+            Err(io::ErrorKind::StorageFull.into())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Seek for Full {
+        fn seek(&mut self, _: SeekFrom) -> io::Result<u64> {
+            Ok(0)
+        }
+    }
+
+    #[test]
+    fn a_full_disk_is_known_wherever_a_recording_is_written() {
+        let written = EpisodeWriter::create(Full, &arm()).and_then(EpisodeWriter::finish).err().unwrap();
+        assert!(written.is_full(), "{written:?}");
+        assert_eq!(
+            written.to_string(),
+            format!("writing MCAP failed: {}", io::Error::from(io::ErrorKind::StorageFull))
+        );
+        let path = PathBuf::from("a.mcap");
+        let other = RecordingError::Io { path, source: io::ErrorKind::PermissionDenied.into() };
+        assert!(other.io_source().is_some() && !other.is_full());
+        assert!(RecordingError::Write(mcap::McapError::UnexpectedEof).io_source().is_none());
     }
 }

@@ -82,13 +82,34 @@ impl Failure {
     /// The failure of an unusable recording of `episode`.
     pub(crate) fn recording(episode: &str, error: &RecordingError) -> Self {
         let message = format!("episode {episode}: {error}");
-        if matches!(error, RecordingError::Io { .. }) { Self::Retryable(message) } else { Self::Permanent(message) }
+        if error.io_source().is_some() { Self::Retryable(message) } else { Self::Permanent(message) }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::io::Cursor;
+
+    use gleaner_core::TaskSpec;
+    use gleaner_recording::EpisodeWriter;
+
     use super::*;
+
+    #[test]
+    fn a_disk_that_fills_while_a_recording_is_written_is_a_reason_to_try_again() {
+        let task: TaskSpec = serde_json::from_value(serde_json::json!({
+            "name": "reach", "rate_hz": 10.0, "mappings": [], "cameras": [],
+            "proprioception": [{ "name": "joints", "size": 2 }],
+            "action": [{ "name": "command", "size": 1 }],
+        }))
+        .unwrap();
+        let mut room = [0_u8; 16];
+        let written = EpisodeWriter::create(Cursor::new(&mut room[..]), &task).and_then(EpisodeWriter::finish);
+        let failure = Failure::recording("ep_1", &written.err().unwrap());
+        assert!(matches!(&failure, Failure::Retryable(message) if message.contains("ep_1: writing")), "{failure:?}");
+        let empty = RecordingError::Empty { path: "a.mcap".into() };
+        assert!(matches!(Failure::recording("ep_1", &empty), Failure::Permanent(_)));
+    }
 
     #[test]
     fn only_transient_failures_are_retried() {

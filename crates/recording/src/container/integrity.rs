@@ -233,9 +233,12 @@ impl Integrity {
         self.add(FindingCode::TrailingBytes, "file", detail);
     }
 
-    /// Every contradiction. Chunks without an index are expected in a file that was cut, so they do not count there.
+    /// Every contradiction. Chunks without an index, and message indexes that do not name all of the last chunk, are expected
+    /// in a file that was cut, so they do not count there.
     pub(super) fn finish(mut self, whole: bool) -> Vec<Problem> {
-        self.close_chunk();
+        if whole {
+            self.close_chunk();
+        }
         if whole && self.chunk_indexes > 0 && !self.chunks.is_empty() {
             let detail = format!(
                 "it does not name {} of {} chunks, which were read anyway; indexed readers leave them out",

@@ -19,8 +19,9 @@ const MAX_NAME: usize = 64;
 #[derive(Default)]
 pub(super) struct CameraNotes {
     found: SurveyedCamera,
-    /// RGB of the first picture.
-    picture: Option<Vec<u8>>,
+    /// RGB of the first picture that can be decoded, with its own height and width: those of the topic are of the first
+    /// image that is described.
+    picture: Option<(Vec<u8>, (u32, u32))>,
     video: video::FirstPicture,
 }
 
@@ -65,7 +66,7 @@ impl CameraNotes {
                     self.found.other_sizes += 1;
                 }
                 if pictures && self.picture.is_none() {
-                    self.picture = rgb(message, depth, size).ok();
+                    self.picture = rgb(message, depth, size).ok().map(|rgb| (rgb, size));
                 }
             }
             Err(error) => self.fail(&error),
@@ -76,7 +77,7 @@ impl CameraNotes {
         match self.video.push(packet, limits.image_pixels, pictures) {
             Some(Ok((size, picture))) => {
                 (self.found.height, self.found.width) = size;
-                self.picture = picture;
+                self.picture = picture.map(|rgb| (rgb, size));
             }
             Some(Err(error)) => self.fail(&error),
             None => {}
@@ -88,17 +89,19 @@ impl CameraNotes {
         self.found.unreadable += 1;
     }
 
-    /// The result; the picture is written into the folder under a name with this number.
+    /// The result; the picture is written into the folder under a name with this number. One that cannot be encoded is
+    /// left out.
     pub(super) fn finish(
         self,
         topic: &str,
         pictures: Option<(&Path, usize)>,
     ) -> Result<SurveyedCamera, RecordingError> {
         let Self { mut found, picture, .. } = self;
-        if let (Some((folder, number)), Some(rgb)) = (pictures, picture) {
+        if let (Some((folder, number)), Some((rgb, (height, width)))) = (pictures, picture)
+            && let Ok(jpeg) = encode_jpeg(&rgb, height, width, QUALITY)
+        {
             let name = file_name(topic, number);
             let path = folder.join(&name);
-            let jpeg = encode_jpeg(&rgb, found.height, found.width, QUALITY)?;
             std::fs::write(&path, jpeg).map_err(|source| RecordingError::Io { path, source })?;
             found.picture = Some(name);
         }

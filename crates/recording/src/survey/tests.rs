@@ -160,6 +160,23 @@ fn depth_in_rvl_shows_its_size_and_a_picture() {
 }
 
 #[test]
+fn a_picture_of_another_size_than_the_first_image_has_its_own_size() {
+    let mut scene = Scene::default();
+    // The first image lacks most of its pixels.
+    for (ms, height, width, bytes) in [(100, 64, 96, 9), (200, 8, 16, 8 * 16 * 3)] {
+        let data = base64::engine::general_purpose::STANDARD.encode(vec![90; bytes]);
+        let image = json!({"encoding": "rgb8", "height": height, "width": width, "step": width * 3, "data": data});
+        scene.add("/front", ms, image);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let found = surveyed_bytes(&scene.mcap(), Some(folder.path()));
+    let camera = topic(&found, "/front").camera.clone().unwrap();
+    assert_eq!((camera.height, camera.width, camera.other_sizes), (64, 96, 1));
+    let picture = std::fs::read(folder.path().join(camera.picture.unwrap())).unwrap();
+    assert_eq!(crate::image::header_of(&picture).unwrap().size, (8, 16));
+}
+
+#[test]
 fn unreadable_images_and_topics_are_named_and_counted() {
     let mut scene = Scene::default();
     for ms in [100, 200] {

@@ -41,6 +41,11 @@ impl Scene {
         self.messages.push((topic, Some(ms), ms, content));
     }
 
+    /// Puts the messages into the order of time.
+    pub(crate) fn sort(&mut self) {
+        self.messages.sort_by_key(|(_, _, log, _)| *log);
+    }
+
     /// Changes the messages of one topic; those for which `change` gives false are left out.
     pub(super) fn change(mut self, topic: &str, mut change: impl FnMut(usize, &mut i64, &mut Value) -> bool) -> Self {
         let mut at = 0;
@@ -71,7 +76,7 @@ impl Scene {
     }
 
     /// The recording as a writer with these options leaves it.
-    pub(super) fn written(&self, options: mcap::WriteOptions) -> Vec<u8> {
+    pub(crate) fn written(&self, options: mcap::WriteOptions) -> Vec<u8> {
         let mut writer = options.create(Cursor::new(Vec::new())).unwrap();
         for (topic, stamp, log, content) in &self.messages {
             let channel = writer.add_channel(0, topic, "json", &BTreeMap::new()).unwrap();

@@ -66,10 +66,15 @@ pub(super) async fn push(
             }
         };
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let mut items = Vec::with_capacity(episodes.len());
+        let (mut items, mut left_out) = (Vec::with_capacity(episodes.len()), Vec::new());
         for (at, episode) in episodes.into_iter().enumerate() {
             // The name of an episode's file is what people see of its origin.
-            let named = out.join(format!("{name}_{}", marks.name(at).unwrap_or(episode.file_name.clone())));
+            let named = format!("{name}_{}", marks.name(at).unwrap_or(episode.file_name.clone()));
+            if let Some(why) = episode.left_out {
+                left_out.push(PushResult { path: path.join(named), result: Err(ClientError::Invalid(why)) });
+                continue;
+            }
+            let named = out.join(named);
             std::fs::rename(out.join(&episode.file_name), &named)?;
             items.push(item(args, context, &named, &task, episode.success));
         }
@@ -78,6 +83,7 @@ pub(super) async fn push(
             let episode = pushed.path.file_name().unwrap_or_default().to_owned();
             PushResult { path: path.join(episode), ..pushed }
         }));
+        results.append(&mut left_out);
     }
     Ok((Pushed { results, wall: started.elapsed() }, found.skipped, task))
 }
