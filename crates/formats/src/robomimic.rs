@@ -1,11 +1,12 @@
 //! robomimic HDF5: each piece is a demonstration, with filter keys for experts and kept stretches.
 //!
 //! robomimic's policies act within [-1, 1], so actions beyond that are rescaled by the range of the dataset, which is kept
-//! as attributes. Demonstrations are added to the file some at a time, so that memory does not grow with the dataset.
+//! as attributes. The library writes a dataset of the file from memory, whole: one camera's pictures of one demonstration are
+//! there at a time, so that memory grows with the longest demonstration and not with the dataset.
 
 mod action_range;
+mod pictures;
 
-use std::ops::Range;
 use std::path::PathBuf;
 
 use gleaner_core::episode::Outcome;
@@ -14,13 +15,17 @@ use gleaner_core::{FieldSpec, TaskSpec};
 use hdf5_pure::{AttrValue, File, Group};
 
 use self::action_range::ActionRange;
+use self::pictures::{Pictures, check_lengths, pictures};
 use crate::export::{Export, Numbers};
 use crate::piece::Piece;
 use crate::problem::Problem;
 
 const FILE: &str = "dataset.hdf5";
-/// Demonstrations of about this size together are written at once.
+/// Values of about this size together are written at once.
 const STAGED_BYTES: usize = 64 << 20;
+/// Most bytes of one camera's pictures in one demonstration. Writing them takes about four times that in
+/// memory.
+const MOST_PICTURES: usize = 2 << 30;
 const DEFLATE: u32 = 4;
 /// robomimic's number of environments of Gymnasium's interface.
 const GYM: u32 = 2;
@@ -30,19 +35,21 @@ const VALIDATION: usize = 10;
 /// Writes the file.
 pub(crate) fn write<E: Export>(export: &mut E, depth: bool) -> Result<(), E::Error> {
     let task = export.task().clone();
+    check_lengths(export.pieces(), &task, depth)?;
     let range = ActionRange::of(export, task.action_size())?;
     let mut out = Out::create(export.folder().join(FILE))?;
     out.head(export, &task, &range)?;
     for at in 0..export.pieces().len() {
         let piece = export.pieces()[at].clone();
         let numbers = export.numbers(at)?;
-        let mut frames = Vec::new();
-        if !task.cameras.is_empty() {
-            for step in piece.steps.clone() {
-                frames.extend(export.frames(at, step)?);
+        out.demo(&Demo { at, piece: &piece, numbers, task: &task }, &range)?;
+        for pictures in pictures(&task, depth) {
+            for (group, later) in [("obs", false), ("next_obs", true)] {
+                let values = pictures.read(export, at, later)?;
+                out.pictures(&format!("{}/{group}", name(at)), &pictures, piece.len(), values)?;
             }
         }
-        out.demo(&Demo { at, piece: &piece, numbers, frames, task: &task, depth }, &range)?;
+        out.commit_if_large()?;
         export.advance()?;
     }
     out.finish()?;
@@ -54,10 +61,7 @@ struct Demo<'a> {
     at: usize,
     piece: &'a Piece,
     numbers: Numbers,
-    /// The frames of each step, one after the other.
-    frames: Vec<u8>,
     task: &'a TaskSpec,
-    depth: bool,
 }
 
 /// The file that is being written.
@@ -119,7 +123,7 @@ impl Out {
     }
 
     fn demo(&mut self, demo: &Demo<'_>, range: &ActionRange) -> Result<(), Problem> {
-        let Demo { at, piece, numbers, frames, task, depth } = demo;
+        let Demo { at, piece, numbers, task } = demo;
         let (group, steps, input) = (format!("data/{}", name(*at)), piece.len(), piece.episode());
         let root = self.file.root();
         let text = |value: &str| AttrValue::String(value.to_owned());
@@ -156,27 +160,20 @@ impl Out {
             }
             offset += width;
         }
-        let mut offset = 0;
-        let frame = frames.len() / steps.max(1);
-        for camera in &task.cameras {
-            let size = (camera.height, camera.width);
-            let pixels = camera.height as usize * camera.width as usize;
-            let color = cut(frames, frame, offset..offset + 3 * pixels);
-            offset += 3 * pixels;
-            for (group, values) in [("obs", color.clone()), ("next_obs", following(&color, 3 * pixels))] {
-                writer.images(&format!("{group}/{}_image", camera.name), &values, size)?;
-            }
-            if camera.depth && *depth {
-                let millimetres = cut(frames, frame, offset..offset + 2 * pixels);
-                let metres = |mm: &[u8]| f32::from(u16::from_le_bytes([mm[0], mm[1]])) / 1000.0;
-                let values: Vec<f32> = millimetres.chunks_exact(2).map(metres).collect();
-                for (group, values) in [("obs", values.clone()), ("next_obs", following(&values, pixels))] {
-                    writer.depth(&format!("{group}/{}_depth", camera.name), &values, size)?;
-                }
-            }
-            offset += if camera.depth { 2 * pixels } else { 0 };
-        }
         self.staged += writer.bytes;
+        Ok(())
+    }
+
+    /// Writes the pictures of a camera into a group of a demonstration.
+    fn pictures(&mut self, group: &str, pictures: &Pictures, steps: usize, values: Vec<u8>) -> Result<(), Problem> {
+        let name = format!("data/{group}/{}", pictures.name);
+        self.staged += values.len();
+        let made = self.file.root().create_dataset(&name, |dataset| pictures.describe(dataset, steps, values));
+        made.map(|_| ()).map_err(Problem::encoding(&self.path))?;
+        self.commit_if_large()
+    }
+
+    fn commit_if_large(&mut self) -> Result<(), Problem> {
         if self.staged >= STAGED_BYTES { self.commit() } else { Ok(()) }
     }
 
@@ -221,22 +218,6 @@ impl Writer<'_> {
         })
     }
 
-    fn images(&mut self, name: &str, values: &[u8], (height, width): (u32, u32)) -> Result<(), Problem> {
-        let shape = [count(self.steps), height.into(), width.into(), 3];
-        self.dataset(name, values.len(), |dataset| {
-            let dataset = dataset.with_u8_data(values).with_shape(&shape);
-            dataset.with_chunks(&[1, height.into(), width.into(), 3]).with_deflate(DEFLATE);
-        })
-    }
-
-    fn depth(&mut self, name: &str, values: &[f32], (height, width): (u32, u32)) -> Result<(), Problem> {
-        let shape = [count(self.steps), height.into(), width.into(), 1];
-        self.dataset(name, values.len() * 4, |dataset| {
-            let dataset = dataset.with_f32_data(values).with_shape(&shape);
-            dataset.with_chunks(&[1, height.into(), width.into(), 1]).with_shuffle().with_deflate(DEFLATE);
-        })
-    }
-
     fn dataset(
         &mut self,
         name: &str,
@@ -256,11 +237,6 @@ fn name(at: usize) -> String {
 /// The field's name, without what separates groups in a file.
 fn key(field: &FieldSpec) -> String {
     field.name.replace('/', "_")
-}
-
-/// A part of each step's frames.
-fn cut(frames: &[u8], frame: usize, part: Range<usize>) -> Vec<u8> {
-    frames.chunks_exact(frame.max(1)).flat_map(|step| step.get(part.clone()).unwrap_or_default()).copied().collect()
 }
 
 /// The rows one step later; the last one repeats.

@@ -6,6 +6,7 @@ mod cells;
 mod features;
 mod info;
 mod lines;
+mod names;
 mod places;
 mod rows;
 mod run;

@@ -55,6 +55,22 @@ fn assert_numbers(episode: &Episode, number: u8, case: &str) {
 }
 
 #[test]
+fn names_in_several_lists_have_the_order_of_their_values() {
+    let folder = tempfile::tempdir().unwrap();
+    damage::copy(&fixture("lerobot_v30_images"), folder.path());
+    let path = folder.path().join("meta/info.json");
+    let list = serde_json::json!(["shoulder_pan.pos", "elbow_flex.pos", "gripper.pos"]);
+    let mut info: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    assert_eq!(info["features"]["observation.state"]["names"], list);
+    info["features"]["observation.state"]["names"] = "HERE".into();
+    let lists = r#"{"motors": ["shoulder_pan.pos", "elbow_flex.pos"], "gripper": ["gripper.pos"]}"#;
+    std::fs::write(&path, info.to_string().replace("\"HERE\"", lists)).unwrap();
+    let spec = describe(folder.path(), &Assumed::default()).unwrap().spec;
+    let found: Vec<&str> = spec.proprioception.iter().map(|field| field.name.as_str()).collect();
+    assert_eq!(found, ["shoulder_pan_pos", "elbow_flex_pos", "gripper_pos"]);
+}
+
+#[test]
 fn a_dataset_describes_its_task() {
     let description = describe(&fixture("lerobot_v30_images"), &Assumed::default()).unwrap();
     assert_eq!((description.format.as_str(), description.episodes, description.steps), ("LeRobot v3.0", 2, 21));

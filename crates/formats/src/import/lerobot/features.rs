@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use gleaner_core::CameraSpec;
-use serde_json::Value;
 
 use super::info::{Feature, Info};
 use crate::import::description::{Description, empty_task};
@@ -192,7 +191,7 @@ impl Features {
             return Err(wrong("there is no feature `action`; gleaner needs the commands of the robot"));
         }
         let vector = |(name, size): &(String, usize)| {
-            let names = info.features.get(name).map(|feature| names(&feature.names)).unwrap_or_default();
+            let names = info.names.get(name).cloned().unwrap_or_default();
             let stated = stats.get(name).filter(|stated| stated.len() == *size).cloned().unwrap_or_default();
             Vector {
                 feature: name.clone(),
@@ -225,17 +224,6 @@ fn size(name: &str, feature: &Feature) -> Result<(u32, u32), Problem> {
         shape => {
             Err(wrong(&format!("feature {name} has the shape {shape:?}, and a picture has three sides; correct it")))
         }
-    }
-}
-
-/// The names of a vector's values: a list, or lists by a name.
-fn names(names: &Value) -> Vec<String> {
-    let texts = |value: &Value| -> Vec<String> {
-        value.as_array().into_iter().flatten().filter_map(|name| Some(name.as_str()?.to_owned())).collect()
-    };
-    match names.as_object() {
-        Some(lists) => lists.values().flat_map(texts).collect(),
-        None => texts(names),
     }
 }
 

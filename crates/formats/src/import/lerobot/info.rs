@@ -9,7 +9,7 @@ use gleaner_core::ValueRange;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{unfit, unopened};
+use super::{names, unfit, unopened};
 use crate::import::fields::Stated;
 use crate::problem::Problem;
 
@@ -33,6 +33,9 @@ pub(super) struct Info {
     #[serde(default)]
     pub(super) video_path: Option<String>,
     pub(super) features: BTreeMap<String, Feature>,
+    /// The names of each feature's values.
+    #[serde(skip)]
+    pub(super) names: BTreeMap<String, Vec<String>>,
 }
 
 /// A feature as it is declared.
@@ -51,7 +54,8 @@ impl Info {
     pub(super) fn read(folder: &Path) -> Result<Self, Problem> {
         let path = folder.join(super::INFO);
         let wrong = |problem: String| unfit(&path, &problem);
-        let value: Value = serde_json::from_slice(&bytes(&path)?)
+        let bytes = bytes(&path)?;
+        let value: Value = serde_json::from_slice(&bytes)
             .map_err(|error| wrong(format!("it is not JSON: {error}; download the dataset again")))?;
         let version = value.get("codebase_version").and_then(Value::as_str).unwrap_or_default().to_owned();
         if !VERSIONS.contains(&version.as_str()) {
@@ -60,11 +64,12 @@ impl Info {
                 VERSIONS.join(", ")
             )));
         }
-        let info: Self = serde_json::from_value(value)
+        let mut info: Self = serde_json::from_value(value)
             .map_err(|error| wrong(format!("{error}; compare it with LeRobot's description of {version}")))?;
         if !RATES.contains(&info.fps) {
             return Err(wrong(format!("fps is {}, and from 0.01 to 10000 are read; correct it", info.fps)));
         }
+        info.names = names::names(&bytes);
         Ok(info)
     }
 
