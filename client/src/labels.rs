@@ -101,7 +101,8 @@ impl LabelTable {
         if self.successes.is_empty() {
             return outcome_from_word(word);
         }
-        let is = |known: &str| known.trim().eq_ignore_ascii_case(word);
+        let lower = word.to_lowercase();
+        let is = |known: &str| known.trim().to_lowercase() == lower;
         Ok(match word {
             _ if self.successes.iter().any(|success| is(success)) => Outcome::Success,
             "" => Outcome::Unknown,
@@ -262,6 +263,14 @@ mod tests {
             let (success, failure) = (Outcome::Success, Outcome::Failure);
             assert_eq!(found, [("r1", success, ""), ("r2", failure, "dropped, twice"), ("r3", Outcome::Unknown, "")]);
         }
+    }
+
+    #[test]
+    fn the_case_of_a_success_does_not_matter_in_any_alphabet() {
+        let own = table(&[], &["ÄLYKÄS"]).unwrap();
+        let found = read_as("file,outcome\na.mcap,älykäs\nb.mcap,alykas\n", &own).unwrap();
+        let outcomes: Vec<Outcome> = found.iter().map(|row| row.outcome).collect();
+        assert_eq!(outcomes, [Outcome::Success, Outcome::Failure]);
     }
 
     #[test]

@@ -170,14 +170,20 @@ impl Caches {
             if kept == Some(file.path.as_path()) {
                 continue;
             }
-            // It may have been used or written again since the listing.
-            let same = Derived::read(file.path.clone()).is_ok_and(|now| now.is_some_and(|now| now.used <= file.used));
-            if same && self.remove(&file)? {
-                in_vain = false;
-                removed += 1;
-                freed = freed.saturating_add(file.bytes);
-            }
-            if let Some(listing) = listed.as_mut() {
+            // It may have been used or written again since the listing, or removed by another process.
+            let gone = match Derived::read(file.path.clone()) {
+                Ok(Some(now)) if now.used <= file.used => {
+                    if self.remove(&file)? {
+                        in_vain = false;
+                        removed += 1;
+                        freed = freed.saturating_add(file.bytes);
+                    }
+                    true
+                }
+                Ok(_) => false,
+                Err(error) => error.kind() == ErrorKind::NotFound,
+            };
+            if let Some(listing) = listed.as_mut().filter(|_| gone) {
                 listing.bytes = listing.bytes.saturating_sub(file.bytes);
             }
         }

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use gleaner_client::{Client, LabelledFile};
+use gleaner_core::proto::episode::MANY_EPISODES;
 use gleaner_proto::v1::{Episode, LabelEpisodesRequest, ListEpisodesRequest, Task};
 
 use super::label_table::LabelTableArgs;
@@ -35,14 +36,7 @@ pub(super) async fn label(
         }
     }
     let mut changed = Vec::new();
-    for ((outcome, cohort), episode_ids) in new {
-        let request = LabelEpisodesRequest {
-            episode_ids,
-            outcome,
-            cohort,
-            author: context.connection.author(),
-            reason: reason.into(),
-        };
+    for request in requests(new, &context.connection.author(), reason) {
         changed.extend(client.episodes().label_episodes(request).await?.into_inner().episodes);
     }
     context.output.note(format_args!("{} of {} labels of {} are new", changed.len(), rows.len(), file.display()));
@@ -51,6 +45,21 @@ pub(super) async fn label(
 
 /// The ids of the episodes for each new label: an outcome, and a cohort if that changes too.
 type Changes = BTreeMap<(i32, Option<String>), Vec<String>>;
+
+/// The calls that make the changes, each with as many episodes as the server takes.
+fn requests(changes: Changes, author: &str, reason: &str) -> Vec<LabelEpisodesRequest> {
+    let request = |outcome, cohort: &Option<String>, ids: &[String]| LabelEpisodesRequest {
+        episode_ids: ids.to_vec(),
+        outcome,
+        cohort: cohort.clone(),
+        author: author.to_owned(),
+        reason: reason.to_owned(),
+    };
+    let parts = |((outcome, cohort), ids): ((i32, Option<String>), Vec<String>)| {
+        ids.chunks(MANY_EPISODES).map(|ids| request(outcome, &cohort, ids)).collect::<Vec<_>>()
+    };
+    changes.into_iter().flat_map(parts).collect()
+}
 
 fn name_of(task: &Task) -> &str {
     task.spec.as_ref().map_or(task.id.as_str(), |spec| spec.name.as_str())
@@ -219,6 +228,19 @@ mod tests {
         ];
         let rows: Vec<&LabelledFile> = rows.iter().collect();
         assert_eq!(changes("pick", &rows, &episodes).unwrap(), BTreeMap::from(expected));
+    }
+
+    #[test]
+    fn a_call_has_at_most_the_episodes_that_the_server_takes() {
+        let ids = |count: usize| (0..count).map(|at| format!("ep_{at}")).collect::<Vec<_>>();
+        let (success, failure) = (i32::from(Outcome::Success), i32::from(Outcome::Failure));
+        let changes = Changes::from([((success, None), ids(20_001)), ((failure, Some("night".into())), ids(3))]);
+        let calls = requests(changes, "anna", "audit");
+        let sizes: Vec<(i32, usize)> = calls.iter().map(|call| (call.outcome, call.episode_ids.len())).collect();
+        assert_eq!(sizes, [(success, 10_000), (success, 10_000), (success, 1), (failure, 3)]);
+        assert_eq!(calls[2].episode_ids, ["ep_20000"]);
+        assert!(calls.iter().all(|call| call.author == "anna" && call.reason == "audit"));
+        assert_eq!(calls[3].cohort.as_deref(), Some("night"));
     }
 
     #[test]

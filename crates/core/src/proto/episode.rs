@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Most episodes labelled or deleted in one call.
-const MANY_EPISODES: usize = 10_000;
+pub const MANY_EPISODES: usize = 10_000;
 
 /// Reads an episode's id.
 pub fn episode_id(text: &str) -> Result<EpisodeId> {

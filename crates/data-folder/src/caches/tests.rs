@@ -76,6 +76,18 @@ fn a_file_used_since_the_listing_stays() {
 }
 
 #[test]
+fn a_file_that_is_kept_for_its_use_counts_against_the_limit() {
+    let folder = Folder::new();
+    let all = [10, 20, 30, 40].map(|used| folder.file(&used.to_string(), "frames", used));
+    let caches = folder.caches(Some(40));
+    assert_eq!(caches.fit(0).unwrap(), 0);
+    note_use(&all[0]);
+    assert_eq!((caches.fit(10).unwrap(), there(&all)), (10, [true, false, true, true]));
+    folder.file("first", "frames", 50);
+    assert_eq!((caches.fit(10).unwrap(), there(&all)), (10, [true, false, false, true]), "40 bytes are there");
+}
+
+#[test]
 fn a_missing_folder_has_no_files() {
     let dir = tempfile::tempdir().unwrap();
     assert_eq!(Caches::at(dir.path()).evict(1).unwrap(), 0);

@@ -44,7 +44,7 @@ pub(super) async fn list(request: PageRequest) -> Answer {
         h1 { "Deployments" }
         p.lead { "The policies served to robots and simulators, by name." }
         @if rows.is_empty() {
-            p.panel.empty { "No deployments yet. Create one with " code { "gleaner deploy NAME POLICY" } "." }
+            (empty())
         } @else {
             div.scroll { table {
                 thead { tr { th { "Name" } th { "Task" } th { "Policy" } th { "Live score" } th.number { "Sessions" }
@@ -56,6 +56,12 @@ pub(super) async fn list(request: PageRequest) -> Answer {
     };
     let head = Head { title: "Deployments", tab: Tab::Deployments, task: None, script: None };
     Ok(shell::page(&request, &head, &body).into_response())
+}
+
+fn empty() -> Markup {
+    html! {
+        p.panel.empty { "No deployments yet. Create one with " code { "gleaner deploy NAME --policy POLICY" } "." }
+    }
 }
 
 fn line(row: &Row) -> Markup {
@@ -93,4 +99,15 @@ fn sheet(rows: &[Row]) -> Sheet {
         ]
     };
     Sheet { name: "deployments".to_owned(), columns, rows: rows.iter().map(row).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_without_deployments_shows_the_command_that_creates_one() {
+        let shown = empty().into_string();
+        assert!(shown.contains("<code>gleaner deploy NAME --policy POLICY</code>"), "{shown}");
+    }
 }
