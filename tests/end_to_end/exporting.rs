@@ -143,7 +143,7 @@ async fn an_episode_is_exported_whole_with_its_scores() {
     assert_eq!(own.report.topics, other.report.topics);
     let numbers = |path: &Path| survey(path, &Limits::default(), None).unwrap().topics;
     assert_eq!(numbers(&out), numbers(&copy.join("scored.mcap")), "with the ranges of q and w");
-    let shown = http::get(&page).await;
+    let shown = http::get(&format!("{page}?run={}", shared.run)).await;
     assert!(shown.contains(&format!("/scored.mcap?run={}&amp;beta=0.5", shared.run)), "{shown}");
     let left: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left, ["scored.mcap"]);

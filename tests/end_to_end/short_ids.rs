@@ -55,7 +55,7 @@ async fn a_command_without_an_input_names_what_makes_one() {
     let server = TestServer::start_with(&["--workers", "0"]).await;
     json(server.url(), &["task", "create", "--sim", "pick_cube"]).await;
     for (words, part) in [
-        (vec!["score", "--scorer", "ssdf"], "there is no trained encoder yet; make one with `gleaner pretrain --wait`"),
+        (vec!["score", "--scorer", "ssdf"], "the scorer ssdf reads an encoder"),
         (vec!["score"], "no expert"),
         (vec!["train"], "there is no dataset yet"),
         (vec!["dataset", "create"], "there is no score run yet"),
@@ -99,7 +99,7 @@ async fn scores_by_default_need_no_pretraining() {
     let train = gleaner(url, &["train", "--steps", "2", "--batch", "4", "--wait"]).await;
     assert!(train.success, "the default policy begins from scratch: {}", train.errors);
     for (words, part) in [
-        (vec!["score", "--scorer", "ssdf"], "there is no trained encoder yet"),
+        (vec!["score", "--scorer", "ssdf"], "spec.score.encoder_id: must be set: the scorer ssdf reads an encoder"),
         (vec!["train", "--policy", "finetune"], "an encoder of one step"),
         (vec!["train", "--initial-weights", "encoder"], "an encoder of one step"),
     ] {

@@ -173,25 +173,12 @@ fn runs_last(given: &[Given]) -> Vec<(usize, &Given)> {
 /// The newest of a task, which a command takes if none is given; a note names it.
 pub(crate) async fn newest(context: &Context, client: &Client, kind: Kind, task: Option<&str>) -> Result<String> {
     let task = context.task(client, task).await?;
-    if let Some(id) = newest_if_any(context, client, kind, &task).await? {
-        return Ok(id);
-    }
-    choose(kind, LATEST, &[], true).map(Option::unwrap_or_default).map_err(Failure::message)
-}
-
-/// The newest of a task, if the task has one; a note names it.
-pub(crate) async fn newest_if_any(
-    context: &Context,
-    client: &Client,
-    kind: Kind,
-    task: &str,
-) -> Result<Option<String>> {
-    let found = listed::ids(client, kind, &Tasks::one(task), LATEST).await?;
-    let newest = found.into_iter().map(|entry| entry.id).max();
-    if let Some(id) = &newest {
-        context.output.note(format_args!("{} {id} (the newest of {task})", kind.words().0));
-    }
-    Ok(newest)
+    let found = listed::ids(client, kind, &Tasks::one(&task), LATEST).await?;
+    let Some(id) = found.into_iter().map(|entry| entry.id).max() else {
+        return choose(kind, LATEST, &[], true).map(Option::unwrap_or_default).map_err(Failure::message);
+    };
+    context.output.note(format_args!("{} {id} (the newest of {task})", kind.words().0));
+    Ok(id)
 }
 
 /// Whether this can be what follows the prefix of an id.

@@ -25,9 +25,11 @@ pub enum JobOrder {
     },
     /// Quality scores.
     Score {
-        /// The encoder whose features are compared; `None` only with `extends`: the encoder of that run.
+        /// The encoder whose features are compared; `None` takes the encoder of the run to extend, or the task's newest, or
+        /// an untrained one for a scorer that reads none.
         encoder_id: Option<EncoderId>,
-        /// The episodes to score; `None` takes the encoder's own snapshot.
+        /// The episodes to score; `None` takes the task's present ones, under the rule of the encoder's snapshot or of the
+        /// run to extend.
         snapshot_id: Option<SnapshotId>,
         /// A finished run to extend.
         extends: Option<ScoreRunId>,

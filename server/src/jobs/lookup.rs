@@ -28,25 +28,24 @@ impl Jobs {
         Ok(id)
     }
 
-    /// The snapshot that a scoring names, or the encoder's own.
+    /// The snapshot that a scoring names, or the task's present episodes under the rule of an earlier one.
     pub(super) async fn scored_snapshot(
         &self,
         task: &TaskId,
         named: Option<SnapshotId>,
-        own: SnapshotId,
+        earlier: &SnapshotId,
     ) -> Result<SnapshotId> {
         match named {
             Some(id) => self.snapshot(task, "spec.score.snapshot_id", Some(id), &RoleRule::default()).await,
-            None => Ok(own),
+            None => self.0.store.renewed_snapshot(earlier).await,
         }
     }
 
-    /// The job that makes an encoder, and the encoder's snapshot.
+    /// The job that makes an encoder, and the encoder's snapshot, of which recordings may have been deleted since.
     pub(super) async fn encoder(&self, task: &TaskId, field: &str, id: &EncoderId) -> Result<(JobId, SnapshotId)> {
         match self.0.store.job_of_result(id.as_str()).await? {
             Some(Job { id: maker, task_id, spec: JobSpec::Pretrain { snapshot_id, .. }, .. }) => {
                 same_task(field, id.as_str(), &task_id, task)?;
-                self.0.store.expect_recordings(&snapshot_id).await?;
                 Ok((maker, snapshot_id))
             }
             Some(_) | None => Err(Error::not_found("encoder", id)),

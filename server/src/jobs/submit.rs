@@ -4,7 +4,7 @@
 use super::{
     Jobs,
     chain::{MAX_ATTEMPTS, chain},
-    kinds,
+    kinds::{self, Resolved},
 };
 use crate::{
     domain::{
@@ -32,21 +32,17 @@ impl Jobs {
         self.accept_options(&queueing.engine_options)?;
         self.0.blobs.room_for(0).await?;
         self.expect_weights(&order).await?;
-        let resolved = kinds::resolve(self, task, order).await?;
-        let Queueing { priority, needs, max_attempts, key, engine_options } = queueing;
+        let mut resolved = kinds::resolve(self, task, order).await?;
+        let key = queueing.key.clone();
+        let mut jobs: Vec<NewJob> = Vec::new();
+        if let Some(first) = resolved.first.take() {
+            let job = new_job(task, *first, &queueing);
+            resolved.maker = Some(job.id.clone());
+            jobs.push(job);
+        }
         let keyed = (!key.is_empty()).then(|| Keyed { key: key.clone(), order: ordered.clone() });
-        let job = NewJob {
-            id: JobId::new(),
-            task_id: task.clone(),
-            spec: resolved.spec,
-            result_id: resolved.result_id,
-            priority,
-            max_attempts: max_attempts.unwrap_or(MAX_ATTEMPTS),
-            engine_options,
-            needs: resolved.maker.into_iter().chain(needs).collect(),
-            keyed,
-        };
-        match self.queue(Plan { jobs: vec![job], ..Plan::default() }).await {
+        jobs.push(NewJob { keyed, ..new_job(task, resolved, &queueing) });
+        match self.queue(Plan { jobs, ..Plan::default() }).await {
             Ok(mut queued) => queued.pop().ok_or_else(|| Error::internal("queueing a job", "the new job has no row")),
             // Another caller queued the same work in the meantime.
             Err(error) if error.kind() == Kind::Exists => self.known(task, &ordered, &key).await?.ok_or(error),
@@ -162,6 +158,22 @@ impl Jobs {
         self.0.changed.send_replace(());
         self.0.ready.notify_one();
         Ok(queued)
+    }
+}
+
+/// A job without a key.
+fn new_job(task: &TaskId, resolved: Resolved, queueing: &Queueing) -> NewJob {
+    let Resolved { spec, result_id, maker, first: _ } = resolved;
+    NewJob {
+        id: JobId::new(),
+        task_id: task.clone(),
+        spec,
+        result_id,
+        priority: queueing.priority,
+        max_attempts: queueing.max_attempts.unwrap_or(MAX_ATTEMPTS),
+        engine_options: queueing.engine_options.clone(),
+        needs: maker.into_iter().chain(queueing.needs.iter().cloned()).collect(),
+        keyed: None,
     }
 }
 

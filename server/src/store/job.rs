@@ -1,5 +1,7 @@
 //! Rows of jobs: reading them and queueing new ones. Changes of state are in `queue`.
 
+use futures::TryStreamExt as _;
+
 use super::{
     Store, curation, dataset, fault, is_duplicate,
     row::{self, Column as _, record},
@@ -8,8 +10,8 @@ use super::{
 };
 use crate::{
     domain::{
-        id::{JobId, TaskId},
-        job::{Job, JobState},
+        id::{EncoderId, JobId, TaskId},
+        job::{Job, JobSpec, JobState},
         order::{JobFilter, KeyedOrder, NewJob, Plan},
         placement::Placement,
         time::Millis,
@@ -72,6 +74,26 @@ impl Store {
             .fetch_optional(self.read())
             .await
             .map_err(fault("reading the job of a result"))
+    }
+
+    /// The encoder that the task's newest pretraining makes or has made, unless that failed or was cancelled: a trained one,
+    /// or, if `trained` is false and the task has none, an untrained one.
+    pub(crate) async fn newest_encoder(&self, task: &TaskId, trained: bool) -> Result<Option<EncoderId>> {
+        let mut jobs = sql::query(select_jobs!(
+            "where task_id = $1 and kind = 'pretrain' and state in ('queued', 'running', 'succeeded') order by id desc"
+        ))
+        .bind(task.param())
+        .try_map(row::read::<Job>)
+        .fetch(self.read());
+        let mut untrained = None;
+        while let Some(job) = jobs.try_next().await.map_err(fault("looking for a task's newest encoder"))? {
+            let id = EncoderId::parse("result_id", &job.result_id)?;
+            if matches!(job.spec, JobSpec::Pretrain { spec, .. } if !spec.is_untrained()) {
+                return Ok(Some(id));
+            }
+            untrained = untrained.or(Some(id));
+        }
+        Ok(untrained.filter(|_| !trained))
     }
 
     /// Jobs of a task whose specs name one of these ids (of snapshots, results or datasets), oldest first. Ids occur in

@@ -52,6 +52,34 @@ impl Store {
     pub(crate) async fn create_snapshot(&self, task: &TaskId, rule: &RoleRule) -> Result<Snapshot> {
         let mut tx = self.write().await?;
         let members = members_now(&mut tx, task, rule).await?;
+        self.insert_snapshot(tx, task, rule, &members).await
+    }
+
+    /// The task's present episodes and labels under the rule of a snapshot: that snapshot if it has the same ones, a new
+    /// one otherwise.
+    ///
+    /// # Errors
+    /// NotFound; otherwise as for [`Store::create_snapshot`].
+    pub(crate) async fn renewed_snapshot(&self, id: &SnapshotId) -> Result<SnapshotId> {
+        let (Snapshot { task_id, rule, .. }, had) = self.snapshot(id).await?;
+        let mut tx = self.write().await?;
+        let members = members_now(&mut tx, &task_id, &rule).await?;
+        let now = members
+            .iter()
+            .map(|(Member { episode_id, cohort, role, .. }, outcome)| (episode_id, cohort, role, outcome));
+        if had.iter().map(|episode| (&episode.episode_id, &episode.cohort, &episode.role, &episode.outcome)).eq(now) {
+            return Ok(id.clone());
+        }
+        Ok(self.insert_snapshot(tx, &task_id, &rule, &members).await?.id)
+    }
+
+    async fn insert_snapshot(
+        &self,
+        mut tx: Transaction,
+        task: &TaskId,
+        rule: &RoleRule,
+        members: &[(Member, Outcome)],
+    ) -> Result<Snapshot> {
         let count = |role| members.iter().filter(|(member, _)| member.role == role).count() as u64;
         let snapshot = Snapshot {
             id: SnapshotId::new(),
@@ -62,7 +90,7 @@ impl Store {
             created_at: Millis::now(),
         };
         check_both_sides(&snapshot)?;
-        insert(&mut tx, &snapshot, &members).await?;
+        insert(&mut tx, &snapshot, members).await?;
         crate::fail_point::pass("snapshot.rows_written");
         self.commit(tx).await?;
         crate::fail_point::pass("snapshot.committed");

@@ -78,7 +78,7 @@ async fn jobs_with_unknown_inputs_are_rejected() {
     for (spec, code, words) in [
         wrong(pretrain("x"), "spec.pretrain.snapshot_id: "),
         absent(pretrain(&absent_id("snap")), absent_id("snap")),
-        wrong(score("", "", ""), "spec.score.encoder_id: "),
+        wrong(score("x", "", ""), "spec.score.encoder_id: "),
         absent(score(&absent_id("enc"), "", ""), absent_id("enc")),
         wrong(score(encoder, "x", ""), "spec.score.snapshot_id: "),
         absent(score(encoder, &absent_id("snap"), ""), absent_id("snap")),

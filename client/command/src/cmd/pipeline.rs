@@ -6,7 +6,7 @@ use gleaner_core::arguments::{Given, Pipeline, TRAIN};
 use gleaner_core::kinds::{Family, Kind};
 use gleaner_core::proto::{selection::whole_shape, to_struct};
 use gleaner_core::selection::Rule;
-use gleaner_core::{Group as _, InitialWeights, NormaliserKind, OptimSpec, Words as _};
+use gleaner_core::{Group as _, InitialWeights, NormaliserKind, OptimSpec, PretrainSpec, Words as _};
 use gleaner_proto::v1::{
     EvaluateSpec, GetDatasetRequest, GetScoreRunRequest, Job, JobKind, PipelineSpec, ScoreSpec, SubmitPipelineRequest,
     TrainSpec,
@@ -54,9 +54,9 @@ pub(crate) struct PipelineArgs {
 }
 
 /// The settings of --quick.
-const QUICK: [(&str, u32); 4] = [("steps", 300), ("batch", 32), ("train_steps", 800), ("train_batch", 32)];
+const QUICK: [(&str, u64); 4] = [("steps", 300), ("batch", 32), ("train_steps", 800), ("train_batch", 32)];
 /// The settings of a pretraining whose encoder has no use but its name and its sizes.
-const UNREAD: [(&str, u32); 2] = [("steps", 1), ("batch", 32)];
+const UNREAD: [(&str, u64); 2] = [("steps", PretrainSpec::UNTRAINED_STEPS), ("batch", 32)];
 
 impl PipelineArgs {
     pub(crate) fn spec(&self) -> PipelineSpec {

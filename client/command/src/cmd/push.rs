@@ -39,7 +39,8 @@ pub(crate) struct PushArgs {
     #[arg(long, requires = "paths", conflicts_with = "labels")]
     join: bool,
     /// Cut each recording into episodes at the messages of this topic. A message begins an episode; a text with a word such
-    /// as stop, success, failure or discard, or a false flag, ends it. Takes disk for the recording once more.
+    /// as stop, success, failure (or no success) or discard, or a false flag, ends it. Takes disk for the recording once
+    /// more. Of a recording that ends in the middle, the last episode is rejected.
     #[arg(long, value_name = "TOPIC", requires = "paths", conflicts_with_all = ["join", "labels", "check"])]
     episodes_from: Option<String>,
     /// Cut one recording into episodes by the times in this file, with the columns start and end (seconds from the first

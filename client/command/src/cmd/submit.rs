@@ -43,12 +43,12 @@ impl PretrainCommand {
 
 #[derive(Args, Debug)]
 pub(crate) struct ScoreCommand {
-    /// Id of the encoder, whose job may be queued. Default: the newest of the task; with --extends, that of the run. If the
-    /// task has none and the scorer does not read it, as by default, one of a single step is trained first, on --snapshot or
-    /// a new snapshot of the task.
+    /// Id of the encoder, whose job may be queued. Default: the newest trained one of the task; with --extends, that of the
+    /// run. If the task has none and the scorer does not read it, as by default, one of a single step is made first.
     #[arg(long)]
     encoder: Option<String>,
-    /// Id of the snapshot to score. Default: the snapshot of the encoder.
+    /// Id of the snapshot to score. Default: the present episodes of the task, under the rule of the encoder's snapshot or,
+    /// with --extends, of that run's.
     #[arg(long)]
     snapshot: Option<String>,
     /// Name or id of the task. Default: the encoder's.
@@ -68,27 +68,21 @@ pub(crate) struct ScoreCommand {
 impl ScoreCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
-        let extends = self.extends.unwrap_or_default();
-        let encoder_id = match self.encoder {
-            Some(encoder) => encoder,
-            None if extends.is_empty() => {
-                let task = context.task(&client, self.task.as_deref()).await?;
-                let from = encoder::From {
-                    snapshot: self.snapshot.as_deref(),
-                    priority: self.submit.priority,
-                    key: &self.job.key,
-                    engine_options: &self.job.engine.options,
-                };
-                encoder::newest(context, &client, &task, &self.settings.values, from).await?
-            }
-            None => String::new(),
+        let (encoder_id, extends) = (self.encoder.unwrap_or_default(), self.extends.unwrap_or_default());
+        let task = match [&encoder_id, &extends].into_iter().find(|id| !id.is_empty()) {
+            Some(known) => context.task_of_result(&client, self.task.as_deref(), known).await?,
+            None => context.task(&client, self.task.as_deref()).await?,
         };
-        let known = if encoder_id.is_empty() { &extends } else { &encoder_id };
-        let task = context.task_of_result(&client, self.task.as_deref(), known).await?;
         let settings = Some(to_struct(&self.settings.values));
+        // The server chooses an encoder if neither is given.
+        let chosen = encoder_id.is_empty() && extends.is_empty();
         let spec = ScoreSpec { encoder_id, snapshot_id: self.snapshot.unwrap_or_default(), extends, settings };
         let submission = Submission { task, spec: Spec::Score(spec), job: self.job };
-        submission.submit(context, &client, &self.submit).await
+        let job = submission.queue(context, &client, &self.submit).await?;
+        if chosen {
+            encoder::note_chosen(context, &client, &job).await?;
+        }
+        finish(context, &client, job, &self.submit).await
     }
 }
 
@@ -120,7 +114,7 @@ impl TrainCommand {
         let client = context.client().await?;
         let (task, data) = self.data(context, &client).await?;
         if let Data::DatasetId(dataset) = &data {
-            encoder::expect_trained(context, &client, &task, dataset, &self.settings.values).await?;
+            encoder::note_unused(context, &client, &task, dataset, &self.settings.values).await?;
         }
         let spec = TrainSpec { data: Some(data), settings: Some(to_struct(&self.settings.values)) };
         let submission = Submission { task, spec: Spec::Train(spec), job: self.job };
@@ -172,6 +166,11 @@ pub(crate) struct Submission {
 impl Submission {
     /// Queues the job, waits for it with --wait, and prints its state.
     pub(crate) async fn submit(self, context: &Context, client: &Client, args: &SubmitArgs) -> Result<()> {
+        let job = self.queue(context, client, args).await?;
+        finish(context, client, job, args).await
+    }
+
+    async fn queue(self, context: &Context, client: &Client, args: &SubmitArgs) -> Result<Job> {
         let request = SubmitJobRequest {
             task: self.task,
             spec: Some(JobSpec { spec: Some(self.spec) }),
@@ -180,17 +179,21 @@ impl Submission {
             engine_options: self.job.engine.options,
             ..SubmitJobRequest::default()
         };
-        let mut job = queued(context, &self.job.key, client.submit_job(request).await)?;
-        if args.wait {
-            job = follow::to_success(context, client, &job.id).await?;
-        }
-        if args.wait && job.kind() == JobKind::Score {
-            histogram::warn(context, client, &job.result_id, 0.0).await;
-        }
-        context.output.result(|| json::value(&job), || outcome(&job))?;
-        context.output.next(if args.wait { after(&job) } else { format!("gleaner watch {}", job.id) });
-        Ok(())
+        queued(context, &self.job.key, client.submit_job(request).await)
     }
+}
+
+/// Waits for a queued job with --wait, and prints its state.
+async fn finish(context: &Context, client: &Client, mut job: Job, args: &SubmitArgs) -> Result<()> {
+    if args.wait {
+        job = follow::to_success(context, client, &job.id).await?;
+    }
+    if args.wait && job.kind() == JobKind::Score {
+        histogram::warn(context, client, &job.result_id, 0.0).await;
+    }
+    context.output.result(|| json::value(&job), || outcome(&job))?;
+    context.output.next(if args.wait { after(&job) } else { format!("gleaner watch {}", job.id) });
+    Ok(())
 }
 
 /// One line on a job: what it is doing or did, and what it makes.

@@ -1,6 +1,7 @@
 //! The ids that a server has, each with its task.
 
 use gleaner_client::Client;
+use gleaner_core::PretrainSpec;
 use gleaner_core::proto::from_struct;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::{
@@ -159,7 +160,11 @@ pub(crate) async fn encoders(client: &Client, task: Option<&str>) -> Result<Vec<
     let encoder = |job: Job| {
         let Some(Spec::Pretrain(spec)) = job.spec.and_then(|spec| spec.spec) else { return None };
         let steps = from_struct(spec.settings).get("steps").and_then(serde_json::Value::as_u64);
-        Some(Encoder { id: job.result_id, task_id: job.task_id, is_trained: steps != Some(1) })
+        Some(Encoder {
+            id: job.result_id,
+            task_id: job.task_id,
+            is_trained: steps != Some(PretrainSpec::UNTRAINED_STEPS),
+        })
     };
     Ok(unfailed(client, task).await?.filter_map(encoder).collect())
 }

@@ -72,8 +72,12 @@ class Jobs:
         """Queues the pretraining of an encoder over experts and imperfect episodes."""
         return self._submit("pretrain", task, dict(given), settings.PretrainSettings)
 
-    def score(self, task: str, encoder_id: str, **given: Unpack[settings.ScoreSettings]) -> Job:
-        """Queues the scoring of every imperfect segment with an encoder."""
+    def score(self, task: str, encoder_id: str = "", **given: Unpack[settings.ScoreSettings]) -> Job:
+        """Queues the scoring of every imperfect segment.
+
+        Without `encoder_id` the server takes the newest encoder of the task. A scorer that reads none, as by default,
+        needs no pretraining.
+        """
         return self._submit("score", task, {"encoder_id": encoder_id, **given}, settings.ScoreSettings)
 
     def train(self, task: str, **given: Unpack[settings.TrainSettings]) -> Job:

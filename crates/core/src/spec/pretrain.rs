@@ -45,6 +45,21 @@ impl Default for PretrainSpec {
 }
 
 impl PretrainSpec {
+    /// Steps of an encoder that gives scorers the statistics of its snapshot, and nothing that was learned.
+    pub const UNTRAINED_STEPS: u64 = 1;
+
+    /// The settings of such an encoder.
+    #[must_use]
+    pub fn untrained() -> Self {
+        Self { optim: OptimSpec { steps: Self::UNTRAINED_STEPS, ..OptimSpec::default() }, ..Self::default() }
+    }
+
+    /// Whether these settings make such an encoder.
+    #[must_use]
+    pub fn is_untrained(&self) -> bool {
+        self.optim.steps == Self::UNTRAINED_STEPS
+    }
+
     /// Every setting.
     #[must_use]
     pub fn schema() -> Vec<Setting> {

@@ -87,6 +87,12 @@ impl ScoreSpec {
         Family::Scorer.find(&self.scorer.name).is_some_and(|kind| kind.needs.all_episodes)
     }
 
+    /// Whether the scorer reads what an encoder has learned.
+    #[must_use]
+    pub fn needs_encoder(&self) -> bool {
+        Family::Scorer.find(&self.scorer.name).is_some_and(|kind| kind.needs.encoder)
+    }
+
     /// Every setting with its value.
     #[must_use]
     pub fn values(&self) -> Values {

@@ -41,8 +41,7 @@ pub(super) async fn extension(
         return Err(Error::internal("reading a run's spec", "its job is not a score job"));
     };
     let spec = settings(&requested, frozen)?;
-    let (_, own) = jobs.encoder(task, "spec.score.encoder_id", scored_with).await?;
-    let snapshot_id = jobs.scored_snapshot(task, snapshot, own).await?;
+    let snapshot_id = jobs.scored_snapshot(task, snapshot, &base.snapshot_id).await?;
     has_every_expert(jobs, &base, &snapshot_id).await?;
     Ok(JobSpec::Score { encoder_id: scored_with.clone(), snapshot_id, extends: Some(run.clone()), spec })
 }

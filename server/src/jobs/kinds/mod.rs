@@ -29,11 +29,13 @@ pub(super) struct Resolved {
     pub(super) result_id: String,
     /// The job that makes its input, if there is one.
     pub(super) maker: Option<JobId>,
+    /// The job to queue before it, which makes an input that it lacks.
+    pub(super) first: Option<Box<Resolved>>,
 }
 
 impl Resolved {
     fn new(spec: JobSpec, maker: Option<JobId>) -> Self {
-        Self { result_id: new_result(spec.kind()), spec, maker }
+        Self { result_id: new_result(spec.kind()), spec, maker, first: None }
     }
 }
 

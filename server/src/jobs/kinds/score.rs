@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use gleaner_core::ScoreSpec;
+use gleaner_core::{PretrainSpec, ScoreSpec};
 
 use super::{Resolved, extend, result_id};
 use crate::{
@@ -10,7 +10,7 @@ use crate::{
         id::{EncoderId, EpisodeId, ScoreRunId, SnapshotId, TaskId},
         job::{Job, JobSpec},
         score::{EpisodeScores, Origin, ScoreRun},
-        snapshot::{Role, SnapshotEpisode},
+        snapshot::{Role, RoleRule, SnapshotEpisode},
         time::Millis,
         work::{FrozenRun, Inputs},
     },
@@ -19,7 +19,10 @@ use crate::{
     store::{Store, finish::JobResult},
 };
 
-/// Without a snapshot, the encoder's own is scored.
+const ENCODER: &str = "spec.score.encoder_id";
+
+/// Without an encoder, the newest of the task is taken; without a snapshot, the task's present
+/// episodes are scored under the rule of the encoder's own.
 pub(super) async fn resolve(
     jobs: &Jobs,
     task: &TaskId,
@@ -31,11 +34,31 @@ pub(super) async fn resolve(
         let spec = extend::extension(jobs, task, &run, (encoder, snapshot), spec).await?;
         return Ok(Resolved::new(spec, jobs.0.store.score_run(&run).await?.origin.job_id().cloned()));
     }
-    let field = "spec.score.encoder_id";
-    let encoder_id = encoder.ok_or_else(|| Error::invalid(field, "must be set"))?;
-    let (maker, own) = jobs.encoder(task, field, &encoder_id).await?;
-    let snapshot_id = jobs.scored_snapshot(task, snapshot, own).await?;
+    let encoder = match encoder {
+        Some(named) => Some(named),
+        None => jobs.0.store.newest_encoder(task, spec.needs_encoder()).await?,
+    };
+    let Some(encoder_id) = encoder else { return untrained(jobs, task, snapshot, spec).await };
+    let (maker, own) = jobs.encoder(task, ENCODER, &encoder_id).await?;
+    let snapshot_id = jobs.scored_snapshot(task, snapshot, &own).await?;
     Ok(Resolved::new(JobSpec::Score { encoder_id, snapshot_id, extends: None, spec }, Some(maker)))
+}
+
+/// A scoring in a task without an encoder: a scorer that reads none gets an untrained one, for the statistics of the steps.
+async fn untrained(jobs: &Jobs, task: &TaskId, snapshot: Option<SnapshotId>, spec: ScoreSpec) -> Result<Resolved> {
+    if spec.needs_encoder() {
+        let scorer = &spec.scorer.name;
+        let message = format!(
+            "must be set: the scorer {scorer} reads an encoder, and the task has no trained one; pretrain one first"
+        );
+        return Err(Error::invalid(ENCODER, message));
+    }
+    let snapshot_id = jobs.snapshot(task, "spec.score.snapshot_id", snapshot, &RoleRule::default()).await?;
+    let pretrain = JobSpec::Pretrain { snapshot_id: snapshot_id.clone(), spec: PretrainSpec::untrained() };
+    let first = Resolved::new(pretrain, None);
+    let encoder_id = EncoderId::parse("result_id", &first.result_id)?;
+    let score = Resolved::new(JobSpec::Score { encoder_id, snapshot_id, extends: None, spec }, None);
+    Ok(Resolved { first: Some(Box::new(first)), ..score })
 }
 
 pub(super) async fn inputs(

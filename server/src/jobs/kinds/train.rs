@@ -35,6 +35,7 @@ async fn learned_from(
     match data {
         TrainData::ExpertsOf(encoder) => {
             let (maker, snapshot) = jobs.encoder(task, "spec.train.experts_of", &encoder).await?;
+            jobs.0.store.expect_recordings(&snapshot).await?;
             Ok(if scratch { (None, None, snapshot, None) } else { (Some(maker), Some(encoder), snapshot, None) })
         }
         TrainData::ExpertsIn(id) => {
@@ -49,8 +50,25 @@ async fn learned_from(
                      starts from; import them again with an encoder_id, or train a policy from scratch, such as bc"
                 )));
             }
-            Ok((maker, encoder.filter(|_| !scratch), snapshot, Some(dataset)))
+            let encoder = encoder.filter(|_| !scratch);
+            if let Some(encoder) = &encoder {
+                expect_trained(jobs, &dataset, encoder).await?;
+            }
+            Ok((maker, encoder, snapshot, Some(dataset)))
         }
+    }
+}
+
+/// Fails if the scores of a dataset name an encoder that has learned nothing, which a scorer that reads none leaves.
+async fn expect_trained(jobs: &Jobs, dataset: &DatasetId, encoder: &EncoderId) -> Result<()> {
+    match jobs.0.store.job_of_result(encoder.as_str()).await? {
+        Some(Job { spec: JobSpec::Pretrain { spec, .. }, .. }) if spec.is_untrained() => {
+            Err(Error::precondition(format!(
+                "spec.train.dataset_id: {dataset} was scored with an encoder of one step, which this policy would begin \
+                 with; train a policy from scratch, such as bc, or pretrain an encoder and score with it"
+            )))
+        }
+        Some(_) | None => Ok(()),
     }
 }
 

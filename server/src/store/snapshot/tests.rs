@@ -36,6 +36,35 @@ async fn a_snapshot_does_not_change_when_labels_do() {
 }
 
 #[tokio::test]
+async fn a_snapshot_is_renewed_if_its_rule_has_other_episodes_now() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let first = testing::episode(&store, &task, Outcome::Success, "good").await;
+    testing::episode(&store, &task, Outcome::Failure, "bad").await;
+    let rule =
+        RoleRule { expert_cohorts: vec!["good".into()], imperfect_cohorts: vec!["bad".into()], ..RoleRule::default() };
+    let old = store.create_snapshot(&task.id, &rule).await.unwrap().id;
+    assert_eq!(store.renewed_snapshot(&old).await.unwrap(), old);
+    testing::episode(&store, &task, Outcome::Failure, "elsewhere").await;
+    assert_eq!(store.renewed_snapshot(&old).await.unwrap(), old, "the rule leaves it out");
+
+    let second = testing::episode(&store, &task, Outcome::Failure, "bad").await;
+    let grown = store.renewed_snapshot(&old).await.unwrap();
+    let (snapshot, members) = store.snapshot(&grown).await.unwrap();
+    assert_eq!((snapshot.rule, snapshot.imperfect_episodes, members.len()), (rule, 2, 3));
+    assert!(members.iter().any(|member| member.episode_id == second.id));
+    let relabel = async |outcome, cohort: &str| {
+        let (outcome, cohort) = (Some(outcome), Some(cohort.to_owned()));
+        let label = NewLabel { outcome, cohort, author: "ada".into(), reason: String::new() };
+        store.label_episodes(std::slice::from_ref(&first.id), &label).await.unwrap();
+    };
+    relabel(Outcome::Unknown, "good").await;
+    assert_ne!(store.renewed_snapshot(&grown).await.unwrap(), grown, "a label is part of a snapshot");
+    relabel(Outcome::Success, "elsewhere").await;
+    assert_eq!(store.renewed_snapshot(&old).await.unwrap_err().kind(), Kind::Precondition);
+}
+
+#[tokio::test]
 async fn a_snapshot_needs_both_sides() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;

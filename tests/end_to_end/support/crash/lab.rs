@@ -70,6 +70,12 @@ impl Lab {
         let job_spec::Spec::Pretrain(spec) = often else { panic!("not pretrain") };
         job_spec::Spec::Pretrain(PretrainSpec { snapshot_id: self.snapshot.clone(), ..spec })
     }
+
+    /// A scoring of the core only, because episodes in a snapshot cannot be deleted.
+    pub fn score(&self) -> job_spec::Spec {
+        let (encoder_id, snapshot_id) = (self.encoder.clone(), self.snapshot.clone());
+        job_spec::Spec::Score(ScoreSpec { encoder_id, snapshot_id, ..ScoreSpec::default() })
+    }
 }
 
 /// The n-th recording of the load.

@@ -193,7 +193,7 @@ async fn jobs(lab: Arc<Lab>, stop: CancellationToken) {
     while !stop.is_cancelled() {
         n += 1;
         let spec = match n % 4 {
-            0 => common::score(&lab.encoder),
+            0 => lab.score(),
             1 | 3 => lab.pretrain(4 + n % 4),
             _ => common::train(train_spec::Data::ExpertsOf(lab.encoder.clone()), 2 + n % 5),
         };

@@ -17,7 +17,7 @@ pub(super) fn order(at: &str, spec: v1::ScoreSpec) -> Result<JobOrder> {
         id => Some(ScoreRunId::parse(&format!("{at}.extends"), id)?),
     };
     let encoder_id = match encoder_id.as_str() {
-        "" if extends.is_some() => None,
+        "" => None,
         id => Some(EncoderId::parse(&format!("{at}.encoder_id"), id)?),
     };
     let snapshot_id = optional_snapshot(at, &snapshot_id)?;

@@ -57,7 +57,7 @@ fn a_wrong_field_is_named_by_its_path() {
     each_is_rejected([
         (pretrain_with(|spec| spec.snapshot_id = "../x".into()), "spec.pretrain.snapshot_id: "),
         (pretrain_with(|spec| spec.rule = negative()), "spec.pretrain.rule.imperfect_per_expert: "),
-        (Sent::Score(v1::ScoreSpec::default()), "spec.score.encoder_id: "),
+        (score_with(|spec| spec.encoder_id = "enc_7".into()), "spec.score.encoder_id: "),
         (score_with(|spec| spec.extends = "enc_7".into()), "spec.score.extends: "),
         (train_with(json!({"policy": "act"}), |spec| spec.data = None), "spec.train.data: must be set"),
         (
