@@ -9,6 +9,21 @@ pub enum SequenceId {
     Text(String),
 }
 
+impl SequenceId {
+    /// The seed of what a policy draws in the sequence, so that sequences draw other actions than each other, and one that
+    /// is repeated under its name the same.
+    #[must_use]
+    pub fn seed(&self) -> u64 {
+        match self {
+            Self::Number(number) => *number,
+            Self::Text(text) => {
+                let hash = blake3::hash(text.as_bytes());
+                hash.as_bytes().first_chunk().map_or(0, |first| u64::from_le_bytes(*first))
+            }
+        }
+    }
+}
+
 impl std::fmt::Display for SequenceId {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -27,4 +42,17 @@ pub struct Place {
     pub start: bool,
     /// Whether the sequence ends after this request.
     pub end: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sequences_have_seeds_of_their_own() {
+        let text = |text: &str| SequenceId::Text(text.into()).seed();
+        assert_eq!(SequenceId::Number(7).seed(), 7);
+        assert_eq!(text("arm 1"), text("arm 1"));
+        assert_ne!(text("arm 1"), text("arm 2"));
+    }
 }

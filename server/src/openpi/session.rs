@@ -67,7 +67,9 @@ async fn serve<S>(socket: &mut WebSocketStream<Counted<S>>, wanted: &Wanted, ser
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    let mut episode = Episode::open(wanted, services).await?;
+    // Each episode draws other actions than the one before it; a connection that repeats its episodes draws the same.
+    let mut seed = 0;
+    let mut episode = Episode::open(wanted, seed, services).await?;
     let metadata =
         Metadata { deployment: &wanted.deployment, policy_id: episode.policy_id.as_str(), task: &wanted.task.spec };
     send(socket, Message::binary(gleaner_openpi::metadata(&metadata))).await?;
@@ -97,7 +99,8 @@ where
         let Request { reset, cameras, proprioception } = gleaner_openpi::request(&message, &wanted.task.spec)?;
         if reset && episode.steps > 0 {
             episode.close().await?;
-            episode = Episode::open(wanted, services).await?;
+            seed += 1;
+            episode = Episode::open(wanted, seed, services).await?;
         }
         let reply = episode.act(begun, previous_ms, (cameras, proprioception)).await?;
         send(socket, Message::binary(reply)).await?;
@@ -116,7 +119,7 @@ struct Episode {
 }
 
 impl Episode {
-    async fn open(wanted: &Wanted, services: &Services) -> Result<Self> {
+    async fn open(wanted: &Wanted, seed: u64, services: &Services) -> Result<Self> {
         let (inputs, received) = mpsc::channel(1);
         let outputs = services.policies.session(ReceiverStream::new(received), services.stopping.clone());
         let period_ns = 1e9 / wanted.task.spec.rate_hz;
@@ -126,7 +129,7 @@ impl Episode {
             control_rate_hz: None,
             deadline: None,
             record: None,
-            seed: 0,
+            seed,
         };
         episode.send(SessionInput::Open(settings)).await;
         let SessionOutput::Opened { policy_id, .. } = episode.output().await? else {

@@ -23,13 +23,24 @@ pub(super) struct Memory<H> {
     pub(super) withheld: bool,
     /// Control steps since the newest one in the history that the model did not see.
     pub(super) unseen: u64,
+    /// The action executed at the newest step of the history, where an observation that the model did not see has it.
+    after: Option<Vec<f32>>,
     /// Scores the executed actions.
     pub(super) watch: Option<Watch>,
 }
 
 impl<H> Memory<H> {
     pub(super) fn new(seed: u64, watch: Option<Watch>) -> Self {
-        Self { history: None, seed, given: None, withheld: false, unseen: 0, watch }
+        Self { history: None, seed, given: None, withheld: false, unseen: 0, after: None, watch }
+    }
+
+    /// Counts `unseen` more control steps that the model does not see. `after` is the action of the robot before the first of
+    /// them.
+    pub(super) fn pass_over(&mut self, unseen: u64, after: Option<Vec<f32>>) {
+        if self.unseen == 0 {
+            self.after = after;
+        }
+        self.unseen += unseen;
     }
 
     pub(super) fn take(&mut self) -> Self {
@@ -59,20 +70,29 @@ pub(super) async fn inference_step<M: Model>(
     observation: Observation,
     reply: PendingReply,
 ) -> Result<(Memory<M::History>, StepAnswer)> {
-    let Memory { history, seed, given, withheld, unseen, mut watch } = memory;
+    let Memory { history, seed, given, withheld, unseen, after, mut watch } = memory;
     let skipped = unseen + reply.dropped;
-    let unrun = |history, given, watch, reason| {
-        (Memory { history, seed, given, withheld, unseen: skipped + 1, watch }, StepAnswer::Missed(reason))
+    let after = if skipped == 0 {
+        Some(observation.executed_action.clone()).filter(|action| !action.is_empty())
+    } else {
+        after
+    };
+    let unrun = |history, (given, after), watch, reason| {
+        let memory = Memory { history, seed, given, withheld, unseen: skipped + 1, after, watch };
+        (memory, StepAnswer::Missed(reason))
     };
     if reply.is_late() {
-        return Ok(unrun(history, given, watch, String::new()));
+        return Ok(unrun(history, (given, after), watch, String::new()));
     }
     let shape = engine.shape();
     let begun = Instant::now();
-    let mut step = observation::step_of(shape, "observation", observation).await?;
+    let mut step = observation::step_of(Arc::clone(&shape), "observation", observation).await?;
     reply.stages.decoded(begun.elapsed());
     let gap = skipped > 0 || (withheld && step.executed.is_none());
-    step.executed = step.executed.or_else(|| given.clone());
+    // That of a later step, which the model did not see, where no other is known.
+    let later = step.executed.take();
+    let known = after.clone().filter(|action| observation::is_action(&shape, action));
+    step.executed = known.or_else(|| given.clone().filter(|_| !withheld)).or(later).or_else(|| given.clone());
     // Without any answer in time yet, the robot has executed nothing that is known: the history begins again, unless the
     // model reads one step alone. Then a chunk whose answer was late serves the steps after it.
     let history = history.filter(|_| step.executed.is_some() || engine.window() == 1);
@@ -83,14 +103,14 @@ pub(super) async fn inference_step<M: Model>(
     }
     let input = ModelInput { history, seed, skipped, steps: vec![step] };
     Ok(match engine.infer_by(InferenceRequest { input, stages: reply.stages, deadline: reply.deadline }).await? {
-        StepResult::Late(history) => unrun(history, given, watch, String::new()),
+        StepResult::Late(history) => unrun(history, (given, after), watch, String::new()),
         // A robot without a deadline has no other use for a session that cannot act.
         StepResult::Unanswered(_, error) if reply.deadline.is_none() => return Err(error),
-        StepResult::Unanswered(history, error) => unrun(history, given, watch, error.message().to_owned()),
+        StepResult::Unanswered(history, error) => unrun(history, (given, after), watch, error.message().to_owned()),
         StepResult::Advanced(advanced) => {
             let history = Some(advanced.history);
             let acted = StepAnswer::Acted(advanced.actions);
-            (Memory { history, seed, given, withheld: false, unseen: 0, watch }, acted)
+            (Memory { history, seed, given, withheld: false, unseen: 0, after: None, watch }, acted)
         }
     })
 }

@@ -28,6 +28,7 @@ mod stages;
 mod testing;
 #[cfg(test)]
 mod tests;
+mod waiting;
 
 use std::{
     sync::{Arc, Mutex},

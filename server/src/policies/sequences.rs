@@ -141,7 +141,8 @@ where
         let history = memory.as_ref().map(|memory| memory.history.clone());
         // Waits for a place in the queue, as sessions do: a sequence has one request in flight, and the number of
         // sequences is limited.
-        let advanced = self.engine.infer(ModelInput { history, seed: 0, skipped: 0, steps: vec![step] }).await?;
+        let input = ModelInput { history, seed: place.id.seed(), skipped: 0, steps: vec![step] };
+        let advanced = self.engine.infer(input).await?;
         if place.end {
             *memory = None;
             drop(memory);

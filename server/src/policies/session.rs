@@ -15,6 +15,7 @@ use super::{
     record::Record,
     reply_sender::ReplySender,
     session_rates::RateGuard,
+    waiting::{Taken, Waiting},
 };
 use crate::{
     domain::{
@@ -54,11 +55,9 @@ pub(super) struct Session<M: Model> {
     /// `None` while an inference step holds it.
     watch: Option<Watch>,
     /// The newest observation, waiting for the previous one to be answered.
-    queued: Option<(Observation, PendingReply)>,
+    waiting: Waiting,
     /// The pending reply to the observation in the model; `None` once it was reported missed.
     in_flight: Option<PendingReply>,
-    /// Control steps missed in the queue or never sent, to be passed to the model.
-    unseen: u64,
     /// The newest stamp.
     stamp_ns: Option<i64>,
     /// The time of the last input or answer.
@@ -78,9 +77,8 @@ impl<M: Model> Session<M> {
             terms,
             record,
             watch,
-            queued: None,
+            waiting: Waiting::default(),
             in_flight: None,
-            unseen: 0,
             stamp_ns: None,
             stirred: Instant::now(),
             ended: None,
@@ -127,8 +125,8 @@ impl<M: Model> Session<M> {
         loop {
             if busy.is_terminated() {
                 self.look_ahead(&mut inputs)?;
-                if let Some((observation, reply)) = self.queued.take() {
-                    memory.unseen += std::mem::take(&mut self.unseen);
+                if let Some(Taken { observation, reply, unseen, after }) = self.waiting.take() {
+                    memory.pass_over(unseen, after);
                     self.in_flight = Some(reply.clone());
                     self.record.inference_started(reply.stamp_ns);
                     self.guard.record_request();
@@ -162,9 +160,8 @@ impl<M: Model> Session<M> {
                     let reply = self.in_flight.take();
                     self.miss(reply, replies).await?;
                 }
-                () = late(self.queued.as_ref().map(|(_, reply)| reply)) => {
-                    let reply = self.queued.take().map(|(_, reply)| reply);
-                    self.unseen += reply.as_ref().map_or(0, |reply| reply.dropped + 1);
+                () = late(self.waiting.reply()) => {
+                    let reply = self.waiting.miss();
                     self.miss(reply, replies).await?;
                 }
                 () = passed(Some(self.stirred + self.terms.idle)), if busy.is_terminated() => {
@@ -179,7 +176,8 @@ impl<M: Model> Session<M> {
     /// The output for a finished inference step: its actions if still in time, unless it was reported missed already.
     fn settle(&mut self, answer: StepAnswer, memory: &mut Memory<M::History>) -> Option<SessionOutput> {
         let score = self.record.scored(memory.watch.as_mut());
-        memory.withheld = true;
+        // The newest observation in the history has an action unless the model advanced in vain.
+        memory.withheld |= matches!(answer, StepAnswer::Acted(_));
         let reply = self.in_flight.take()?;
         match answer {
             StepAnswer::Acted(actions) if !reply.is_late() => {
@@ -276,11 +274,8 @@ impl<M: Model> Session<M> {
             return Err(Error::invalid("observation.stamp_ns", fix));
         }
         self.record.observed(&observation, before)?;
-        self.unseen += u64::from(observation.skipped_steps);
-        let passed_over = self.queued.take().map(|(_, reply)| reply.dropped + 1);
-        self.counts.dropped += u64::from(passed_over.is_some());
-        let reply = PendingReply::for_observation(&observation, self.terms.settings.deadline, passed_over.unwrap_or(0));
-        self.queued = Some((observation, reply));
+        let dropped = self.waiting.put(observation, self.terms.settings.deadline);
+        self.counts.dropped += u64::from(dropped);
         Ok(())
     }
 }

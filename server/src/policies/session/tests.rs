@@ -97,7 +97,8 @@ async fn steps_that_the_robot_skipped_pass_unseen() {
     let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
     robot.sees(1, &[]);
     assert_eq!(robot.acts().await, (1, vec![1.0, 0.0], 0));
-    let skipping = Observation { skipped_steps: 3, ..observation(5, &[]) };
+    // The action before the fifth was not executed at the first.
+    let skipping = Observation { skipped_steps: 3, ..observation(5, &[90.0, 0.0]) };
     robot.inputs.unbounded_send(Ok(SessionInput::Observation(skipping))).unwrap();
     assert_eq!(robot.acts().await, (5, vec![5.0, 1.0 + 3.0 * SKIP], 0), "none of them was dropped by the server");
     assert_eq!(robot.closes().await, (2, 0, 0));
@@ -110,14 +111,14 @@ async fn the_newest_observation_is_answered_and_others_are_counted_as_dropped() 
     robot.sees(1, &[]);
     assert_eq!(control.begun.recv().await, Some(1));
     for number in 2..=5 {
-        robot.sees(number, &[100.0, 0.0]);
+        robot.sees(number, &[100.0 * f32::from(number), 0.0]);
     }
     drop(control.gate);
     assert_eq!(robot.acts().await, (1, vec![1.0, 0.0], 0));
     assert_eq!(
         robot.acts().await,
-        (5, vec![5.0, 100.0 + 3.0 * SKIP], 3),
-        "dropped observations are counted and not in the history"
+        (5, vec![5.0, 200.0 + 3.0 * SKIP], 3),
+        "dropped observations are counted and not in the history, but for the action after the first one"
     );
     assert_eq!(robot.closes().await, (2, 3, 0));
     assert!(robot.answers.recv().await.is_none());
