@@ -34,7 +34,7 @@ pub struct MaintenanceConfig {
     #[arg(long, env = "GLEANER_MAX_CACHE_BYTES", value_name = "BYTES")]
     pub max_cache_bytes: Option<u64>,
     /// Maximum share of all blobs, 0 to 1, that one sweep moves to the trash as recordings and results without a row. A
-    /// sweep that finds more than this and more than 8 stops with an error in the log (0: at most 8; 1: no limit).
+    /// sweep that finds more than this and more than 8 moves none, with an error in the log (0: at most 8; 1: no limit).
     #[arg(long, env = "GLEANER_MAX_SWEEP_SHARE", default_value_t = 0.05, value_name = "SHARE")]
     pub max_sweep_share: f64,
     /// Start once with a database that is missing, older than the blobs, from another folder, or a backup's. Blobs without

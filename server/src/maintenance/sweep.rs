@@ -24,7 +24,7 @@ use crate::{
         id::{BlobId, EpisodeId},
         time::Millis,
     },
-    error::{Error, Result},
+    error::{Error, Kind, Result},
     store::Store,
 };
 
@@ -60,25 +60,19 @@ impl Sweeper {
     /// Sweeps once, with `now` as the present time.
     ///
     /// # Errors
-    /// Precondition when too large a share of the blobs has no row; when the database or the disk fails.
+    /// Precondition when too large a share of the blobs has no row, which stay then, as the trash does; the rest was swept.
+    /// When the database or the disk fails.
     pub(super) async fn sweep(&self, now: SystemTime) -> Result<SweepCounts> {
         let mut counts = SweepCounts::default();
         self.restore_named().await?;
         // Without this, recordings whose deletion is not yet in the sidecars would stay permanently.
         describe_queued(&self.store, &self.blobs).await?;
         let old = self.old_enough(now).await?;
-        let orphans = self.orphans(old).await?;
-        let trash_end = self.days_before(now, self.maintenance.trash_days).await?;
-        let swept = self.store.sweep_trash(Millis::of(trash_end)).await?;
-        (counts.episodes, counts.purged) = (swept.removed, swept.purged);
-        for (episode, recording) in &swept.episodes {
-            // Workers make no recordings: the recording of a deleted episode can be removed at once.
-            counts.removed(forget_episode(&self.store, &self.blobs, episode, recording).await?);
-        }
-        let blobs = self.blobs.clone();
-        let (deleted, bytes) = off_runtime("sweeping", move || blobs.empty_trash(trash_end, worth::stays)).await?;
-        (counts.blobs, counts.bytes) = (counts.blobs + deleted, counts.bytes + bytes);
-        self.discard(&orphans, old, &mut counts).await?;
+        // Where the blobs may belong to another database, neither they nor what its users deleted is removed; all else is due.
+        let foreign = match self.orphans(old).await {
+            Err(error) if error.kind() == Kind::Precondition => Some(error),
+            orphans => self.empty_trash((&orphans?, now, old), &mut counts).await.map(|()| None)?,
+        };
         let blobs = self.blobs.clone();
         counts.leavings = off_runtime("sweeping", move || blobs.remove_drafts(old)).await?;
         let named = self.store.named_blobs().await?;
@@ -102,7 +96,26 @@ impl Sweeper {
         }
         let exported = self.forget_exports(now, old).await?;
         (counts.blobs, counts.bytes) = (counts.blobs + exported.files, counts.bytes + exported.bytes);
-        Ok(counts)
+        foreign.map_or(Ok(counts), Err)
+    }
+
+    /// Removes what was deleted long enough ago, and moves `orphans` to the trash.
+    async fn empty_trash(
+        &self,
+        (orphans, now, old): (&[BlobId], SystemTime, SystemTime),
+        counts: &mut SweepCounts,
+    ) -> Result<()> {
+        let trash_end = self.days_before(now, self.maintenance.trash_days).await?;
+        let swept = self.store.sweep_trash(Millis::of(trash_end)).await?;
+        (counts.episodes, counts.purged) = (swept.removed, swept.purged);
+        for (episode, recording) in &swept.episodes {
+            // Workers make no recordings: the recording of a deleted episode can be removed at once.
+            counts.removed(forget_episode(&self.store, &self.blobs, episode, recording).await?);
+        }
+        let blobs = self.blobs.clone();
+        let (deleted, bytes) = off_runtime("sweeping", move || blobs.empty_trash(trash_end, worth::stays)).await?;
+        (counts.blobs, counts.bytes) = (counts.blobs + deleted, counts.bytes + bytes);
+        self.discard(orphans, old, counts).await
     }
 
     /// Restores the blobs in the trash that a row names and that exist nowhere else: another database, since replaced, had
@@ -159,7 +172,7 @@ impl Sweeper {
         if unexplained > FEW && share > self.maintenance.max_sweep_share {
             return Err(Error::precondition(format!(
                 "the database names {} of {all} blobs only, and the sweep would move {unexplained} recordings and \
-                 results to the trash: above --max-sweep-share {}. No file was removed. `gleaner-server check` lists \
+                 results to the trash: above --max-sweep-share {}. All of these stay. `gleaner-server check` lists \
                  them; `gleaner-server rebuild` adds recordings that the database lacks; a larger --max-sweep-share \
                  allows it",
                 all - orphans.len(),

@@ -1,6 +1,8 @@
 //! Recordings are deleted only by a user and after the retention time of the trash, in spite of wrong databases,
 //! jumping clocks and interrupted sweeps.
 
+use std::fs;
+
 use super::{
     sweeping::{DAY, in_days, stored, sweeper},
     *,
@@ -19,8 +21,11 @@ async fn delete_rows(lab: &Lab, episode: &crate::domain::episode::Episode) {
 }
 
 #[tokio::test]
-async fn a_sweep_above_the_largest_share_stops_before_it_removes_a_file() {
+async fn a_sweep_above_the_largest_share_removes_no_recording_and_only_leavings() {
     let lab = lab().await;
+    let left = lab.dir.path().join("tmp/blob-x");
+    fs::create_dir_all(left.parent().unwrap()).unwrap();
+    fs::write(&left, b"half").unwrap();
     let mut sweeper = sweeper(&lab, 0);
     let gone = stored(&lab, b"deleted by a person").await;
     lab.store.delete_episodes(std::slice::from_ref(&gone.id), false).await.unwrap();
@@ -32,6 +37,7 @@ async fn a_sweep_above_the_largest_share_stops_before_it_removes_a_file() {
         assert!(error.message().contains(part), "{error}");
     }
     assert!(lab.blobs.contains(&gone.recording) && lab.store.episode(&gone.id).await.is_ok());
+    assert!(!left.exists(), "what killed workers left is due");
     sweeper.maintenance.max_sweep_share = 1.0;
     let counts = sweeper.sweep(in_days(2)).await.unwrap();
     assert_eq!((counts.trashed, counts.episodes, counts.blobs), (9, 1, 1));
