@@ -1,7 +1,7 @@
 //! `restore`: a new data folder from a backup, built beside its final path and moved there when it is complete; the dump of
 //! a database in PostgreSQL fills an empty database, after every blob was copied.
 
-use std::{fs, io, path::Path};
+use std::{collections::HashSet, fs, io, path::Path};
 
 use super::{
     check::check_folder,
@@ -120,7 +120,8 @@ async fn fill(backup: &Path, place: &Path) -> Result<()> {
     copy_blobs(backup, place, needed.iter().map(|Needed { blob, .. }| blob))
 }
 
-/// Copies every blob of the backup, then fills the database. In this order a full disk leaves the database empty.
+/// Copies every blob of the backup, then fills the database, and removes the blobs that it does not name, such as recordings
+/// that were permanently deleted. In this order a full disk leaves the database empty.
 async fn fill_with_postgres(backup: &Path, place: &Path, at: &Postgres) -> Result<()> {
     if let Some(manifest) = Manifest::read(backup)?
         && manifest.schema > crate::store::newest_schema()
@@ -136,7 +137,14 @@ async fn fill_with_postgres(backup: &Path, place: &Path, at: &Postgres) -> Resul
     let found = Blobs::at(backup)?.list()?;
     let ids: Vec<BlobId> = found.into_iter().filter_map(|found| found.id).collect();
     copy_blobs(backup, place, ids.iter())?;
-    at.fill(&backup.join(DUMP)).await
+    let named: HashSet<BlobId> = at.fill(&backup.join(DUMP)).await?.into_iter().map(|named| named.blob).collect();
+    let blobs = Blobs::open(place)?;
+    if let Some(removing) = blobs.removing().await? {
+        for id in ids.iter().filter(|id| !named.contains(id)) {
+            blobs.remove(id, &removing)?;
+        }
+    }
+    Ok(())
 }
 
 fn copy_blobs<'a>(backup: &Path, place: &Path, ids: impl ExactSizeIterator<Item = &'a BlobId>) -> Result<()> {

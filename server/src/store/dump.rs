@@ -53,19 +53,21 @@ impl Postgres {
         self.expect_program("pg_restore", 0).await
     }
 
-    /// Fills an empty database from a dump, all of it or nothing. The first folder that it is served with becomes its own.
+    /// Fills an empty database from a dump, all of it or nothing, and returns the blobs that it names. The first folder that
+    /// it is served with becomes its own.
     ///
     /// # Errors
     /// Precondition when `pg_restore` fails.
-    pub(crate) async fn fill(&self, from: &Path) -> Result<()> {
+    pub(crate) async fn fill(&self, from: &Path) -> Result<Vec<NamedBlob>> {
         let mut command = self.program("pg_restore");
         command.args(["--exit-on-error", "--single-transaction", "--no-owner", "--no-privileges"]);
         command.arg(format!("--dbname={}", self.shown_url())).arg(from);
         run("pg_restore", command).await?;
         let store = Store::serve_postgres(self).await?;
         lab::detach(&store.writer).await?;
+        let named = store.named_blobs().await?;
         store.close().await;
-        Ok(())
+        Ok(named)
     }
 
     /// The major version of the server.

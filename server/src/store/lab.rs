@@ -227,9 +227,13 @@ impl Store {
 }
 
 /// Removes a copy's link to its folder: the first folder it is served in becomes its own, and every row is described
-/// again.
+/// again. The workers of a cluster that run its jobs are the first server's: that of the copy queues these jobs again.
 pub(super) async fn detach(copy: &Pool) -> Result<()> {
     let there = schema::has_table(copy, "lab").await?;
+    if schema::has_column(copy, "jobs", "engine").await? {
+        let leave = "update jobs set engine = '', engine_id = '', process = null where state = 'running'";
+        sql::query(leave).execute(copy).await.map_err(fault("detaching the jobs of a copy"))?;
+    }
     let name = match copy {
         Pool::Sqlite(_) => "update lab set folder = lower(hex(randomblob(16))), stamped = false, generation = 0",
         Pool::Postgres(_) => {

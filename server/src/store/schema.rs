@@ -113,6 +113,19 @@ pub(super) async fn has_table(pool: &Pool, name: &str) -> Result<bool> {
     exists.map_err(fault("reading the database's schema"))
 }
 
+/// Whether a table has this column.
+pub(super) async fn has_column(pool: &Pool, table: &str, name: &str) -> Result<bool> {
+    let columns = match pool {
+        Pool::Sqlite(_) => "select exists (select 1 from pragma_table_info($1) where name = $2)",
+        Pool::Postgres(_) => {
+            "select exists (select 1 from information_schema.columns \
+             where table_schema = current_schema() and table_name = $1 and column_name = $2)"
+        }
+    };
+    let exists = row::query_as(columns).bind(table).bind(name).fetch_one(pool).await;
+    exists.map_err(fault("reading the database's schema"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

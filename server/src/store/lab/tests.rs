@@ -198,3 +198,21 @@ async fn a_stamp_that_a_crash_left_empty_is_made_again_before_the_first_one_coun
     fs::write(data_folder::stamp::path(dir.path()), b"").unwrap();
     assert!(open(dir.path(), false).await.is_err(), "from then on an unreadable stamp is refused");
 }
+
+/// The cluster runs the job of the first server. A server on the copy that resumed it would cancel it once it is silent.
+#[tokio::test]
+async fn a_copy_does_not_watch_the_jobs_of_a_cluster() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = open(dir.path(), false).await.unwrap();
+    let attempt = testing::claimed(&store, &testing::task(&store).await.id, "slurm").await;
+    testing::run(&store, "update jobs set engine_id = '7', process = 'one', cancel_requested = true").await;
+    let engines = async |store: &Store| {
+        let running = store.running_attempts().await.unwrap().into_iter();
+        running.map(|left| (left.attempt, left.placement.engine, left.bound)).collect::<Vec<_>>()
+    };
+    assert_eq!(engines(&store).await, [(attempt.clone(), "slurm".to_owned(), true)]);
+    let copied = dir.path().join("copied.db");
+    Store::copy(&data_folder::database(dir.path()), &copied).await.unwrap();
+    let copy = Store::open(&copied).await.unwrap();
+    assert_eq!(engines(&copy).await, [(attempt, String::new(), false)], "the next server ends it, as its own children");
+}
