@@ -32,7 +32,7 @@ use super::{
 use crate::{
     connections::{self, Connections, refused},
     domain::client::Client,
-    error::Result,
+    error::{Error, Result},
     jobs::Jobs,
     store::Store,
     wire::status::{from_error, no_such_rpc},
@@ -140,7 +140,9 @@ where
     }
     // Counted for the address before the disk is read. Calls of an attempt have the pace of its job, and no other limit.
     let counted = count_for_address(connections, &request);
-    let worker = match counted.and_then(|counted| jobs.expect_leader().map(|()| counted)) {
+    // A worker calls one address, which may move with the lead before this server has it: it waits for that.
+    let led = || jobs.expect_leader().map_err(|error| Error::unavailable(error.message()));
+    let worker = match counted.and_then(|counted| led().map(|()| counted)) {
         Ok(_counted) => Worker::authenticate(jobs, request.headers()).await,
         Err(error) => Err(error),
     };

@@ -18,11 +18,13 @@ use crate::{
 
 /// Creates the folders; empties `tmp`, and removes drafts from `cache` and part files without a row; cuts parts that are
 /// longer than their acknowledged bytes, and removes uploads whose parts are shorter, which happens on a faulty disk
-/// only. Where workers of an earlier server may still run, `tmp` and the drafts are left to the sweep, which knows their
-/// age.
+/// only. Where workers of an earlier server, or standbys of this one, may still run, `tmp` and the drafts are left to the
+/// sweep, which knows their age.
 pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Result<()> {
     let uploads = store.uploads().await?;
-    let working = store.running_attempts().await?.iter().any(|left| !left.placement.is_of_children());
+    // Standbys share the folder of a server whose database is in PostgreSQL.
+    let cluster = store.running_attempts().await?.iter().any(|left| !left.placement.is_of_children());
+    let working = cluster || store.is_in_postgres();
     let (data_dir, blobs) = (data_dir.to_owned(), blobs.clone());
     let torn = off_runtime("recovering uploads", move || {
         let fault = |error| Error::internal(format!("recovering uploads in {}", data_dir.display()), error);

@@ -55,11 +55,14 @@ impl Store {
 
     /// Queues the job again that the claim with this token got, if it got one; the attempt does not count.
     pub(crate) async fn give_back(&self, token_hash: &str) -> Result<()> {
+        // By the writer: a connection that was lost during the commit has ended then, with or without the claim.
+        let mut tx = self.write().await?;
         let claimed: Option<JobId> = row::query_as("select id from jobs where token_hash = $1 and state = 'running'")
             .bind(token_hash)
-            .fetch_optional(self.read())
+            .fetch_optional(&mut tx)
             .await
             .map_err(fault("looking for a claim"))?;
+        drop(tx);
         if let Some(job_id) = claimed {
             let attempt = Attempt { job_id, token_hash: token_hash.to_owned() };
             self.end_attempt(&attempt, &AttemptEnd::Stopped).await?;
