@@ -3,7 +3,7 @@
 use super::{
     Store, fault,
     row::{self, Column as _, record},
-    sql::{self, Transaction},
+    sql::{self, QueryBuilder, Transaction},
 };
 use crate::{
     domain::{
@@ -15,6 +15,9 @@ use crate::{
     },
     error::{Error, Result},
 };
+
+/// Files of one insertion.
+const BATCH: usize = 1000;
 
 record! { ExportFile: name, blob, size_bytes }
 record! { PlacedFile: position; file }
@@ -41,18 +44,16 @@ pub(super) async fn insert(
         .execute(&mut *tx)
         .await
         .map_err(fault("adding an export"))?;
-    for (position, file) in (0i64..).zip(files) {
-        sql::query(
-            "insert into export_files (export_id, position, name, blob, size_bytes) values ($1, $2, $3, $4, $5)",
-        )
-        .bind(export.param())
-        .bind(position)
-        .bind(&file.name)
-        .bind(file.blob.param())
-        .bind(file.size_bytes.param())
-        .execute(&mut *tx)
-        .await
-        .map_err(fault("adding a file of an export"))?;
+    for (first, files) in (0i64..).step_by(BATCH).zip(files.chunks(BATCH)) {
+        let mut query =
+            QueryBuilder::new("insert into export_files (export_id, position, name, blob, size_bytes) values ");
+        for (position, file) in (first..).zip(files) {
+            query.push(if position == first { "(" } else { ", (" });
+            query.push_bind(export.param()).push(", ").push_bind(position).push(", ");
+            query.push_bind(file.name.as_str()).push(", ").push_bind(file.blob.param()).push(", ");
+            query.push_bind(file.size_bytes.param()).push(")");
+        }
+        query.build().execute(&mut *tx).await.map_err(fault("adding files of an export"))?;
     }
     Ok(())
 }

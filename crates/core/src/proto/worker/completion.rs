@@ -11,12 +11,15 @@ use crate::{
     work::Made,
 };
 
+/// Files of an export in one message, which has a greatest size.
+const FILES: usize = 1_000;
+
 /// A result that is still arriving.
 #[derive(Debug, Default)]
 pub struct Completion(Option<Made>);
 
 impl Completion {
-    /// Adds the next message: first a result, then, for a score run, episodes.
+    /// Adds the next message: first a result, then, for a score run, episodes, or, for an export, more of its files.
     ///
     /// # Errors
     /// Invalid when the message is out of order or a field is wrong.
@@ -33,6 +36,10 @@ impl Completion {
                     Err(Error::invalid("message.episode_scores", "must follow a score result"))
                 }
             };
+        }
+        if let (Some(Made::Files(files)), v1::complete_job_request::Message::Export(more)) = (&mut self.0, &message) {
+            files.extend(files_from(more.clone())?);
+            return Ok(());
         }
         if self.0.is_some() {
             return Err(Error::invalid("message", "must be the only result"));
@@ -59,9 +66,7 @@ fn first(message: v1::complete_job_request::Message) -> Result<Made> {
             checkpoint: BlobId::parse("message.policy.blob", &blob)?,
             kind: field::text("message.policy.kind", kind)?,
         }),
-        v1::complete_job_request::Message::Export(v1::ExportResult { files }) => {
-            files.into_iter().map(file_from).collect::<Result<_>>().map(Made::Files)
-        }
+        v1::complete_job_request::Message::Export(result) => files_from(result).map(Made::Files),
         v1::complete_job_request::Message::Score(result) => {
             let v1::ScoreResult { lo, hi, expert_ids, quantiles } = result;
             if [lo, hi].iter().chain(&quantiles).any(|w| !w.is_finite()) || !quantiles.is_sorted() {
@@ -83,6 +88,10 @@ fn first(message: v1::complete_job_request::Message) -> Result<Made> {
             Err(Error::invalid("message.episode_scores", "must follow a score result"))
         }
     }
+}
+
+fn files_from(v1::ExportResult { files }: v1::ExportResult) -> Result<Vec<ExportFile>> {
+    files.into_iter().map(file_from).collect()
 }
 
 fn file_from(file: v1::ExportedFile) -> Result<ExportFile> {
@@ -137,7 +146,10 @@ pub fn completion_messages(made: Made) -> Vec<v1::CompleteJobRequest> {
         }
         Made::Files(files) => {
             let file = |ExportFile { name, blob, size_bytes }| v1::ExportedFile { name, blob: blob.into(), size_bytes };
-            vec![wrap(Message::Export(v1::ExportResult { files: files.into_iter().map(file).collect() }))]
+            let files: Vec<v1::ExportedFile> = files.into_iter().map(file).collect();
+            // An export without files is a result too.
+            let parts = files.chunks(FILES).chain(files.is_empty().then_some(&[][..]));
+            parts.map(|files| wrap(Message::Export(v1::ExportResult { files: files.to_vec() }))).collect()
         }
         Made::Trials(seeds) => {
             let seeds = seeds.into_iter().map(evaluation::seed_to_proto).collect();
@@ -202,7 +214,23 @@ mod tests {
         assert!(put_together(swapped).is_err());
         let twice = [completion_messages(scores()), completion_messages(scores())].concat();
         assert!(put_together(twice).unwrap_err().message().contains("the only result"));
+        let file = ExportFile { name: "a".into(), blob: BlobId::from(blake3::hash(b"a")), size_bytes: 1 };
+        let other = Made::Encoder { checkpoint: file.blob.clone() };
+        let mixed = [completion_messages(Made::Files(vec![file])), completion_messages(other)].concat();
+        assert!(put_together(mixed).unwrap_err().message().contains("the only result"));
         assert_eq!(put_together(Vec::new()).unwrap_err().message(), "message: must be set");
+    }
+
+    #[test]
+    fn an_export_of_many_files_is_several_messages() {
+        let blob = BlobId::from(blake3::hash(b"result"));
+        for (count, messages) in [(0, 1), (1, 1), (FILES, 1), (FILES + 1, 2), (3 * FILES, 3)] {
+            let file = |number| ExportFile { name: format!("{number}.mcap"), blob: blob.clone(), size_bytes: 3 };
+            let made = Made::Files((0..count).map(file).collect());
+            let sent = completion_messages(made.clone());
+            assert_eq!(sent.len(), messages, "{count}");
+            assert_eq!(put_together(sent).unwrap(), made);
+        }
     }
 
     #[test]
