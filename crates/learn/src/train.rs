@@ -18,6 +18,7 @@ use crate::model::Network;
 use crate::optimizer::AdamW;
 use crate::peers::Peers;
 use crate::precision;
+use crate::validation;
 use gleaner_core::OptimSpec;
 use sums::Sums;
 use unread::{Step, Unread};
@@ -180,8 +181,14 @@ impl<N: Learner> Training<N> {
             let due = done.is_multiple_of(u64::from(checkpoint_every)) && done < steps;
             let read = self.unread.is_full() || due || done == steps;
             let mut read = if read { self.read((lead, monitor))? } else { Vec::new() };
-            if lead {
-                let further = self.report(report)?;
+            let further = if peers.several() && validation::due(done, steps) {
+                // Measuring may take longer than ranks wait for each other.
+                let parameters: Vec<Tensor> = self.optimizer.parameters().map(Tensor::shallow_clone).collect();
+                peers.lead_alone(parameters.iter(), || self.report(report))?
+            } else {
+                lead.then(|| self.report(report))
+            };
+            if let Some(further) = further.transpose()? {
                 match read.last_mut() {
                     Some((_, metrics)) => metrics.extend(further),
                     None => self.unread.extend(further),

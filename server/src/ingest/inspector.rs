@@ -22,7 +22,7 @@ use tokio::{
 
 use super::{off_runtime, slots::Slots, sync_folder};
 use crate::{
-    blobs::Blobs,
+    blobs::{Blobs, rename_across_disks},
     config::{LimitConfig, worker_environment},
     domain::client::Client,
     error::{DISK_FULL, Error, Result},
@@ -280,7 +280,7 @@ impl Inspected {
             blobs.caches().fit(std::fs::metadata(&from).map_err(fault)?.len())?;
             std::fs::File::open(&from).and_then(|file| file.sync_all()).map_err(fault)?;
             crate::fail_point::pass("frames.synced");
-            std::fs::rename(&from, &place).map_err(fault)?;
+            rename_across_disks(&from, &place).map_err(fault)?;
             crate::fail_point::pass("frames.renamed");
             place.parent().map_or(Ok(()), sync_folder)
         })

@@ -122,7 +122,14 @@ fn link(recording: &Path, part: &Path) -> Result<()> {
     // In one rename, so that there is always a part.
     let draft = part.with_extension("draft");
     clear(&draft).map_err(fault)?;
-    std::fs::hard_link(recording, &draft).and_then(|()| std::fs::rename(&draft, part)).map_err(fault)?;
+    match std::fs::hard_link(recording, &draft) {
+        // An operator may have moved one of the two folders to another disk.
+        Err(error) if error.kind() == std::io::ErrorKind::CrossesDevices => {
+            std::fs::copy(recording, &draft).and_then(|_| std::fs::File::open(&draft)?.sync_all()).map_err(fault)?;
+        }
+        linked => linked.map_err(fault)?,
+    }
+    std::fs::rename(&draft, part).map_err(fault)?;
     // When both were names of one file already, the rename did not remove `from`.
     clear(&draft).map_err(fault)?;
     part.parent().map_or(Ok(()), sync_folder)
@@ -150,6 +157,21 @@ mod tests {
         let new = f.new_upload(b"recording");
         let (task_id, file_name, outcome) = (new.task_id, new.file_name, new.outcome);
         (NewRecording { task_id, file_name, outcome, cohort: new.cohort, author: new.author }, path)
+    }
+
+    /// Memory and disk are two file systems on most machines.
+    #[test]
+    fn a_recording_of_another_disk_is_copied() {
+        let here = tempfile::tempdir().unwrap();
+        let there = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap();
+        let (recording, part) = (there.path().join("rollout.mcap"), here.path().join("part"));
+        fs::write(&recording, b"recording").unwrap();
+        link(&recording, &part).unwrap();
+        assert_eq!(
+            (fs::read(&part).unwrap(), fs::read(&recording).unwrap()),
+            (b"recording".into(), b"recording".into())
+        );
+        assert_eq!(fs::read_dir(here.path()).unwrap().count(), 1, "no draft is left");
     }
 
     #[tokio::test]

@@ -18,7 +18,7 @@ const DRAFT: &str = ".draft-";
 ///
 /// # Errors
 /// The error of the disk; then `from` still exists.
-pub(super) fn rename(from: &Path, to: &Path) -> io::Result<()> {
+pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     match fs::rename(from, to) {
         Err(error) if error.kind() == io::ErrorKind::CrossesDevices => {
             let mut draft = draft(to.parent().unwrap_or(Path::new(".")))?;

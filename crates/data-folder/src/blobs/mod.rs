@@ -32,6 +32,7 @@ use std::{
 };
 
 pub use self::{
+    across::rename as rename_across_disks,
     calls::{BlobServer, Located, Want},
     copies::Fetched,
     copy::Copied,
