@@ -1,12 +1,12 @@
 """What a robot sees and does by a task's mapping, and the watchdog of its actions. Depends on gleaner, not on ROS.
 
-Topics arrive at any rate and from any thread; a step takes the newest message of each.
+Topics arrive at any rate and from any thread; a step takes the newest message of each camera and of each field.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import messages
@@ -20,8 +20,38 @@ Publish = Callable[[str, Any], None]
 STATIC_TOPIC = "/tf_static"
 
 
+class Held:
+    """The newest message of a topic, or of a field: drivers that share a topic send the values of some fields each."""
+
+    def __init__(self, topic: str, field: str = "", names: Sequence[str] = ()) -> None:
+        self.message: Any = None
+        self._topic, self._field, self._names = topic, field, names
+        self._time: float | None = None
+        # Of the messages since then that lack names of the field, those of the one with most: missing ones and its own.
+        self._without: tuple[list[str], list[str]] | None = None
+
+    def take(self, message: Any, now: float) -> None:
+        """Keeps a message that has all names."""
+        missing = messages.missing(message, self._names)
+        if not missing:
+            self.message, self._time, self._without = message, now, None
+        elif self._without is None or len(missing) < len(self._without[0]):
+            self._without = missing, [*message.name]
+
+    def stale(self, now: float, most: float) -> str:
+        """Why there is no message within the last `most` seconds; empty if there is one."""
+        if self._time is not None and now - self._time <= most:
+            return ""
+        since = "yet" if self._time is None else f"for {most:g} s"
+        if self._without is None:
+            return f"no message on {self._topic} {since}"
+        (missing, *_), known = self._without
+        why = f"one has no {missing}; it names {', '.join(known) or 'nothing'}"
+        return f"no message on {self._topic} with the names of {self._field} {since}: {why}"
+
+
 class Scene:
-    """The newest message of each topic that the task's mapping names."""
+    """The newest message of each camera and field that the task's mapping names."""
 
     def __init__(self, spec: gleaner.types.TaskSpec, mapping: str = "") -> None:
         known = {one.name: one for one in spec.mappings}
@@ -31,8 +61,8 @@ class Scene:
         self.spec = spec
         self.fields = {source.field: source for source in self.mapping.fields}
         seen = {field.name for field in spec.proprioception}
-        self.observed = {source.topic for source in self.mapping.fields if source.field in seen}
-        self.observed |= {topic for source in self.mapping.cameras for topic in (source.color, source.depth) if topic}
+        pictures = {topic for source in self.mapping.cameras for topic in (source.color, source.depth) if topic}
+        self.observed = pictures | {source.topic for source in self.mapping.fields if source.field in seen}
         self.acted = {self.fields[field.name].topic for field in spec.action}
         for field in spec.action:
             if self.fields[field.name].HasField("transform"):
@@ -45,7 +75,11 @@ class Scene:
             given = source.transform.HasField("static_topic")
             if topic := source.transform.static_topic if given else STATIC_TOPIC:
                 self.fixed.setdefault(topic, set()).add(source.topic)
-        self._newest: dict[str, tuple[float, Any]] = {}
+        # By topic and field; of a topic of pictures or transforms without a field.
+        self._held = {(topic, ""): Held(topic) for topic in pictures | self._trees.keys()}
+        for source in (self.fields[name] for name in seen):
+            if not source.HasField("transform"):
+                self._held[source.topic, source.field] = Held(source.topic, source.field, [*source.names])
         self._lock = threading.Lock()
 
     @property
@@ -60,20 +94,19 @@ class Scene:
                 self._trees[of].update(message, None)
             if topic in self._trees:
                 self._trees[topic].update(message, now)
-            self._newest[topic] = (now, message)
+            for (of, _), held in self._held.items():
+                if of == topic:
+                    held.take(message, now)
 
     def stale(self, now: float, most: float) -> str:
-        """Why there is no step: a topic without a message within the last `most` seconds. Empty if there is one.
+        """Why there is no step: a camera or field without a message within the last `most` seconds; or empty.
 
         The text stays the same as time passes.
         """
         with self._lock:
-            newest = dict(self._newest)
-        for topic in sorted(self.observed):
-            if topic not in newest:
-                return f"no message on {topic} yet"
-            if now - newest[topic][0] > most:
-                return f"no message on {topic} for {most:g} s"
+            for _, held in sorted(self._held.items()):
+                if why := held.stale(now, most):
+                    return why
         for field in self.spec.proprioception:
             source = self.fields[field.name]
             if source.HasField("transform"):
@@ -90,7 +123,7 @@ class Scene:
     def observation(self, stamp_ns: int) -> gleaner.Observation:
         """The step of the newest messages. Raises `Unfit` when one is not what the mapping says."""
         with self._lock:
-            newest = {topic: message for topic, (_, message) in self._newest.items()}
+            newest = {of: held.message for of, held in self._held.items()}
         images, depth = {}, {}
         for source in self.mapping.cameras:
             images[source.camera] = _picture(source.color, newest)
@@ -103,24 +136,28 @@ class Scene:
                 with self._lock:
                     values += self._trees[source.topic].pose(source.transform.parent, source.transform.child)[0]
             else:
-                values += messages.read(newest[source.topic], source.paths, source.names)
+                values += messages.read(newest[source.topic, source.field], source.paths, source.names)
         return gleaner.Observation(images=images, depth=depth, proprioception=values, stamp_ns=stamp_ns)
 
     def commands(self, action: np.ndarray, made: Callable[[str], Any]) -> Mapping[str, Any]:
         """The messages of an action by topic; `made` returns an empty message for a topic."""
         found: dict[str, Any] = {}
+        # First the names of all fields of a message, so that each of its arrays has a place for every one.
+        for source in (self.fields[field.name] for field in self.spec.action):
+            message = found.setdefault(source.topic, made(source.topic))
+            if source.names:
+                messages.add_names(message, source.names, ", ".join(source.paths))
         at = 0
         for field in self.spec.action:
             source = self.fields[field.name]
-            message = found.setdefault(source.topic, made(source.topic))
-            messages.write(message, source.paths, source.names, action[at : at + field.size])
+            messages.write(found[source.topic], source.paths, source.names, action[at : at + field.size])
             at += field.size
         return found
 
 
-def _picture(topic: str, newest: Mapping[str, Any]) -> np.ndarray | bytes:
+def _picture(topic: str, newest: Mapping[tuple[str, str], Any]) -> np.ndarray | bytes:
     try:
-        return messages.picture(newest[topic])
+        return messages.picture(newest[topic, ""])
     except messages.Unfit as problem:
         raise messages.Unfit(f"{topic}: {problem}") from None
 

@@ -125,7 +125,7 @@ class GleanerNode(Node):
             self._say(f"no action: {topic}: {problem}")
 
     def step(self) -> None:
-        """One control period: an action if every topic is fresh, else nothing."""
+        """One control period: an action if every camera and field is fresh, else nothing."""
         if self._command.keys() != self._scene.acted:
             return
         # The watchdog stops the robot if an error lasts; the next period tries again.

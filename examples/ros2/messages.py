@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -36,12 +37,30 @@ def read(message: Any, paths: Sequence[str], names: Sequence[str]) -> list[float
     return found
 
 
+def missing(message: Any, names: Sequence[str]) -> list[str]:
+    """Those of the names that a message lacks. Empty for a message without an array `name`, which `read` refuses."""
+    known = getattr(message, "name", None)
+    if not hasattr(known, "__iter__"):
+        return []
+    known = [*known]
+    return [name for name in names if name not in known]
+
+
+def add_names(message: Any, names: Sequence[str], path: str) -> list[int]:
+    """Appends those of the names that a message lacks; returns the places of all."""
+    known = [*_attribute(message, "name", path)]
+    known += [name for name in dict.fromkeys(names) if name not in known]
+    message.name = known
+    return [known.index(name) for name in names]
+
+
 def write(message: Any, paths: Sequence[str], names: Sequence[str], values: Sequence[float]) -> None:
-    """The reverse of `read`: puts numbers into a message."""
+    """The reverse of `read`: puts numbers into a message, with names beside those that are in it already.
+
+    Each array that is written has a number for each of the message's names: NaN where no value was given.
+    """
     left = [float(value) for value in values]
-    if names:
-        _attribute(message, "name", ", ".join(paths))
-        message.name = [*names]
+    places = add_names(message, names, ", ".join(paths)) if names else []
     for path in paths:
         *way, last = path.split(".")
         holder = message
@@ -49,9 +68,14 @@ def write(message: Any, paths: Sequence[str], names: Sequence[str], values: Sequ
             holder = _part(holder, part)
         match = _match(last)
         before = _attribute(holder, match["name"], path)
-        if match["first"] is None:
-            whole = names or hasattr(before, "__len__")
-            count = len(names) or (len(left) if whole else 1)
+        if names:
+            count = len(names)
+            if len(left) < count:
+                raise Unfit(f"{path}: expected a value for each of {count} names, got {len(left)}")
+            setattr(holder, match["name"], _placed(before, int(match["first"] or 0), places, left, len(message.name)))
+        elif match["first"] is None:
+            whole = hasattr(before, "__len__")
+            count = len(left) if whole else 1
             setattr(holder, match["name"], left[:count] if whole else left[0])
         else:
             first, end = int(match["first"]), int(match["end"] or int(match["first"]) + 1)
@@ -127,6 +151,15 @@ def _compressed(kind: str, data: bytes) -> bytes:
     if encoding.startswith("32FC1") or (codec.strip() == "rvl" and not image.startswith(PNG_MAGIC)):
         raise Unfit(f"format {kind!r} is not supported; publish 16UC1 as png, or the depth as sensor_msgs/msg/Image")
     return image
+
+
+def _placed(before: Any, first: int, places: Sequence[int], values: Sequence[float], names: int) -> list[float]:
+    # The array that begins at `first`, with a number for each of the message's names.
+    array = [*before]
+    array += [math.nan] * (first + names - len(array))
+    for place, value in zip(places, values, strict=False):
+        array[first + place] = value
+    return array
 
 
 def _match(part: str) -> re.Match[str]:

@@ -119,9 +119,10 @@ def test_stale_and_unfit_messages_give_no_action(
     robot.node.step()
     assert re.fullmatch(r"no action: no message on /\S+ for 0.5 s", robot.graph.log[-1])
     robot.see(observation(robot.spec))
-    robot.graph.send("/joints", SimpleNamespace(name=["other"], position=[0.0]))
+    named = JOINTS[: robot.spec.proprioception[0].size]
+    robot.graph.send("/joints", SimpleNamespace(name=named, position=[]))
     robot.node.step()
-    assert robot.graph.log[-1] == "no action: position: the message has no joint0; it names other"
+    assert robot.graph.log[-1] == f"no action: position: expected a value for each of {len(named)} names, got 0"
     assert len(robot.commands()) == 1
     # The session is still the one of the first action.
     robot.see(observation(robot.spec))
