@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from blake3 import blake3
 
 import gleaner
+from conftest import TASK, Lab
 from gleaner._download import Downloads, Expected, Reply, save
 
 FILE = bytes(range(256)) * 10_000
@@ -137,3 +139,69 @@ def test_downloads_to_one_path_do_not_disturb_each_other(tmp_path: Path) -> None
 
     assert save(pieces(), path, EXPECTED).read_bytes() == FILE
     assert [*tmp_path.iterdir()] == [path], "no part is left"
+
+
+def test_recording_in_a_folder_replaces_no_other_file(
+    client: gleaner.Client, lab: Lab, recordings: dict[str, list[Path]], tmp_path: Path
+) -> None:
+    del lab
+    spec = client.tasks.get(TASK).spec
+    spec.name = "equal_names"
+    task = client.tasks.create(spec).id
+    contents = [path.read_bytes() for path in recordings["wrong_goal"][:2]]
+    episodes = []
+    for number, content in enumerate(contents):
+        path = tmp_path / f"day{number}" / "take.mcap"
+        path.parent.mkdir()
+        path.write_bytes(content)
+        episodes.append(client.episodes.push(path, task=task, outcome="failure").id)
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    path = client.episodes.download(episodes[0], folder)
+    assert path == folder / "take.mcap"
+    with pytest.raises(FileExistsError, match=r"take\.mcap exists with another content; name a new file in place of"):
+        client.episodes.download(episodes[1], folder)
+    kept = path.stat()
+    assert client.episodes.download(episodes[0], folder) == path
+    assert (path.stat().st_ino, path.stat().st_mtime_ns) == (kept.st_ino, kept.st_mtime_ns), "it is not written again"
+    assert path.read_bytes() == contents[0]
+    assert client.episodes.download(episodes[1], path).read_bytes() == contents[1], "a named file is replaced"
+    assert [*folder.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("links", [True, False])
+@pytest.mark.parametrize("other", [FILE, b"of the user", None])
+def test_file_that_comes_during_a_download_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool, other: bytes | None
+) -> None:
+    if not links:
+        monkeypatch.setattr(os, "link", refused)
+    path = tmp_path / "a"
+
+    def pieces() -> Iterator[bytes]:
+        yield FILE[:1000]
+        if other is not None:
+            path.write_bytes(other)
+        yield FILE[1000:]
+
+    if other in (FILE, None):
+        assert save(pieces(), path, EXPECTED, replace=False) == path
+    else:
+        with pytest.raises(FileExistsError):
+            save(pieces(), path, EXPECTED, replace=False)
+    assert path.read_bytes() == (other or FILE)
+    assert [*tmp_path.iterdir()] == [path], "no part is left"
+
+
+def refused(*_: object) -> None:
+    raise PermissionError("this disk has no links")
+
+
+def test_folders_and_broken_links_count_as_other_files(tmp_path: Path) -> None:
+    folder, link = tmp_path / "folder", tmp_path / "link"
+    folder.mkdir()
+    link.symlink_to(tmp_path / "nowhere")
+    for path in (folder, link):
+        with pytest.raises(FileExistsError):
+            save([FILE], path, EXPECTED, replace=False)
+    assert sorted(tmp_path.iterdir()) == [folder, link]

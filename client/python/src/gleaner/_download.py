@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
 import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from functools import partial
 from http import HTTPStatus
 from http.client import HTTPException
 from itertools import chain
@@ -16,6 +18,7 @@ from urllib.request import HTTPErrorProcessor, build_opener
 
 from blake3 import blake3
 
+from gleaner._upload import digest
 from gleaner.errors import Damaged
 
 # Seconds without a byte from the bucket after which the server is asked.
@@ -47,18 +50,21 @@ class Downloads:
         self._schemes = ("https://",) if encrypted else ("http://", "https://")
         self._rest, self._closed_until = rest, -math.inf
 
-    def save(self, start: Callable[[bool], Iterable[Reply]], path: Path, expected: Expected) -> Path:
-        """Saves what `start` begins to download, given whether a URL is accepted. Raises `Damaged`, as `save` does."""
+    def save(
+        self, start: Callable[[bool], Iterable[Reply]], path: Path, expected: Expected, *, replace: bool = True
+    ) -> Path:
+        """Saves what `start` begins to download, given whether a URL is accepted. Raises as `save` does."""
+        keep = partial(save, path=path, expected=expected, replace=replace)
         replies = iter(start(time.monotonic() >= self._closed_until))
         first = next(replies, None)
         if first is None:
-            return save((), path, expected)
+            return keep(())
         if not first.url:
-            return save((reply.data for reply in chain((first,), replies)), path, expected)
+            return keep(reply.data for reply in chain((first,), replies))
         with suppress(_Unread, Damaged):
-            return save(_pieces(first.url, self._schemes), path, expected)
+            return keep(_pieces(first.url, self._schemes))
         self._closed_until = time.monotonic() + self._rest
-        return save((reply.data for reply in start(False)), path, expected)
+        return keep(reply.data for reply in start(False))
 
 
 class _Unread(Exception):
@@ -108,8 +114,20 @@ def part_name() -> str:
     return f".gleaner-{secrets.token_hex(8)}.part"
 
 
-def save(pieces: Iterable[bytes], path: Path, expected: Expected) -> Path:
-    """Writes the pieces to a file. Raises `Damaged` when their BLAKE3 is not the expected one."""
+def holds(path: Path, expected: Expected) -> bool:
+    """Whether the expected file is at a path. Raises `FileExistsError` when another one is there."""
+    if not os.path.lexists(path):
+        return False
+    if path.is_file() and path.stat().st_size == expected.size_bytes and digest(path) == expected.blake3:
+        return True
+    raise FileExistsError(f"{path} exists with another content; name a new file in place of the folder")
+
+
+def save(pieces: Iterable[bytes], path: Path, expected: Expected, *, replace: bool = True) -> Path:
+    """Writes the pieces to a file. Raises `Damaged` when their BLAKE3 is not the expected one.
+
+    Without `replace` a file that is there stays. Raises `FileExistsError` when it is another one.
+    """
     part, left = path.with_name(part_name()), expected.size_bytes
     hasher = blake3()
     try:
@@ -124,8 +142,20 @@ def save(pieces: Iterable[bytes], path: Path, expected: Expected) -> Path:
         if found != expected.blake3:
             wanted = f"expected BLAKE3 {expected.blake3}, got {found}"
             raise Damaged(f"{path}: {wanted}; the file is damaged, download it again")
-        part.replace(path)
+        if replace:
+            part.replace(path)
+        else:
+            _publish(part, path, expected)
     finally:
         with suppress(FileNotFoundError):
             part.unlink()
     return path
+
+
+def _publish(part: Path, path: Path, expected: Expected) -> None:
+    # A link fails where a file is already, also one that came during the download; a disk may not have links at all.
+    with suppress(OSError):
+        os.link(part, path)
+        return
+    if not holds(path, expected):
+        part.replace(path)

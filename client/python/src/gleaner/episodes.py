@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from gleaner._download import Downloads, inside
+from gleaner._download import Downloads, holds, inside
 from gleaner._messages import number
 from gleaner._pages import PAGE, pages
 from gleaner._proto.v1 import episode_pb2 as pb
@@ -108,22 +108,27 @@ class Episodes:
         return [*self._rpc.unary("EpisodeService/UndeleteEpisodes", request, pb.UndeleteEpisodesResponse).episodes]
 
     def download(self, episode_id: str, path: str | os.PathLike[str]) -> Path:
-        """Downloads a recording as uploaded. `path` is a file, or an existing folder for it.
+        """Downloads a recording as uploaded. `path` is a file, which is replaced, or an existing folder for it.
 
-        It comes from the server's bucket where the server gives a URL of it, and otherwise from the server.
+        It comes from the server's bucket where the server gives a URL of it, and otherwise from the server. In a folder
+        it has the name under which it was uploaded; if it is there already, it is not downloaded again.
 
-        Raises `Damaged` when the digest differs; the file appears only complete.
+        Raises `Damaged` when the digest differs; the file appears only complete. Raises `FileExistsError` when the
+        folder has another file of this name, such as that of an episode with the same file name: name a file then.
         """
         episode = self.get(episode_id)
         path = Path(path)
-        if path.is_dir():
+        folder = path.is_dir()
+        if folder:
             path = inside(path, episode.file_name, f"{episode_id}.mcap")
+            if holds(path, episode):
+                return path
 
         def start(accept_url: bool) -> Iterator[pb.DownloadEpisodeResponse]:
             request = pb.DownloadEpisodeRequest(episode_id=episode_id, accept_url=accept_url)
             return self._rpc.stream("EpisodeService/DownloadEpisode", request, pb.DownloadEpisodeResponse)
 
-        return self._downloads.save(start, path, episode)
+        return self._downloads.save(start, path, episode, replace=not folder)
 
     def list(
         self, task: str, *, outcome: str | None = None, cohort: str = "", deleted: bool = False

@@ -18,6 +18,7 @@ from gleaner._retry import patiently
 from gleaner._rpc import Rpc
 from gleaner._score_table import Table, batches, by_episode
 from gleaner.episodes import Episodes
+from gleaner.errors import NotFound
 from gleaner.snapshots import Snapshots
 from gleaner.types import KeptBySelection, ScoreRun
 
@@ -99,10 +100,21 @@ class Scores:
         return from_wire(self._rpc.safe("ScoreService/GetEpisodeScores", request, pb.GetEpisodeScoresResponse).scores)
 
     def all(self, run: str, role: str | None = None) -> Iterator[EpisodeScores]:
-        """Every episode's scores, or those of one role (expert, imperfect), fetched lazily."""
+        """Every episode's scores, or those of one role (expert, imperfect), fetched lazily.
+
+        Experts without scores, such as the only expert of a snapshot or those that an import lacks, are left out.
+        """
         for episode in self._snapshots.episodes(self.get(run).snapshot_id):
-            if role is None or word(episode, "role") == role:
-                yield self.episode(run, episode.episode_id)
+            of = word(episode, "role")
+            if role not in (None, of):
+                continue
+            try:
+                scores = self.episode(run, episode.episode_id)
+            except NotFound:
+                if of == "expert":
+                    continue
+                raise
+            yield scores
 
     def import_scores(self, snapshot: str, table: Table, *, source: str = "", encoder: str = "") -> ScoreRun:
         """Stores scores made elsewhere as a score run of a snapshot; the same scores return the same run.

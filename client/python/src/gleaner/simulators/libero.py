@@ -19,6 +19,8 @@ from gleaner.simulators._base import Camera, Seen, Simulator
 
 # Steps before an episode, with the gripper open.
 _SETTLING = 10
+# Steps of the environment in an episode, the settling ones included, as by LIBERO's own default.
+_HORIZON = 1000
 _STILL = np.array([0, 0, 0, 0, 0, 0, -1], np.float32)
 _ACTION = 7
 # Below this a rotation has no axis.
@@ -26,7 +28,10 @@ _NO_ROTATION = 1e-8
 
 
 def make(env_id: str, cameras: list[Camera], **options: Any) -> Libero:
-    """The task with cameras that it renders itself. `options` are those of LIBERO's `OffScreenRenderEnv`."""
+    """The task with cameras that it renders itself. `options` are those of LIBERO's `OffScreenRenderEnv`.
+
+    Of the steps of `horizon` (1000) the first ten are for settling; with `ignore_done` episodes have no such limit.
+    """
     suites = benchmark.get_benchmark_dict()
     suite, _, number = env_id.partition("/")
     if suite not in suites:
@@ -42,9 +47,14 @@ def make(env_id: str, cameras: list[Camera], **options: Any) -> Libero:
         "camera_names": [camera.name for camera in cameras] or ["agentview"],
         "camera_heights": [camera.height for camera in cameras] or [128],
         "camera_widths": [camera.width for camera in cameras] or [128],
+        "horizon": _HORIZON,
+        **options,
     }
-    env = OffScreenRenderEnv(**{**given, **options})
-    return Libero(env, np.asarray(tasks.get_task_init_states(int(number))), env_id, cameras)
+    if given["horizon"] <= _SETTLING:
+        raise invalid("horizon", f"must be above {_SETTLING}, the steps for settling, got {given['horizon']}")
+    most = None if given.get("ignore_done") else given["horizon"] - _SETTLING
+    env = OffScreenRenderEnv(**given)
+    return Libero(env, np.asarray(tasks.get_task_init_states(int(number))), env_id, cameras, most=most)
 
 
 class Libero(Simulator):
@@ -53,8 +63,11 @@ class Libero(Simulator):
     Its rate is not compared: widely used copies of its demonstrations, taken at 20 Hz, state 10 Hz.
     """
 
-    def __init__(self, env: Any, states: NDArray[np.float64], env_id: str, cameras: list[Camera]) -> None:
+    def __init__(
+        self, env: Any, states: NDArray[np.float64], env_id: str, cameras: list[Camera], *, most: int | None
+    ) -> None:
         self._env, self._states, self._cameras, self.name = env, states, cameras, f"libero/{env_id}"
+        self._most, self._steps = most, 0
         self.low, self.high = np.full(_ACTION, -1, np.float32), np.full(_ACTION, 1, np.float32)
 
     def reset(self, *, seed: int | None = None) -> tuple[Seen, dict[str, Any]]:
@@ -63,14 +76,19 @@ class Libero(Simulator):
         self._env.seed(seed or 0)
         self._env.reset()
         self._env.set_init_state(self._states[(seed or 0) % len(self._states)])
+        self._steps = 0
         for _ in range(_SETTLING):
             observed, _, _, _ = self._env.step(_STILL)
         return self._seen(observed), {"success": False}
 
     def step(self, action: NDArray[np.float32], /) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
-        """Acts; an episode is over when it is solved."""
+        """Acts; an episode is over when it is solved, or by the horizon.
+
+        LIBERO's tasks put success in the place of robosuite's `done`, which would show that no step may follow.
+        """
         observed, reward, done, _ = self._env.step(action)
-        return self._seen(observed), float(reward), bool(done), False, {"success": bool(done)}
+        self._steps += 1
+        return self._seen(observed), float(reward), bool(done), self._steps == self._most, {"success": bool(done)}
 
     def close(self) -> None:
         """Frees what renders."""
