@@ -1,5 +1,7 @@
 //! A server whose database is in PostgreSQL. Where PostgreSQL is not installed, these tests print SKIPPED.
 
+use std::{fs, path::Path};
+
 use gleaner_proto::v1::*;
 use gleaner_test_postgres::{GUARDED_ROLE, PASSWORD};
 use tonic::Code;
@@ -8,6 +10,7 @@ use crate::support::{
     api::Api,
     command::{self, server_text},
     data_folder::start,
+    files::blob,
     lab::{self, RECORDINGS},
     postgres::postgres,
     server::{TestServer, serve},
@@ -88,9 +91,15 @@ async fn backup_of_postgresql_is_restored_to_an_empty_database() {
     assert!(!restored && text.contains("--database"), "{text}");
     let (restored, text) = server_text(&["restore", backup, "--database", &url], &place).await;
     assert!(!restored && text.contains("is not empty") && text.contains("createdb"), "{text}");
+    // A backup keeps the recordings of earlier ones, also those that were permanently deleted since.
+    let deleted = blake3::hash(b"deleted").to_hex();
+    let [kept, back] = [Path::new(backup), place.as_path()].map(|folder| blob(folder, &deleted));
+    fs::create_dir_all(kept.parent().unwrap()).unwrap();
+    fs::write(&kept, b"deleted").unwrap();
     let new = database.database_named("restored");
     let (restored, text) = server_text(&["restore", backup, "--database", &new], &place).await;
     assert!(restored, "{text}");
+    assert!(kept.is_file() && !back.exists(), "the database does not name it");
     let (again, text) = server_text(&["restore", backup, "--database", &new], &place).await;
     assert!(!again && text.contains("not empty"), "{text}");
     assert!(server.stop().await);
