@@ -167,6 +167,14 @@ def test_kinds_have_their_settings(client: gleaner.Client) -> None:
     assert {kind.name for kind in kinds.policies} >= {"bc", "act", "flow"}
 
 
+def test_a_scoring_needs_no_encoder(client: gleaner.Client, lab: Lab) -> None:
+    job = client.jobs.wait(client.jobs.score(TASK), timeout=120)
+    chosen = job.spec.score
+    assert chosen.encoder_id.startswith("enc_")
+    scored = {score.episode_id for score in client.scores.all(job.result_id, role="imperfect")}
+    assert scored >= set(lab.failures)
+
+
 def test_invalid_settings_of_a_job_are_named(client: gleaner.Client, lab: Lab) -> None:
     with pytest.raises(
         gleaner.InvalidArgument, match=r"settings\.preset: unknown value \"huge\"; supported: tiny, small, base"

@@ -90,19 +90,13 @@ impl Failure {
 mod tests {
     use std::io::Cursor;
 
-    use gleaner_core::TaskSpec;
     use gleaner_recording::EpisodeWriter;
 
     use super::*;
 
     #[test]
     fn a_disk_that_fills_while_a_recording_is_written_is_a_reason_to_try_again() {
-        let task: TaskSpec = serde_json::from_value(serde_json::json!({
-            "name": "reach", "rate_hz": 10.0, "mappings": [], "cameras": [],
-            "proprioception": [{ "name": "joints", "size": 2 }],
-            "action": [{ "name": "command", "size": 1 }],
-        }))
-        .unwrap();
+        let task = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &gleaner_sim::SimConfig::default());
         let mut room = [0_u8; 16];
         let written = EpisodeWriter::create(Cursor::new(&mut room[..]), &task).and_then(EpisodeWriter::finish);
         let failure = Failure::recording("ep_1", &written.err().unwrap());
