@@ -8,7 +8,7 @@ use gleaner_client::{
     whole_recording,
 };
 use gleaner_proto::v1::Outcome;
-use gleaner_recording::{Cuts, TimeRange};
+use gleaner_recording::{CutEpisode, Cuts, TimeRange};
 
 use super::items::known_task;
 use super::{PushArgs, push as push_all};
@@ -65,16 +65,10 @@ pub(super) async fn push(
                 continue;
             }
         };
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let (mut items, mut left_out) = (Vec::with_capacity(episodes.len()), Vec::new());
-        for (at, episode) in episodes.into_iter().enumerate() {
-            // The name of an episode's file is what people see of its origin.
-            let named = format!("{name}_{}", marks.name(at).unwrap_or(episode.file_name.clone()));
-            if let Some(why) = episode.left_out {
-                left_out.push(PushResult { path: path.join(named), result: Err(ClientError::Invalid(why)) });
-                continue;
-            }
-            let named = out.join(named);
+        let (whole, mut left_out) = named(path, marks, episodes);
+        let mut items = Vec::with_capacity(whole.len());
+        for (name, episode) in whole {
+            let named = out.join(name);
             std::fs::rename(out.join(&episode.file_name), &named)?;
             items.push(item(args, context, &named, &task, episode.success));
         }
@@ -86,6 +80,21 @@ pub(super) async fn push(
         results.append(&mut left_out);
     }
     Ok((Pushed { results, wall: started.elapsed() }, found.skipped, task))
+}
+
+/// The episodes of a recording with the names of their files, which are what people see of their origin; and the results of
+/// those that are left out.
+fn named(path: &Path, marks: &Marks, episodes: Vec<CutEpisode>) -> (Vec<(String, CutEpisode)>, Vec<PushResult>) {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let (mut whole, mut left_out) = (Vec::with_capacity(episodes.len()), Vec::new());
+    for (at, mut episode) in episodes.into_iter().enumerate() {
+        let name = format!("{stem}_{}", marks.name(at).unwrap_or_else(|| episode.file_name.clone()));
+        match episode.left_out.take() {
+            Some(why) => left_out.push(PushResult { path: path.join(name), result: Err(ClientError::Invalid(why)) }),
+            None => whole.push((name, episode)),
+        }
+    }
+    (whole, left_out)
 }
 
 impl Marks {
@@ -108,4 +117,24 @@ fn item(args: &PushArgs, context: &Context, path: &Path, task: &str, success: Op
         author: context.connection.author(),
     };
     PushItem { path: path.to_owned(), parts: Vec::new(), task: task.to_owned(), label }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_episode_that_is_left_out_is_rejected_with_the_reason() {
+        let episode = |at: usize, left_out: Option<&str>| CutEpisode {
+            file_name: format!("episode_{at:06}.mcap"),
+            success: None,
+            left_out: left_out.map(str::to_owned),
+        };
+        let episodes = vec![episode(0, None), episode(1, Some("the recording ends in the middle of it"))];
+        let (whole, left_out) = named(Path::new("day/long.mcap"), &Marks::Topic("/episode".into()), episodes);
+        assert_eq!(whole, [("long_episode_000000.mcap".to_owned(), episode(0, None))]);
+        let [PushResult { path, result }] = left_out.as_slice() else { panic!("{left_out:?}") };
+        assert_eq!(path, Path::new("day/long.mcap/long_episode_000001.mcap"));
+        assert!(result.as_ref().unwrap_err().to_string().contains("ends in the middle"));
+    }
 }
