@@ -91,7 +91,7 @@ pub(super) async fn inference_step<M: Model>(
     let gap = skipped > 0 || (withheld && step.executed.is_none());
     // That of a later step, which the model did not see, where no other is known.
     let later = step.executed.take();
-    let known = after.clone().filter(|action| observation::is_action(&shape, action));
+    let known = after.clone().filter(|action| observation::vector("executed_action", action, shape.action).is_ok());
     step.executed = known.or_else(|| given.clone().filter(|_| !withheld)).or(later).or_else(|| given.clone());
     // Without any answer in time yet, the robot has executed nothing that is known: the history begins again, unless the
     // model reads one step alone. Then a chunk whose answer was late serves the steps after it.

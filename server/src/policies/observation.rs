@@ -110,11 +110,6 @@ pub(crate) fn vector(field: &str, values: &[f32], length: usize) -> Result<()> {
     }
 }
 
-/// Whether the values can be an action of the task.
-pub(super) fn is_action(shape: &TaskShape, values: &[f32]) -> bool {
-    values.len() == shape.action && values.iter().all(|value| value.is_finite())
-}
-
 fn names(shape: &TaskShape) -> String {
     shape.cameras.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>().join(", ")
 }
