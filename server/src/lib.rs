@@ -46,7 +46,7 @@ use crate::{
     access::{TokenCache, tls},
     config::ServeConfig,
     error::{Error, Result},
-    lock::DataLock,
+    lock::{DataLock, StandbyLock},
     service::Services,
 };
 
@@ -177,6 +177,8 @@ pub async fn run(
     if config.standby && lock.is_some() && service::standby::has_leader(&config).await? {
         lock = None;
     }
+    // Of this process until it ends: files of its own are there when it takes the lead.
+    let _among_standbys = lock.is_none().then(|| StandbyLock::join(&config.data_dir)).transpose()?;
     let services = match &lock {
         Some(_) => Services::open(config, listeners.for_workers()?).await?,
         None => Services::follow(config, listeners.for_workers()?).await?,

@@ -27,6 +27,8 @@ pub const BACKUP: &str = "BACKUP";
 pub const BLOBS: &str = "blobs";
 /// Name of the file that one server at a time locks.
 pub const LOCK: &str = "lock";
+/// Name of the file that every standby locks together with the others.
+pub const STANDBYS: &str = "standbys";
 
 /// Path of the database of a data folder.
 pub fn database(data_dir: &Path) -> PathBuf {

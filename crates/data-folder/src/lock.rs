@@ -9,7 +9,7 @@ use std::{
     path::Path,
 };
 
-use crate::{LOCK, access::make_private_folder};
+use crate::{LOCK, STANDBYS, access::make_private_folder};
 use gleaner_core::error::{Error, Result};
 
 /// A locked data folder, released on drop.
@@ -86,6 +86,37 @@ impl DataLock {
     }
 }
 
+/// The presence of a standby, whose temporary files are in the data folder too: until it is dropped, no other server
+/// removes them.
+#[derive(Debug)]
+pub struct StandbyLock {
+    _held: LockedFile,
+}
+
+impl StandbyLock {
+    /// Joins the standbys of a data folder, after waiting for a start that removes temporary files.
+    ///
+    /// # Errors
+    /// Precondition when the folder cannot be used.
+    pub fn join(data_dir: &Path) -> Result<Self> {
+        let held = standbys(data_dir).and_then(LockedFile::shared).map_err(|error| unusable(data_dir, error))?;
+        Ok(Self { _held: held })
+    }
+
+    /// Keeps standbys from joining until the lock is dropped; `None` while there is one.
+    ///
+    /// # Errors
+    /// When the system cannot lock the file.
+    pub fn keep_out(data_dir: &Path) -> std::io::Result<Option<Self>> {
+        let held = standbys(data_dir).and_then(LockedFile::exclusive)?;
+        Ok(held.map(|held| Self { _held: held }))
+    }
+}
+
+fn standbys(data_dir: &Path) -> std::io::Result<File> {
+    OpenOptions::new().create(true).read(true).write(true).truncate(false).open(data_dir.join(STANDBYS))
+}
+
 fn unusable(data_dir: &Path, error: std::io::Error) -> Error {
     Error::precondition(format!("cannot use the data folder {} (--data-dir): {error}", data_dir.display()))
 }
@@ -119,6 +150,16 @@ mod tests {
         assert!(DataLock::take_if_free(&dir.path().join("absent")).is_err(), "it makes no folder");
         drop(first);
         DataLock::take(&folder).unwrap();
+    }
+
+    #[test]
+    fn standbys_share_a_folder_that_a_start_has_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let standbys = [(); 2].map(|()| StandbyLock::join(dir.path()).unwrap());
+        assert!(StandbyLock::keep_out(dir.path()).unwrap().is_none());
+        drop(standbys);
+        assert!(StandbyLock::keep_out(dir.path()).unwrap().is_some());
+        assert!(StandbyLock::join(&dir.path().join("absent")).unwrap_err().message().contains("--data-dir"));
     }
 
     /// A child process that was just forked holds copies of all open files until it executes its program.

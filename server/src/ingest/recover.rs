@@ -13,18 +13,17 @@ use crate::{
     blobs::{Blobs, sync_folder},
     domain::{episode::Upload, time::Millis},
     error::{Error, Kind, Result},
+    lock::StandbyLock,
     store::Store,
 };
 
 /// Creates the folders; empties `tmp`, and removes drafts from `cache` and part files without a row; cuts parts that are
 /// longer than their acknowledged bytes, and removes uploads whose parts are shorter, which happens on a faulty disk
-/// only. Where workers of an earlier server, or standbys of this one, may still run, `tmp` and the drafts are left to the
-/// sweep, which knows their age.
+/// only. Where workers of an earlier server, or standbys of this one, still run, `tmp` and the drafts are left to the sweep,
+/// which knows their age.
 pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Result<()> {
     let uploads = store.uploads().await?;
-    // Standbys share the folder of a server whose database is in PostgreSQL.
-    let cluster = store.running_attempts().await?.iter().any(|left| !left.placement.is_of_children());
-    let working = cluster || store.is_in_postgres();
+    let working = store.running_attempts().await?.iter().any(|left| !left.placement.is_of_children());
     let (data_dir, blobs) = (data_dir.to_owned(), blobs.clone());
     let torn = off_runtime("recovering uploads", move || {
         let fault = |error| Error::internal(format!("recovering uploads in {}", data_dir.display()), error);
@@ -33,7 +32,8 @@ pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Re
         }
         // Without the entry in its parent, a folder is lost with everything acknowledged in it.
         sync_folder(&data_dir)?;
-        if !working {
+        let alone = StandbyLock::keep_out(&data_dir).map_err(fault)?;
+        if !working && alone.is_some() {
             empty(&data_dir.join("tmp"), |_| true).map_err(fault)?;
             // Left by killed workers.
             let half = |path: &Path| path.extension().is_some_and(|extension| extension == "partial");

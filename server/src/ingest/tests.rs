@@ -242,9 +242,6 @@ async fn a_start_recovers_uploads_after_a_crash() {
     f.write(&placed.id, 0, b"placed").await.unwrap();
     f.ingest.blobs.put_file(&part_path(&dir, &placed.id)).unwrap();
     fs::write(part_path(&dir, &UploadId::new()), b"no row").unwrap();
-    fs::create_dir(dir.join("tmp/inspect-x")).unwrap();
-    fs::write(dir.join("tmp/blob-x"), b"half").unwrap();
-    fs::write(dir.join("cache/abc-0123.frames.7-0.partial"), b"half").unwrap();
     fs::write(dir.join("cache/abc-0123.frames"), b"whole").unwrap();
 
     f.reopen().await;
@@ -252,7 +249,7 @@ async fn a_start_recovers_uploads_after_a_crash() {
     assert_eq!(open.len(), 2);
     assert!(open.contains(&longer.id) && open.contains(&placed.id));
     assert_eq!(fs::read(part_path(&dir, &longer.id)).unwrap(), b"long");
-    assert_eq!(f.files(&["uploads", "tmp", "cache"]), [dir.join("cache/abc-0123.frames"), part_path(&dir, &longer.id)]);
+    assert_eq!(f.files(&["uploads", "cache"]), [dir.join("cache/abc-0123.frames"), part_path(&dir, &longer.id)]);
     assert_eq!(f.write(&longer.id, 4, b"er").await.unwrap(), 6);
     assert!(f.ingest.finish(&placed.id).await.is_ok());
     assert_eq!(f.ingest.blobs.get(&placed.blake3).unwrap(), b"placed");
@@ -262,16 +259,16 @@ async fn a_start_recovers_uploads_after_a_crash() {
 #[tokio::test]
 async fn a_start_leaves_the_files_of_workers_that_outlive_a_server() {
     let mut f = playing(USABLE).await;
-    let (export, cache) = (f.dir.path().join("tmp/export-x"), f.dir.path().join("cache/abc-0123.frames.7-0.partial"));
+    let left = ["tmp/export-x", "tmp/blob-x", "cache/abc-0123.frames.7-0.partial"].map(|name| f.dir.path().join(name));
     let place = || {
-        fs::create_dir_all(&export).unwrap();
-        fs::write(&cache, b"half").unwrap();
+        fs::create_dir_all(&left[0]).unwrap();
+        left[1..].iter().for_each(|path| fs::write(path, b"half").unwrap());
     };
     for (engine, stay) in [("slurm", true), (Placement::LOCAL, false)] {
         let attempt = claimed(&f.store, &f.task.id, engine).await;
         place();
         f.reopen().await;
-        assert_eq!([&export, &cache].map(|path| path.exists()), [stay; 2], "{engine}");
+        assert_eq!(left.each_ref().map(|path| path.exists()), [stay; 3], "{engine}");
         f.store.end_attempt(&attempt, &AttemptEnd::Permanent("no more".into())).await.unwrap();
     }
 }
