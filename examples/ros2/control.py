@@ -6,7 +6,7 @@ Topics arrive at any rate and from any thread; a step takes the newest message o
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import messages
@@ -23,20 +23,21 @@ STATIC_TOPIC = "/tf_static"
 class Held:
     """The newest message of a topic, or of a field: drivers that share a topic send the values of some fields each."""
 
-    def __init__(self, topic: str, field: str = "", names: Sequence[str] = ()) -> None:
+    def __init__(self, topic: str, source: Any = None) -> None:
         self.message: Any = None
-        self._topic, self._field, self._names = topic, field, names
+        self._topic, self._field = topic, source.field if source else ""
+        self._paths, self._names = ([*source.paths], [*source.names]) if source else ([], [])
         self._time: float | None = None
         # Of the messages since then that lack names of the field, those of the one with most: missing ones and its own.
         self._without: tuple[list[str], list[str]] | None = None
 
     def take(self, message: Any, now: float) -> None:
         """Keeps a message that has all names."""
-        missing = messages.missing(message, self._names)
+        missing, known = messages.missing(message, self._paths, self._names)
         if not missing:
             self.message, self._time, self._without = message, now, None
         elif self._without is None or len(missing) < len(self._without[0]):
-            self._without = missing, [*message.name]
+            self._without = missing, known
 
     def stale(self, now: float, most: float) -> str:
         """Why there is no message within the last `most` seconds; empty if there is one."""
@@ -79,7 +80,7 @@ class Scene:
         self._held = {(topic, ""): Held(topic) for topic in pictures | self._trees.keys()}
         for source in (self.fields[name] for name in seen):
             if not source.HasField("transform"):
-                self._held[source.topic, source.field] = Held(source.topic, source.field, [*source.names])
+                self._held[source.topic, source.field] = Held(source.topic, source)
         self._lock = threading.Lock()
 
     @property
@@ -145,8 +146,7 @@ class Scene:
         # First the names of all fields of a message, so that each of its arrays has a place for every one.
         for source in (self.fields[field.name] for field in self.spec.action):
             message = found.setdefault(source.topic, made(source.topic))
-            if source.names:
-                messages.add_names(message, source.names, ", ".join(source.paths))
+            messages.add_names(message, source.names, source.paths)
         at = 0
         for field in self.spec.action:
             source = self.fields[field.name]

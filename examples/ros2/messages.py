@@ -20,12 +20,13 @@ class Unfit(ValueError):
 
 
 def read(message: Any, paths: Sequence[str], names: Sequence[str]) -> list[float]:
-    """The numbers at some paths, one after the other; with names, those of arrays beside the message's `name`."""
+    """The numbers at some paths, one after the other; with names, those of arrays with a `name` beside them."""
     found: list[float] = []
     for path in paths:
-        values = _at(message, path)
+        holder, last = _holder(message, path)
+        values = _part(holder, last)
         if names:
-            known = [*_attribute(message, "name", path)]
+            known = [*_attribute(holder, "name", path)]
             missing = [name for name in names if name not in known]
             if missing:
                 raise Unfit(f"{path}: the message has no {missing[0]}; it names {', '.join(known) or 'nothing'}")
@@ -37,42 +38,47 @@ def read(message: Any, paths: Sequence[str], names: Sequence[str]) -> list[float
     return found
 
 
-def missing(message: Any, names: Sequence[str]) -> list[str]:
-    """Those of the names that a message lacks. Empty for a message without an array `name`, which `read` refuses."""
-    known = getattr(message, "name", None)
-    if not hasattr(known, "__iter__"):
-        return []
-    known = [*known]
-    return [name for name in names if name not in known]
+def missing(message: Any, paths: Sequence[str], names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Those of the names that are not beside one of the paths, and those that are there.
+
+    None is missing beside a path without an array `name`, or one that does not exist: `read` refuses both.
+    """
+    for path in paths if names else ():
+        try:
+            known = getattr(_holder(message, path)[0], "name", None)
+        except Unfit:
+            continue
+        known = [*known] if hasattr(known, "__iter__") else [*names]
+        if lacking := [name for name in names if name not in known]:
+            return lacking, known
+    return [], []
 
 
-def add_names(message: Any, names: Sequence[str], path: str) -> list[int]:
-    """Appends those of the names that a message lacks; returns the places of all."""
-    known = [*_attribute(message, "name", path)]
-    known += [name for name in dict.fromkeys(names) if name not in known]
-    message.name = known
-    return [known.index(name) for name in names]
+def add_names(message: Any, names: Sequence[str], paths: Sequence[str]) -> None:
+    """Appends those of the names that are not beside the paths yet."""
+    for path in paths if names else ():
+        holder, _ = _holder(message, path)
+        known = [*_attribute(holder, "name", path)]
+        holder.name = known + [name for name in dict.fromkeys(names) if name not in known]
 
 
 def write(message: Any, paths: Sequence[str], names: Sequence[str], values: Sequence[float]) -> None:
     """The reverse of `read`: puts numbers into a message, with names beside those that are in it already.
 
-    Each array that is written has a number for each of the message's names: NaN where no value was given.
+    Each array that is written has a number for each name beside it: NaN where no value was given.
     """
     left = [float(value) for value in values]
-    places = add_names(message, names, ", ".join(paths)) if names else []
+    add_names(message, names, paths)
     for path in paths:
-        *way, last = path.split(".")
-        holder = message
-        for part in way:
-            holder = _part(holder, part)
+        holder, last = _holder(message, path)
         match = _match(last)
         before = _attribute(holder, match["name"], path)
         if names:
             count = len(names)
             if len(left) < count:
                 raise Unfit(f"{path}: expected a value for each of {count} names, got {len(left)}")
-            setattr(holder, match["name"], _placed(before, int(match["first"] or 0), places, left, len(message.name)))
+            places = [holder.name.index(name) for name in names]
+            setattr(holder, match["name"], _placed(before, int(match["first"] or 0), places, left, len(holder.name)))
         elif match["first"] is None:
             whole = hasattr(before, "__len__")
             count = len(left) if whole else 1
@@ -186,7 +192,9 @@ def _attribute(holder: Any, name: str, path: str) -> Any:
     return getattr(holder, name)
 
 
-def _at(message: Any, path: str) -> Any:
-    for part in path.split("."):
+def _holder(message: Any, path: str) -> tuple[Any, str]:
+    # The message that has the path's last part, and that part.
+    *way, last = path.split(".")
+    for part in way:
         message = _part(message, part)
-    return message
+    return message, last

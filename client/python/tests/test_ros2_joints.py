@@ -106,6 +106,18 @@ def test_arrays_that_not_every_action_field_has_stay_parallel(modules: dict[str,
     assert message.velocity == []
 
 
+def test_names_stand_beside_the_last_part_of_a_path(modules: dict[str, ModuleType]) -> None:
+    messages, message = modules["messages"], SimpleNamespace(left=Command(), right=Command())
+    paths = ["left.position", "right.position"]
+    messages.write(message, paths, ["a", "b"], [1, 2, 3, 4])
+    messages.write(message, ["right.effort"], ["c"], [5])
+    assert (message.left.name, message.right.name) == (["a", "b"], ["a", "b", "c"])
+    assert (message.left.position, message.right.position) == ([1, 2], [3, 4])
+    assert messages.read(message, paths, ["b", "a"]) == [2, 1, 4, 3]
+    assert messages.missing(message, paths, ["a", "c"]) == (["c"], ["a", "b"])
+    assert messages.missing(message, ["right.position"], ["c"]) == ([], [])
+
+
 def test_names_that_a_message_has_are_updated_and_others_appended(modules: dict[str, ModuleType]) -> None:
     messages, message = modules["messages"], Command()
     messages.write(message, ["position", "velocity"], ["a", "b"], [1, 2, 3, 4])
