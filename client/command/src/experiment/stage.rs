@@ -239,7 +239,9 @@ fn keyed(work: &Work) -> Work {
     if let Work::Train { settings } = &mut keyed {
         settings.retain(|name, value| name != "hidden_history" || *value != "steps");
         settings.retain(|name, value| name != "switch_weight" || value.as_f64() != Some(1.0));
-        settings.retain(|name, value| name != "dropout" || value.as_f64() != Some(0.0));
+        for off in ["dropout", "fresh_share"] {
+            settings.retain(|name, value| name != off || value.as_f64() != Some(0.0));
+        }
     }
     if let Work::Score { settings } = &mut keyed {
         settings.retain(|name, value| name != "lead_in" || value.as_f64() != Some(0.0));

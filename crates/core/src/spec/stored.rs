@@ -34,6 +34,7 @@ fn of_training(mut values: Values) -> Values {
         ("stretch", json!(8)),
         ("switch_weight", json!(1.0)),
         ("dropout", json!(0.0)),
+        ("fresh_share", json!(0.0)),
         ("learning_rate", json!(1e-3)),
     ] {
         values.entry(name).or_insert(value);

@@ -94,7 +94,7 @@ fn specs_of_earlier_versions_are_read() {
     let expected = json!({
         "preset": "base", "image_encoder": "keypoints", "keypoint_gain": 1.0, "image_weights": "",
         "shift_pixels": 0, "brightness": 0.0, "contrast": 0.0, "proprioception_noise": 0.0, "proprioception_dropout": 0.0,
-        "initial_weights": "random", "history_steps": 0, "history_dropout": 0.5, "hidden_history": "steps", "image_tokens": "embedding",
+        "initial_weights": "random", "history_steps": 0, "fresh_share": 0.0, "history_dropout": 0.5, "hidden_history": "steps", "image_tokens": "embedding",
         "chunk_length": 5, "chunk_network": "transformer", "chunk_execution": "ensembled", "execute_length": 5, "kl_weight": 1.0, "latent_size": 8,
     });
     assert_eq!(Value::Object(train.policy.settings.clone()), expected);

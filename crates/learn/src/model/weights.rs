@@ -9,6 +9,7 @@ use rand::RngExt;
 use tch::{Tensor, nn, no_grad_guard};
 
 use crate::error::LearnError;
+use crate::model::image_encoder::RESNET;
 use crate::random::{Purpose, generator};
 
 /// Initial standard deviation of embeddings.
@@ -63,6 +64,16 @@ fn fill_uniform(parameter: &mut Tensor, deviation: f64, seed: u64, place: u64) {
 
 /// Copies `named` into `parameters`.
 pub(crate) fn load(parameters: &[(String, Tensor)], named: &BTreeMap<String, Tensor>) -> Result<(), LearnError> {
+    blend(parameters, named, 0.0)
+}
+
+/// Replaces all but a share f of each parameter: w ← f w + (1 − f) w′, with w′ in `named`. A ResNet is copied whole,
+/// because the statistics of its norms are fixed.
+pub(crate) fn blend(
+    parameters: &[(String, Tensor)],
+    named: &BTreeMap<String, Tensor>,
+    share: f64,
+) -> Result<(), LearnError> {
     let _no_grad = no_grad_guard();
     for (name, parameter) in parameters {
         let stored = named.get(name).filter(|stored| stored.size() == parameter.size());
@@ -70,7 +81,12 @@ pub(crate) fn load(parameters: &[(String, Tensor)], named: &BTreeMap<String, Ten
             let size = parameter.size();
             return Err(LearnError::Checkpoint(format!("`{name}` is missing or does not have size {size:?}")));
         };
-        parameter.shallow_clone().copy_(stored);
+        let mut parameter = parameter.shallow_clone();
+        if share == 0.0 || name.split('.').any(|part| part == RESNET) {
+            parameter.copy_(stored);
+        } else {
+            let _ = parameter.lerp_(stored, 1.0 - share);
+        }
     }
     Ok(())
 }

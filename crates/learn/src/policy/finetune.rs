@@ -9,6 +9,7 @@
 use std::collections::BTreeMap;
 
 use gleaner_core::kinds::Needs;
+use gleaner_core::schema::number_in;
 use gleaner_core::{Group as _, ModelSpec, OptimSpec, Setting};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
@@ -27,18 +28,35 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     title: "SSDF",
     about: "The pretrained transformer, finetuned: a causal pass that predicts the newest action.",
     needs: Needs { encoder: true, history: true, images: true, all_episodes: false },
-    settings,
+    settings: settings_of_pretrained,
     optim,
     model,
     init,
     load,
 };
 
+gleaner_core::settings! {
+    /// Settings of a policy that begins with the weights of an encoder.
+    #[derive(Copy)]
+    pub(super) struct FreshSpec {
+        /// Share f of fresh random weights in those that a policy begins with from an encoder: w = (1 − f) w_pretrained +
+        /// f w_random (0: as they were pretrained; 1: none of them). A larger share forgets more of the pretraining; with a
+        /// smaller one a training stays closer to it.
+        pub(super) fresh_share: f64 = 0.0, number_in(0.0, 1.0);
+    }
+}
+
 /// With these defaults a transformer looks; without them it continues its past and copies exact positions
 /// (docs/decisions/0060-a-transformer-from-scratch-looks.md, 0069-a-pretrained-transformer-looks.md).
 pub(super) fn settings() -> Vec<Setting> {
     let history = HistorySpec { history_dropout: 0.9, ..HistorySpec::default() };
     [history.as_defaults(), looking::augmentation().as_defaults()].concat()
+}
+
+/// Those of the same transformer that begins with an encoder. Half of each weight is fresh: the encoder's as they are
+/// cost success in picking (docs/decisions/0071-half-of-a-finetuned-weight-is-fresh.md).
+fn settings_of_pretrained() -> Vec<Setting> {
+    [settings(), FreshSpec { fresh_share: 0.5 }.as_defaults()].concat()
 }
 
 /// Steps drawn one by one and a higher rate: with the rate of other policies a short training ends before the transformer
@@ -52,7 +70,9 @@ fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    Ok(Box::new(CausalTransformer { network: pretrained(from)?, history: info.settings()? }))
+    let (network, FreshSpec { fresh_share }) = (pretrained(from)?, from.chosen().read()?);
+    network.freshen(fresh_share, from.spec.run.seed)?;
+    Ok(Box::new(CausalTransformer { network, history: info.settings()? }))
 }
 
 /// The encoder's network, which holds the actions that never change in the training's steps.

@@ -13,7 +13,7 @@ use gleaner_core::{Group as _, ImageWeightsSpec, InitialWeights, ModelSpec, Obse
 use tch::nn::{self, VarStore};
 use tch::{Device, Tensor};
 
-use super::finetune;
+use super::finetune::{self, FreshSpec};
 use super::hiding::HistorySpec;
 use super::kind::{PolicyInfo, PolicyInit, PolicyInput};
 use super::looking;
@@ -52,8 +52,9 @@ pub(super) struct Encoded {
 
 /// The settings of every such policy.
 pub(super) fn schema() -> Vec<Setting> {
-    let observer = [ObserverSpec::schema(), HistorySpec::schema(), looking::augmentation().as_defaults()].concat();
-    [ModelSpec::schema_of_one_step(), ImageWeightsSpec::schema(), observer].concat()
+    let observer = [ObserverSpec::schema(), FreshSpec::schema(), HistorySpec::schema()].concat();
+    let inputs = looking::augmentation().as_defaults();
+    [ModelSpec::schema_of_one_step(), ImageWeightsSpec::schema(), observer, inputs].concat()
 }
 
 /// The size of the model; its history is that which the policy sees.
@@ -65,6 +66,11 @@ pub(super) fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
             "is grid, which shows the newest step alone, but history_steps is {history_steps}; use 0, or embedding"
         );
         return Err(LearnError::invalid("image_tokens", message));
+    }
+    let FreshSpec { fresh_share } = from.chosen().read()?;
+    if fresh_share > 0.0 && initial_weights == InitialWeights::Random {
+        let message = format!("is {fresh_share}, but initial_weights is random: all weights are; use 0, or encoder");
+        return Err(LearnError::invalid("fresh_share", message));
     }
     let model = match initial_weights {
         InitialWeights::Random => ModelSpec { segment_length: history_steps, ..from.chosen().read()? },
@@ -152,16 +158,17 @@ impl Observer {
         if initial_weights == InitialWeights::Random {
             return from.give_image_weights(&info.model, &self.parameters());
         }
+        let FreshSpec { fresh_share } = from.chosen().read()?;
         let (_, named) = checkpoint::read(finetune::encoder(from)?, CheckpointKind::Encoder)?;
         match &self.backbone {
-            Backbone::Window(network) => weights::load(&network.parameters(), &named),
+            Backbone::Window(network) => weights::blend(&network.parameters(), &named, fresh_share),
             Backbone::Newest { .. } => {
                 // The same parameters, named after the part that they belong to.
                 let own = self.parameters().into_iter().filter_map(|(name, parameter)| {
                     let image = name.strip_prefix("policy.")?;
                     image.starts_with(IMAGES).then(|| (format!("model.{image}"), parameter))
                 });
-                weights::load(&own.collect::<Vec<_>>(), &named)
+                weights::blend(&own.collect::<Vec<_>>(), &named, fresh_share)
             }
         }
     }

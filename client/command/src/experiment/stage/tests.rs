@@ -99,7 +99,7 @@ fn what_is_hidden_of_a_history_is_a_part_of_the_keys_of_policies_that_hide_one()
 #[test]
 fn keys_are_stable_between_versions() {
     let graph = graph(
-        "[base]\nseeds = [7]\nvalidation_share = 0.0\nshift_pixels = 0\nproprioception_dropout = 0.0\naction_token = \"proprioception\"\nhistory_dropout = 0.5\nprogress = \"furthest\"\nlead_in = 0.0\nearliness = 0.0\nlambda = 0.1\ntrain = { stretch = 8, learning_rate = 0.001 }\n[[study]]\ntable = \"methods\"\naxes = { method = [\"bc\", \"tf_bc\", \"ssdf_base\", \"ssdf\", \"act\", \"ssdf_act\"] }\n[[study]]\ntable = \"scoring\"\n",
+        "[base]\nseeds = [7]\nvalidation_share = 0.0\nshift_pixels = 0\nproprioception_dropout = 0.0\naction_token = \"proprioception\"\nhistory_dropout = 0.5\nfresh_share = 0.0\nprogress = \"furthest\"\nlead_in = 0.0\nearliness = 0.0\nlambda = 0.1\ntrain = { stretch = 8, learning_rate = 0.001 }\n[[study]]\ntable = \"methods\"\naxes = { method = [\"bc\", \"tf_bc\", \"ssdf_base\", \"ssdf\", \"act\", \"ssdf_act\"] }\n[[study]]\ntable = \"scoring\"\n",
     );
     // A form of progress that those versions lacked.
     let known = graph.stages.iter().filter(|stage| !stage.label.contains("pace"));

@@ -104,6 +104,7 @@ fn an_encoder_begins_with_given_weights_and_policies_begin_from_it() {
     };
     for kind in ["finetune", "bc"] {
         let mut spec = spec_of(kind);
+        spec.policy = spec.policy.with(Family::Policy, "fresh_share", 0.5).unwrap();
         spec.optim.image_rate_factor = 0.0;
         let pretrained = Pretrained::encoder(&encoder);
         let policy = train_policy(&shape, pretrained, &data, &[], &spec, None, &mut Silent).unwrap();

@@ -126,6 +126,35 @@ fn a_policy_begins_with_the_encoder_s_weights_and_statistics() {
     }
 }
 
+/// w = (1 − f) w_pretrained + f w_random, of the policy's own draw.
+#[test]
+fn a_share_of_fresh_weights_is_mixed_into_those_of_the_encoder() {
+    let begun = |base: &TrainSpec, share: f64| {
+        let policy = base.policy.clone().with(Family::Policy, "fresh_share", share).unwrap();
+        let mut spec = TrainSpec { policy, ..base.clone() };
+        // A rate this low changes no weight that has digits like these.
+        spec.optim.learning_rate = 1e-12;
+        tensors(&train(&spec, None).0)
+    };
+    let near = |a: &Tensor, b: &Tensor| (a - b).abs().max().double_value(&[]) < 1e-5;
+    let given = checkpoint::read(&encoder(2), CheckpointKind::Encoder).unwrap().1;
+    let cases = [
+        (spec("finetune", 1), "model."),
+        (switched("bc", ("encoder", 0), 1), "policy.image."),
+        (switched("act", ("encoder", 3), 1), "model."),
+    ];
+    for (base, prefix) in cases {
+        let [plain, mixed, fresh] = [0.0, 0.25, 1.0].map(|share| begun(&base, share));
+        let mut compared = 0;
+        for (name, plain) in plain.iter().filter(|(name, plain)| name.starts_with(prefix) && plain.size().len() > 1) {
+            assert!(near(plain, &given[&name.replace("policy.image.", "model.image.")]), "{name}");
+            assert!(near(&mixed[name], &(plain * 0.75 + &fresh[name] * 0.25)) && !near(plain, &fresh[name]), "{name}");
+            compared += 1;
+        }
+        assert!(compared >= 2, "{prefix}");
+    }
+}
+
 #[test]
 fn with_a_history_a_policy_sees_past_actions_and_never_its_own() {
     let data = toy::episode("e", 1, 6, true);
@@ -156,6 +185,12 @@ fn settings_that_the_encoder_does_not_have_and_a_missing_encoder_are_refused() {
     let encoder = encoder(1);
     let other = message(("encoder", 2), Some(&encoder));
     assert!(other.starts_with("history_steps: is 2, the encoder was pretrained with a segment_length of 3"), "{other}");
+    let mut fresh = switched("bc", ("random", 0), 1);
+    fresh.policy = fresh.policy.with(Family::Policy, "fresh_share", 0.5).unwrap();
+    let refused =
+        train_policy(&toy::shape(), Pretrained::default(), &toy::experts(2, 8), &[], &fresh, None, &mut Silent);
+    let expected = "fresh_share: is 0.5, but initial_weights is random: all weights are; use 0, or encoder";
+    assert_eq!(refused.unwrap_err().to_string(), expected);
     assert!(message(("encoder", 0), None).starts_with("encoder: is missing"));
     let spec = switched(GRID, ("random", 3), 1);
     let refused =
