@@ -2,6 +2,10 @@
 //! in memory, in turns. Two cameras of 480 × 640 in JPEG, learned from at 128 × 128. One thread for the tensor library, or
 //! the number in the variable `THREADS`; reading has a thread of its own. Its argument is the number of episodes of 200
 //! steps (20).
+//!
+//! With `SEGMENTS`, one run of that number of segments in place of the turns: the imperfect episodes are repeated, each
+//! time under another name, beside the same experts. It is compared with the experts and as many imperfect episodes in
+//! memory. `SCORER` runs one scorer alone.
 
 #![allow(clippy::print_stdout, clippy::unwrap_used, missing_docs)]
 
@@ -63,21 +67,38 @@ fn main() {
         |(at, cache): (usize, &Arc<Cached>)| Trajectory::read_from(&shape, id(at), Arc::clone(cache) as _).unwrap();
     let cached: Vec<Trajectory> = caches.iter().enumerate().map(of).collect();
     let of = |(at, cache): (usize, &Arc<Cached>)| in_memory(&shape, id(at), cache);
-    let decoded: Vec<Trajectory> = caches.iter().enumerate().map(of).collect();
+    let whole = std::env::var("SEGMENTS").ok().and_then(|text| text.parse::<usize>().ok());
+    let experts = caches.len() / EXPERTS;
+    let in_turns = if whole.is_some() { 2 * experts } else { caches.len() };
+    let decoded: Vec<Trajectory> = caches[..in_turns].iter().enumerate().map(of).collect();
     let optim = OptimSpec { steps: 1, batch: 1, ..OptimSpec::default() };
     let model = ModelSpec { preset: Preset::Small, ..ModelSpec::default() };
     let pretrained = PretrainSpec { model, optim, threads: Some(threads), ..PretrainSpec::default() };
     let encoder = pretrain(&shape, &decoded[..1], &pretrained, None, None, &mut Silent).unwrap();
-    for scorer in ["ssdf", "raw"] {
+    let chosen = std::env::var("SCORER").ok();
+    for scorer in ["ssdf", "raw"].into_iter().filter(|scorer| chosen.as_ref().is_none_or(|name| name == scorer)) {
         let values = [("scorer".to_owned(), scorer.into())].into_iter().collect();
         let spec = ScoreSpec { threads: Some(threads), ..ScoreSpec::from_values(&values).unwrap() };
         let run = |episodes: &[Trajectory]| {
-            let (experts, imperfect) = episodes.split_at(episodes.len() / EXPERTS);
+            let (experts, imperfect) = episodes.split_at(experts);
             let begun = Instant::now();
             let inputs = ScoreInputs { encoder: &encoder, experts, imperfect, kept: &Forgetful };
             let scores = score(inputs, &spec, &mut Silent).unwrap();
             (begun.elapsed().as_secs_f64(), scores)
         };
+        if let Some(segments) = whole {
+            let count = segments / STEPS as usize;
+            let again = |at: usize| &caches[if at < experts { at } else { experts + at % (caches.len() - experts) }];
+            let of = |at| Trajectory::read_from(&shape, id(at), Arc::clone(again(at)) as _).unwrap();
+            let many: Vec<Trajectory> = (0..count).map(of).collect();
+            let [limit, reached] = [&decoded, &many].map(|episodes| rate(episodes.len(), run(episodes).0));
+            println!(
+                "{scorer}, {threads} threads, {segments} segments: {limit:.0} segments/s in memory, {reached:.0} from the \
+                 cache; ratio {:.2}",
+                reached / limit
+            );
+            continue;
+        }
         let rounds: Vec<[f64; 2]> = (0..ROUNDS)
             .map(|_| {
                 let ((in_memory, expected), (from_cache, scores)) = (run(&decoded), run(&cached));
@@ -86,14 +107,17 @@ fn main() {
             })
             .collect();
         let fastest = |which: usize| rounds.iter().map(|round| round[which]).fold(f64::INFINITY, f64::min);
-        let segments = f64::from(episodes * STEPS);
+        let [limit, reached] = [0, 1].map(|which| rate(caches.len(), fastest(which)));
         println!(
-            "{scorer}, {threads} threads: {:.0} segments/s in memory, {:.0} from the cache; ratio {:.2}",
-            segments / fastest(0),
-            segments / fastest(1),
-            fastest(0) / fastest(1)
+            "{scorer}, {threads} threads: {limit:.0} segments/s in memory, {reached:.0} from the cache; ratio {:.2}",
+            reached / limit
         );
     }
+}
+
+/// Segments a second.
+fn rate(episodes: usize, seconds: f64) -> f64 {
+    episodes as f64 * f64::from(STEPS) / seconds
 }
 
 fn task() -> TaskSpec {
