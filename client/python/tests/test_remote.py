@@ -9,8 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tritonclient.grpc as triton
 from numpy.typing import NDArray
 from openpi_client import msgpack_numpy
+from openpi_client.action_chunk_broker import ActionChunkBroker
+from openpi_client.websocket_client_policy import WebsocketClientPolicy
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import Server as WebsocketServer
 from websockets.sync.server import ServerConnection, serve
@@ -20,7 +23,9 @@ from conftest import DEPLOYMENT, Lab
 from gleaner.observation import size
 from gleaner.types import TaskSpec
 from programs import Server, cli
+from test_openpi import as_sent
 from test_policy import observation
+from test_tritonclient import tensors
 
 TASK = "pick_small"
 
@@ -28,7 +33,8 @@ TASK = "pick_small"
 @pytest.fixture(scope="module")
 def other(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """A second server, which may connect to servers of policies on this machine."""
-    process = Server(tmp_path_factory.mktemp("other"), "--workers", "0", "--policy-servers", "127.0.0.1")
+    flags = ["--workers", "0", "--policy-servers", "127.0.0.1", "--openpi-listen", "127.0.0.1:0"]
+    process = Server(tmp_path_factory.mktemp("other"), *flags)
     yield process
     process.stop()
 
@@ -122,6 +128,31 @@ def test_a_policy_in_python_gets_sessions(here: gleaner.Client, own: Running) ->
         # The last value is the gripper's, which is open or closed.
         np.testing.assert_allclose(chunk.actions[:, :-1], np.clip(predicted, low, high)[:, :-1], atol=1e-6)
         assert set(np.abs(chunk.actions[:, -1])) == {1.0}
+
+
+def test_clients_of_other_protocols_execute_as_many_actions_of_a_chunk_as_they_like(
+    here: gleaner.Client, other: Server, own: Running
+) -> None:
+    here.deploy("chunks@test", registered(here, own.address))
+    spec = here.tasks.get(TASK).spec
+    seen = [observation(spec, seed) for seed in range(10)]
+    ranges = [(field.minimum, field.maximum) for field in spec.action for _ in range(field.size)][:-1]
+    low, high = np.array(ranges).T
+    for horizon in (4, 3, 1):
+        own.policy.seen.clear()
+        broker = ActionChunkBroker(WebsocketClientPolicy(f"{other.openpi}/chunks@test"), action_horizon=horizon)
+        acted = [broker.infer(as_sent(step))["actions"] for step in seen]
+        assert len(own.policy.seen) == -(-len(seen) // horizon)
+        expected = [own.policy.actions(own.policy.seen[at // horizon])[at % horizon] for at in range(len(seen))]
+        np.testing.assert_allclose(np.array(acted)[:, :-1], np.clip(np.array(expected)[:, :-1], low, high), atol=1e-6)
+    own.policy.seen.clear()
+    client = triton.InferenceServerClient(other.address.rpartition("//")[2])
+    for at, step in enumerate(seen[:3]):
+        arrays = {**step["images"], **{f"{name}_depth": depth for name, depth in step["depth"].items()}}
+        arrays["proprioception"] = step["proprioception"].astype(np.float32)
+        answer = client.infer("chunks@test", tensors(arrays), sequence_id="robot", sequence_start=at == 0)
+        assert (answer.as_numpy("action").shape, len(own.policy.seen)) == ((4, own.policy.width), at + 1)
+    client.close()
 
 
 def test_a_policy_in_python_is_evaluated_and_its_rollouts_are_episodes(here: gleaner.Client, own: Running) -> None:

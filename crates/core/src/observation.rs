@@ -106,6 +106,9 @@ pub struct SessionSettings {
     pub record: Option<String>,
     /// Seed of the numbers that a policy draws its actions from.
     pub seed: u64,
+    /// Whether each observation gets a new chunk, and never the rest of one: for robots of protocols in which they do not
+    /// state how many actions of a chunk they execute.
+    pub new_chunks: bool,
 }
 
 /// Messages from a robot in a session.

@@ -130,6 +130,8 @@ impl Episode {
             deadline: None,
             record: None,
             seed,
+            // A client executes as many actions of each answer as it likes, and does not send how many.
+            new_chunks: true,
         };
         episode.send(SessionInput::Open(settings)).await;
         let SessionOutput::Opened { policy_id, .. } = episode.output().await? else {

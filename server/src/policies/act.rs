@@ -4,7 +4,7 @@ use std::{sync::Arc, time::Instant};
 
 use super::{
     engine::{Engine, InferenceRequest},
-    model::{Model, ModelInput, Step},
+    model::{Begin, Model, ModelInput, Step},
     observation,
     stages::Stages,
 };
@@ -26,7 +26,7 @@ pub(super) async fn act<M: Model>(engine: &Engine<M>, observations: Vec<Observat
     let answered = async {
         let steps = steps(engine, observations).await?;
         stages.decoded(stages.arrived().elapsed());
-        let input = ModelInput { history: None, seed: 0, skipped: 0, steps };
+        let input = ModelInput { history: None, begin: Begin::default(), skipped: 0, steps };
         engine.try_infer_by(InferenceRequest { input, stages: Arc::clone(&stages), deadline }).await?.advanced()
     };
     let in_time = async {

@@ -13,7 +13,7 @@ use tokio::sync::oneshot;
 use super::{
     batch::{QueuedRequest, Server, StepResult},
     lock::lock,
-    model::{Advanced, Model, ModelInput, answer},
+    model::{Advanced, Begin, Model, ModelInput, answer},
     observation::blank,
     session_rates::{RateGuard, SessionRates},
     spin_wait::SpinWait,
@@ -238,7 +238,10 @@ fn warmed<M: Model>(load: impl FnOnce() -> Result<M>, ready_sender: oneshot::Sen
     let loaded = super::model::guarded("loading a policy", || {
         let model = load()?;
         let begun = Instant::now();
-        answer(&model, &[&ModelInput { history: None, seed: 0, skipped: 0, steps: vec![blank(model.shape())] }])?;
+        answer(
+            &model,
+            &[&ModelInput { history: None, begin: Begin::default(), skipped: 0, steps: vec![blank(model.shape())] }],
+        )?;
         Ok((model, begun.elapsed()))
     });
     match loaded {

@@ -5,7 +5,7 @@ use std::{sync::Arc, time::Instant};
 use super::{
     batch::StepResult,
     engine::{Engine, InferenceRequest},
-    model::{Model, ModelInput},
+    model::{Begin, Model, ModelInput},
     observation,
     pending_reply::PendingReply,
     record::show,
@@ -15,8 +15,7 @@ use crate::{domain::observation::Observation, error::Result, scorers::Watch};
 /// The state of a session between two observations.
 pub(super) struct Memory<H> {
     history: Option<H>,
-    /// Seed of the numbers that the policy draws its actions from.
-    seed: u64,
+    begin: Begin,
     /// The action sent last: taken as executed unless the robot sends another.
     pub(super) given: Option<Vec<f32>>,
     /// The newest observation of the history got no action: the executed action is unknown unless the robot sends it.
@@ -30,8 +29,8 @@ pub(super) struct Memory<H> {
 }
 
 impl<H> Memory<H> {
-    pub(super) fn new(seed: u64, watch: Option<Watch>) -> Self {
-        Self { history: None, seed, given: None, withheld: false, unseen: 0, after: None, watch }
+    pub(super) fn new(begin: Begin, watch: Option<Watch>) -> Self {
+        Self { history: None, begin, given: None, withheld: false, unseen: 0, after: None, watch }
     }
 
     /// Counts `unseen` more control steps that the model does not see. `after` is the action of the robot before the first of
@@ -44,7 +43,7 @@ impl<H> Memory<H> {
     }
 
     pub(super) fn take(&mut self) -> Self {
-        std::mem::replace(self, Self::new(self.seed, None))
+        std::mem::replace(self, Self::new(self.begin, None))
     }
 }
 
@@ -70,7 +69,7 @@ pub(super) async fn inference_step<M: Model>(
     observation: Observation,
     reply: PendingReply,
 ) -> Result<(Memory<M::History>, StepAnswer)> {
-    let Memory { history, seed, given, withheld, unseen, after, mut watch } = memory;
+    let Memory { history, begin, given, withheld, unseen, after, mut watch } = memory;
     let skipped = unseen + reply.dropped;
     let after = if skipped == 0 {
         Some(observation.executed_action.clone()).filter(|action| !action.is_empty())
@@ -78,7 +77,7 @@ pub(super) async fn inference_step<M: Model>(
         after
     };
     let unrun = |history, (given, after), watch, reason| {
-        let memory = Memory { history, seed, given, withheld, unseen: skipped + 1, after, watch };
+        let memory = Memory { history, begin, given, withheld, unseen: skipped + 1, after, watch };
         (memory, StepAnswer::Missed(reason))
     };
     if reply.is_late() {
@@ -101,7 +100,7 @@ pub(super) async fn inference_step<M: Model>(
     if let Some(watch) = &mut watch {
         show(watch, reply.stamp_ns, &step, gap);
     }
-    let input = ModelInput { history, seed, skipped, steps: vec![step] };
+    let input = ModelInput { history, begin, skipped, steps: vec![step] };
     Ok(match engine.infer_by(InferenceRequest { input, stages: reply.stages, deadline: reply.deadline }).await? {
         StepResult::Late(history) => unrun(history, (given, after), watch, String::new()),
         // A robot without a deadline has no other use for a session that cannot act.
@@ -110,7 +109,7 @@ pub(super) async fn inference_step<M: Model>(
         StepResult::Advanced(advanced) => {
             let history = Some(advanced.history);
             let acted = StepAnswer::Acted(advanced.actions);
-            (Memory { history, seed, given, withheld: false, unseen: 0, after: None, watch }, acted)
+            (Memory { history, begin, given, withheld: false, unseen: 0, after: None, watch }, acted)
         }
     })
 }

@@ -18,13 +18,29 @@ pub(super) struct Step {
     pub(super) executed: Option<Vec<f32>>,
 }
 
+/// What a new history begins with.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Begin {
+    /// Seed, for a policy that draws its actions.
+    pub(super) seed: u64,
+    /// Whether each observation gets a new chunk, whatever the policy's own execution is.
+    pub(super) new_chunks: bool,
+}
+
+impl Begin {
+    /// How chunks are executed, of a policy that executes them by `own`.
+    pub(super) fn execution(self, own: Execution) -> Execution {
+        if self.new_chunks { Execution::Horizon(1) } else { own }
+    }
+}
+
 /// The input of one request: steps to append to a history; the model acts on the last.
 #[derive(Debug)]
 pub(super) struct ModelInput<H> {
     /// `None` begins a new history.
     pub(super) history: Option<H>,
-    /// Seed of a new history, for a policy that draws its actions.
-    pub(super) seed: u64,
+    /// For a new history.
+    pub(super) begin: Begin,
     /// Control steps that passed unseen before the last of `steps`.
     pub(super) skipped: u64,
     /// Oldest first, at least one.
@@ -118,7 +134,8 @@ fn trained(input: &ModelInput<History>) -> Option<&PolicySession> {
 
 /// The session of an input, with its skipped steps.
 fn session(policy: &Policy, input: &ModelInput<History>) -> PolicySession {
-    let mut session = trained(input).cloned().unwrap_or_else(|| policy.session(input.seed));
+    let new = || policy.session(input.begin.seed).executing(input.begin.execution(policy.execution()));
+    let mut session = trained(input).cloned().unwrap_or_else(new);
     session.skip(input.skipped);
     session
 }

@@ -118,7 +118,7 @@ async fn answer(calls: &Calls, request: QueuedRequest<History>) {
         let _ = reply.send(Ok(StepResult::Late(input.history)));
         return;
     }
-    let ModelInput { history, seed: _, skipped, steps } = input;
+    let ModelInput { history, begin, skipped, steps } = input;
     let before = match history {
         Some(History::Remote(history)) => Some(history),
         // A session keeps its engine, so there is no other history.
@@ -128,7 +128,8 @@ async fn answer(calls: &Calls, request: QueuedRequest<History>) {
     let passed = skipped.saturating_add(steps.len() as u64);
     let step =
         Step { frame: &newest.frame, proprioception: &newest.proprioception, executed: newest.executed.as_deref() };
-    let mut now = before.clone().unwrap_or_else(|| RemoteHistory::new(&calls.remote, &calls.shape, calls.execution));
+    let new = || RemoteHistory::new(&calls.remote, &calls.shape, begin.execution(calls.execution));
+    let mut now = before.clone().unwrap_or_else(new);
     stages.enters(std::time::Duration::ZERO, 1);
     let advanced = tokio::select! {
         advanced = now.advance(&calls.shape, passed, &step) => advanced,

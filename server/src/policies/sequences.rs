@@ -15,7 +15,7 @@ use super::{
     Policies,
     engine::Engine,
     lock::lock,
-    model::{Model, ModelInput},
+    model::{Begin, Model, ModelInput},
     observation,
 };
 use crate::{
@@ -128,7 +128,7 @@ where
         let mut step = observation::step_of(shape, path, observation).await?;
         let Some((key, place)) = self.place else {
             step.executed = None;
-            let input = ModelInput { history: None, seed: 0, skipped: 0, steps: vec![step] };
+            let input = ModelInput { history: None, begin: Begin::default(), skipped: 0, steps: vec![step] };
             return Ok(self.engine.try_infer(input).await?.actions);
         };
         let slot = self.slot.unwrap_or_else(|| Slot::new(Arc::clone(&self.engine)));
@@ -141,7 +141,9 @@ where
         let history = memory.as_ref().map(|memory| memory.history.clone());
         // Waits for a place in the queue, as sessions do: a sequence has one request in flight, and the number of
         // sequences is limited.
-        let input = ModelInput { history, seed: place.id.seed(), skipped: 0, steps: vec![step] };
+        // A client executes as many actions of each answer as it likes, and does not send how many.
+        let begin = Begin { seed: place.id.seed(), new_chunks: true };
+        let input = ModelInput { history, begin, skipped: 0, steps: vec![step] };
         let advanced = self.engine.infer(input).await?;
         if place.end {
             *memory = None;

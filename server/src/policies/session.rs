@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 use super::{
     engine::Engine,
     inference_step::{Memory, StepAnswer, inference_step},
-    model::Model,
+    model::{Begin, Model},
     pending_reply::{PendingReply, late, passed},
     record::Record,
     reply_sender::ReplySender,
@@ -119,7 +119,9 @@ impl<M: Model> Session<M> {
         stopping: &CancellationToken,
     ) -> Result<()> {
         replies.send(self.opened()).await?;
-        let mut memory = Memory::new(self.terms.settings.seed, self.watch.take());
+        let SessionSettings { seed, new_chunks, .. } = self.terms.settings;
+        let begin = Begin { seed, new_chunks };
+        let mut memory = Memory::new(begin, self.watch.take());
         let mut busy = pin!(Fuse::terminated());
         let mut close_at = None;
         loop {

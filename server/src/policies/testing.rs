@@ -11,7 +11,7 @@ use tokio::sync::mpsc as tokio_mpsc;
 
 use super::{
     engine::{Engine, Identity},
-    model::{Advanced, Model, ModelInput, Step},
+    model::{Advanced, Begin, Model, ModelInput, Step},
 };
 use crate::{
     domain::{
@@ -144,7 +144,7 @@ pub(super) fn identity(batch: usize, queue: usize) -> Identity {
 /// A first input with this proprioception.
 pub(super) fn input(proprioception: f32) -> ModelInput<(f32, Vec<f32>)> {
     let step = Step { frame: Vec::new(), proprioception: vec![proprioception], executed: None };
-    ModelInput { history: None, seed: 0, skipped: 0, steps: vec![step] }
+    ModelInput { history: None, begin: Begin::default(), skipped: 0, steps: vec![step] }
 }
 
 /// An observation with this number as stamp and proprioception.

@@ -43,6 +43,7 @@ fn settings(sent: v1::SessionOpen) -> Result<SessionSettings> {
         record: record.then_some(cohort),
         deployment,
         seed,
+        new_chunks: false,
     })
 }
 

@@ -25,6 +25,11 @@ impl StepChunks {
         self.chunks.set_ranges(ranges);
     }
 
+    /// Changes how chunks are executed.
+    pub fn set_execution(&mut self, execution: Execution) {
+        self.chunks.set_execution(execution);
+    }
+
     /// Counts control steps.
     pub fn skip(&mut self, steps: u64) {
         self.step = self.step.saturating_add(steps);
@@ -88,6 +93,19 @@ mod tests {
         steps.skip(1);
         assert_eq!((steps.remaining(), steps.push(chunk(9.0)).unwrap()), (None, chunk(9.0)));
         assert!(matches!(steps.push(chunk(9.0)), Err(ChunkError::Order { last: 3 })));
+    }
+
+    #[test]
+    fn with_a_horizon_of_one_every_step_predicts_its_own_actions() {
+        for first in [Execution::Horizon(2), Execution::Ensembled] {
+            let mut steps = StepChunks::new(ActionRanges::default(), first);
+            steps.set_execution(Execution::Horizon(1));
+            for value in [0.0, 3.0, 9.0] {
+                assert!(steps.predicts_after(1), "{first:?}");
+                steps.skip(1);
+                assert_eq!((steps.remaining(), steps.push(chunk(value)).unwrap()), (None, chunk(value)), "{first:?}");
+            }
+        }
     }
 
     #[test]

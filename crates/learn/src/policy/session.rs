@@ -33,6 +33,12 @@ impl PolicySession {
         self
     }
 
+    /// The same session with another execution of its chunks.
+    pub fn executing(mut self, execution: Execution) -> Self {
+        self.chunks.set_execution(execution);
+        self
+    }
+
     /// Counts control steps that passed without an observation.
     pub fn skip(&mut self, steps: u64) {
         self.chunks.skip(steps);

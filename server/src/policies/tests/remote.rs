@@ -137,6 +137,21 @@ async fn a_session_acts_by_the_other_server_and_executes_its_chunks() {
     assert!(matches!(robot.receives().await, Ok(SessionOutput::Closed { observations: 3, missed: 0, .. })));
 }
 
+/// As those of openpi, whose robots execute as many actions of an answer as they like.
+#[tokio::test]
+async fn a_session_of_new_chunks_gets_one_for_each_observation() {
+    let (_lab, server, policies, _) = deployed().await;
+    let mut robot = Robot::new(&policies);
+    let settings = SessionSettings { deployment: "arm".into(), new_chunks: true, ..SessionSettings::default() };
+    robot.sends(SessionInput::Open(settings));
+    robot.receives().await.unwrap();
+    for (call, number) in [(2, 10), (3, 20), (4, 30)] {
+        let acted = robot.acts(seen(number, &[])).await;
+        assert_eq!((acted.actions.len(), acted.actions[0][0]), (4, f32::from(number)));
+        assert_eq!(server.calls.load(SeqCst), call);
+    }
+}
+
 #[tokio::test]
 async fn a_robot_with_deadlines_misses_them_while_the_server_is_gone_and_then_acts_again() {
     let (lab, mut server, policies, _) = deployed().await;

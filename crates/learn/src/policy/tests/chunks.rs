@@ -50,7 +50,7 @@ fn a_chunk_reaches_to_the_end_of_an_expert_episode_and_no_further() {
 
 #[test]
 fn act_ensembles_its_chunks_or_executes_one_after_the_other() {
-    let run = |execution: &str| {
+    let run = |execution: &str, session_execution: Option<Execution>| {
         let mut spec = spec("act", 1);
         spec.policy = spec.policy.with(Family::Policy, "chunk_execution", execution).unwrap();
         spec.policy = spec.policy.with(Family::Policy, "execute_length", 3).unwrap();
@@ -58,15 +58,16 @@ fn act_ensembles_its_chunks_or_executes_one_after_the_other() {
             train_policy(&toy::shape(), Pretrained::default(), &toy::experts(2, 8), &[], &spec, None, &mut Silent)
                 .unwrap();
         let policy = Policy::load(&bytes).unwrap();
-        let mut session = policy.session(1);
+        let mut session = policy.session(1).executing(session_execution.unwrap_or(policy.execution()));
         let lengths = [0.1, 0.5, 0.9, 0.2].map(|place| {
             let step = Observed { frame: &toy::frame(place, place), proprioception: &[0.5; 3], executed: None };
             policy.advance(&mut [(&mut session, &[step])]).unwrap().remove(0).len()
         });
         (policy.execution(), lengths)
     };
-    assert_eq!(run("ensembled"), (Execution::Ensembled, [4, 4, 4, 4]));
-    assert_eq!(run("horizon"), (Execution::Horizon(3), [4, 3, 2, 4]));
+    assert_eq!(run("ensembled", None), (Execution::Ensembled, [4, 4, 4, 4]));
+    assert_eq!(run("horizon", None), (Execution::Horizon(3), [4, 3, 2, 4]));
+    assert_eq!(run("horizon", Some(Execution::Horizon(1))), (Execution::Horizon(3), [4, 4, 4, 4]));
 }
 
 #[test]

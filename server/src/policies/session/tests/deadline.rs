@@ -1,6 +1,6 @@
 //! Deadlines: late actions are never sent, and the history accounts for unseen steps.
 
-use super::*;
+use super::{super::super::model::Begin, *};
 
 /// A deadline that a held model misses, and within which it begins on a busy machine too.
 const HURRIED: Duration = Duration::from_secs(1);
@@ -94,7 +94,7 @@ async fn an_unsent_action_is_not_taken_as_executed() {
 async fn after_an_unsent_answer_the_executed_action_is_unknown() {
     let (engine, _control) = engine(8, 8).await;
     let mut session = Session::new(engine, terms(), Record::new(None, Showing::nowhere()), None);
-    let (mut memory, actions) = (Memory::new(0, None), || StepAnswer::Acted(vec![vec![1.0, 0.0]]));
+    let (mut memory, actions) = (Memory::new(Begin::default(), None), || StepAnswer::Acted(vec![vec![1.0, 0.0]]));
     for (owed, withheld) in [(true, false), (false, true), (true, false)] {
         session.in_flight = owed.then(|| PendingReply::for_observation(&observation(1, &[]), None, 0));
         assert_eq!(session.settle(actions(), &mut memory).is_some(), owed);
