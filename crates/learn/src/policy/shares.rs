@@ -16,6 +16,9 @@ use crate::train::Metrics;
 
 /// Pairs of segments: enough for a standard error of a few hundredths.
 const PAIRS: usize = 128;
+/// Frames of a camera in a pass, at least one window of them: as few as a step of serving or validation has, so that the
+/// report needs no more memory than the training before it.
+const FRAMES: usize = 64;
 /// Action values that vary less than this part of a standard deviation are constant.
 const STILL: f64 = 1e-6;
 /// The metric of each camera; a task has at most that many.
@@ -55,52 +58,86 @@ pub(super) fn shares(
     hides_history: bool,
     seed: u64,
 ) -> Result<Metrics, LearnError> {
+    shares_by(policy, source, hides_history, (seed, FRAMES))
+}
+
+fn shares_by(
+    policy: &dyn PolicyModel,
+    source: &Source<'_>,
+    hides_history: bool,
+    (seed, frames): (u64, usize),
+) -> Result<Metrics, LearnError> {
     let _no_grad = no_grad_guard();
     let window = policy.info().window;
     let [ours, theirs] = pairs(source, window, seed);
-    if ours.is_empty() {
-        return Ok(Vec::new());
+    let mut acted: Vec<(&'static str, Vec<Tensor>)> = Vec::new();
+    let (size, mut done) = ((frames / window).max(1), 0);
+    for (ours, theirs) in ours.chunks(size).zip(theirs.chunks(size)) {
+        let (own, other) = (inputs(policy, source, ours)?, inputs(policy, source, theirs)?);
+        for (at, (name, changed)) in changes(&own, &other, window).into_iter().enumerate() {
+            let Inputs { images, proprioception, action } = changed;
+            let first = first_actions(policy, (&images, &proprioception, &action), hides_history, (seed, done));
+            if at == acted.len() {
+                acted.push((name, Vec::new()));
+            }
+            acted[at].1.push(first.to_kind(Kind::Double));
+        }
+        done += ours.len() as u64;
     }
-    let (ours, theirs) = (inputs(policy, source, &ours)?, inputs(policy, source, &theirs)?);
-    let cameras = ours.images.len();
-    let act = |images: &[Tensor], proprioception: &Tensor, action: &Tensor| {
-        first_actions(policy, (images, proprioception, action), hides_history, seed).to_kind(Kind::Double)
-    };
-    let base = act(&ours.images, &ours.proprioception, &ours.action);
+    let mut acted = acted.into_iter().map(|(name, chunks)| (name, Tensor::cat(&chunks, 0)));
+    let Some((_, base)) = acted.next() else { return Ok(Vec::new()) };
+    let variance = base.var_dim([0i64].as_slice(), false, false);
+    let moving = variance.gt(STILL).to_kind(Kind::Double) * policy.info().statistics.moves();
     let share = |changed: Tensor| {
-        let variance = base.var_dim([0i64].as_slice(), false, false);
-        let moving = variance.gt(STILL).to_kind(Kind::Double) * policy.info().statistics.moves();
         let change = (changed - &base).square().mean_dim([0i64].as_slice(), false, Kind::Double);
         let each = change / (variance.clamp_min(STILL) * 2.0) * &moving;
         each.sum(Kind::Double).double_value(&[]) / moving.sum(Kind::Double).double_value(&[]).max(1.0)
     };
-    let mut shares = vec![("share_images", share(act(&theirs.images, &ours.proprioception, &ours.action)))];
+    Ok(acted.map(|(name, changed)| (name, share(changed))).collect())
+}
+
+/// The inputs as they are, and then with each part in turn taken from the others, under the metric of its share.
+fn changes(ours: &Inputs, theirs: &Inputs, window: usize) -> Vec<(&'static str, Inputs)> {
+    let cameras = ours.images.len();
+    let with_images = |swaps: &dyn Fn(usize) -> bool| {
+        let image = |at: usize| if swaps(at) { &theirs.images[at] } else { &ours.images[at] }.shallow_clone();
+        Inputs {
+            images: (0..cameras).map(image).collect(),
+            proprioception: ours.proprioception.shallow_clone(),
+            action: ours.action.shallow_clone(),
+        }
+    };
+    let mut changes = vec![("", with_images(&|_| false)), ("share_images", with_images(&|_| true))];
     for (camera, name) in CAMERAS.into_iter().enumerate().take(if cameras > 1 { cameras } else { 0 }) {
-        let swapped = |at: usize| if at == camera { &theirs.images[at] } else { &ours.images[at] }.shallow_clone();
-        let images: Vec<Tensor> = (0..cameras).map(swapped).collect();
-        shares.push((name, share(act(&images, &ours.proprioception, &ours.action))));
+        changes.push((name, with_images(&|at| at == camera)));
     }
-    shares.push(("share_proprioception", share(act(&ours.images, &theirs.proprioception, &ours.action))));
+    let proprioception = theirs.proprioception.shallow_clone();
+    changes.push(("share_proprioception", Inputs { proprioception, ..with_images(&|_| false) }));
     if window > 1 {
         let past = |ours: &Tensor, theirs: &Tensor| {
             let each = |all: &Tensor| all.unflatten(0, [-1, int(window)]);
             let (past, newest) = (each(theirs).narrow(1, 0, int(window) - 1), each(ours).narrow(1, int(window) - 1, 1));
             Tensor::cat(&[past, newest], 1).flatten(0, 1)
         };
-        let images: Vec<Tensor> = ours.images.iter().zip(&theirs.images).map(|(a, b)| past(a, b)).collect();
-        let (m, a) = (past(&ours.proprioception, &theirs.proprioception), past(&ours.action, &theirs.action));
-        shares.push(("share_history", share(act(&images, &m, &a))));
+        changes.push((
+            "share_history",
+            Inputs {
+                images: ours.images.iter().zip(&theirs.images).map(|(a, b)| past(a, b)).collect(),
+                proprioception: past(&ours.proprioception, &theirs.proprioception),
+                action: past(&ours.action, &theirs.action),
+            },
+        ));
     }
-    Ok(shares)
+    changes
 }
 
 /// The first actions after whole windows of images, proprioception and actions, laid out as in [`Inputs`]: standardised,
-/// `[W, A]`.
+/// `[W, A]`. A policy that draws its actions draws those of window i with the number `from` + i.
 pub(super) fn first_actions(
     policy: &dyn PolicyModel,
     (images, proprioception, action): (&[Tensor], &Tensor, &Tensor),
     hides_history: bool,
-    seed: u64,
+    (seed, from): (u64, u64),
 ) -> Tensor {
     let window = policy.info().window;
     let valid = vec![true; usize::try_from(proprioception.size()[0]).unwrap_or(0)];
@@ -113,7 +150,7 @@ pub(super) fn first_actions(
         hidden: policy.history().hidden(&windows, &vec![hides_history; count]),
         windows,
         before: 0,
-        draws: (0..).take(count).map(|segment| (seed, segment)).collect(),
+        draws: (from..).take(count).map(|segment| (seed, segment)).collect(),
     };
     policy.act(&input).select(1, 0)
 }
@@ -183,6 +220,23 @@ mod tests {
             }
             let remembers = kind_of(kind).needs.history;
             assert_eq!(found.contains_key("share_history"), remembers, "{kind}");
+        }
+    }
+
+    #[test]
+    fn shares_do_not_depend_on_the_frames_in_a_pass() {
+        let experts = toy::experts(4, 9);
+        let data: Vec<&Trajectory> = experts.iter().collect();
+        for kind in forms() {
+            let policy = untrained(kind, &data);
+            let source = Source { segments: Segments::every(&data), data: data.clone() };
+            let found = |frames| shares_by(policy.as_ref(), &source, false, (1, frames)).unwrap();
+            for ((name, one), (also, whole)) in found(1).into_iter().zip(found(usize::MAX)) {
+                assert!(
+                    name == also && (one - whole).abs() < 1e-3 * whole.abs().max(1e-3),
+                    "{kind} {name}: {one} {whole}"
+                );
+            }
         }
     }
 

@@ -48,7 +48,7 @@ pub(super) fn switches_followed(
     for some in tried.chunks(CHUNK) {
         let segments: Vec<Segment> = some.iter().map(|switch| switch.segment).collect();
         let Inputs { images, proprioception, action } = inputs(policy, source, &segments)?;
-        let given = first_actions(policy, (&images, &proprioception, &action), hides_history, seed);
+        let given = first_actions(policy, (&images, &proprioception, &action), hides_history, (seed, 0));
         let given = values(&info.statistics.actions(&given));
         for (switch, given) in some.iter().zip(given.chunks(info.shape.action)) {
             let (at, new) = switch.value;
