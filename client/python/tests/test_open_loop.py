@@ -65,6 +65,25 @@ def test_chunks_are_executed_open_loop_and_every_observation_is_sent() -> None:
     assert policy.executed[4] is None
 
 
+class Bounded(Blind):
+    """An environment that executes no value above 1."""
+
+    def action(self, env: Any, action: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.minimum(action, 1)
+
+    def executed(self, env: Any, action: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        return np.minimum(action, 1) if action.max() > 1 else None
+
+
+@pytest.mark.parametrize("execute", [1, 2])
+def test_a_policy_gets_the_actions_that_were_executed(execute: int) -> None:
+    policy, env = Chunks(), Noted()
+    gleaner.evaluate(env, policy, Bounded(), episodes=1, seed=1, execute=execute)
+    assert max(value for action in env.actions for value in action) == 1
+    reported = [None if execute == 1 and at == 1 else action for at, action in enumerate(env.actions, 1)]
+    assert policy.executed == [None, *reported[:-1]]
+
+
 def test_late_answers_matter_only_where_a_chunk_is_due() -> None:
     policy, env = Chunks(late=(2,)), Noted()
     gleaner.evaluate(env, policy, Blind(), episodes=1, seed=1, execute=2, max_steps=3)

@@ -33,6 +33,14 @@ def test_the_rate_of_the_task_and_an_unknown_one_are_taken(rate_hz: float | None
     assert gleaner.evaluate(Timed(rate_hz), far(), SimulatorAdapter(), episodes=1).successes == 1
 
 
+def test_an_action_beyond_the_bounds_is_reported_as_it_is_executed() -> None:
+    adapter, sim = SimulatorAdapter(), Timed(20.0)
+    adapter.spec = far().spec
+    within = np.asarray(sim.low, np.float32)
+    assert adapter.executed(sim, within) is None
+    np.testing.assert_array_equal(adapter.executed(sim, within - 3), within)
+
+
 @pytest.mark.parametrize("rate_hz", [10.0, 22.1, 80.0])
 def test_another_rate_is_refused(rate_hz: float) -> None:
     problem = f"rate_hz: counted/one takes actions at {rate_hz:g} Hz, the task's are at 20 Hz"

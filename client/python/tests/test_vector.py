@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -10,9 +11,11 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from numpy.typing import NDArray
 
 import gleaner
 from conftest import Lab
+from gleaner.types import TaskSpec
 from gleaner.vector_evaluation import info_of, row_of
 from test_policy import Reach, ReachAdapter, observation
 
@@ -48,6 +51,37 @@ def test_episodes_of_a_vector_are_those_of_single_environments(
         recorded = client.episodes.get(trial.episode_id)
         assert gleaner.word(recorded, "outcome") == ("success" if trial.success else "failure")
         assert client.episodes.report(trial.episode_id).steps == trial.steps
+
+
+class Bounded(ReachAdapter):
+    """Environments that execute 0.5 in place of what is above it."""
+
+    def executed(self, env: Any, action: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        return np.minimum(action, 0.5) if action.max() > 0.5 else None
+
+
+class Rising:
+    """A policy of two rows, of which the second acts beyond the bounds; keeps what it is sent."""
+
+    def __init__(self, spec: TaskSpec) -> None:
+        self.spec, self.rows = spec, [SimpleNamespace(policy_id="")] * 2
+        self.executed: list[list[Any]] = []
+
+    def __call__(self, observations: Sequence[gleaner.Observation | None], /) -> NDArray[np.float32]:
+        self.executed.append([seen and seen.executed_action for seen in observations])
+        return np.array([[0.1, 0.2, 0.3], [0.1, 0.9, 0.3]], np.float32)
+
+    def reset(self, row: int | None = None, outcome: str = "unknown") -> list[str]:
+        return [""]
+
+
+def test_a_row_gets_the_action_that_its_environment_executed(client: gleaner.Client, task: str) -> None:
+    policy: Any = Rising(client.tasks.get(task).spec)
+    gleaner.evaluate_vector(SyncVectorEnv([Tolerant] * 2), policy, Bounded(), episodes=2, max_steps=2)
+    first, second = policy.executed
+    assert first == [None, None]
+    assert second[0] is None
+    np.testing.assert_allclose(second[1], [0.1, 0.5, 0.3])
 
 
 class Noted(Tolerant):

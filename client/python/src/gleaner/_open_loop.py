@@ -59,7 +59,8 @@ class OpenLoop:
 
     def __call__(self, observation: Observation) -> NDArray[np.float32]:
         """The action for this step. Raises `Missed` only where a chunk is due."""
-        observation.executed_action = self._plan.before
+        if observation.executed_action is None:
+            observation.executed_action = self._plan.before
         return self._plan.action(lambda: self._policy.chunk(observation))
 
     def reset(self) -> None:

@@ -68,6 +68,13 @@ class Adapter:
         """The environment's action for a policy's action: by default the action itself."""
         return action
 
+    def executed(self, env: Any, action: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """What the environment executes of a policy's action, as an action of the task; None: the action itself.
+
+        The policy gets it with the next observation, and a recording keeps it.
+        """
+        return None
+
     def success(self, env: Any, info: Mapping[str, Any]) -> bool:
         """Whether the task is solved after a step: by default `success` or `is_success` in the environment's info."""
         return bool(info.get("success", info.get("is_success", False)))
@@ -193,15 +200,19 @@ def _trial(
     acting.reset()
     observed, info = env.reset(seed=seed)
     steps, success, over = 0, adapter.success(env, info), False
+    executed: NDArray[np.float32] | None = None
     while not (success or over):
         observation = Observation(
             images=adapter.cameras(env, observed),
             depth=adapter.depth(env, observed),
             proprioception=adapter.proprioception(env, observed),
+            executed_action=executed,
         )
         if film is not None:
             film.add(observation.images)
-        observed, _, terminated, truncated, info = env.step(adapter.action(env, acting(observation)))
+        action = acting(observation)
+        executed = adapter.executed(env, action)
+        observed, _, terminated, truncated, info = env.step(adapter.action(env, action))
         steps += 1
         success = adapter.success(env, info)
         over = bool(terminated) or bool(truncated) or steps == max_steps

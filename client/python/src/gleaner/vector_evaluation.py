@@ -101,7 +101,7 @@ class _OpenLoops:
 
     def __call__(self, observations: Sequence[Observation | None], /) -> NDArray[np.float32]:
         for observation, plan in zip(observations, self._plans, strict=True):
-            if observation is not None:
+            if observation is not None and observation.executed_action is None:
                 observation.executed_action = plan.before
         return self._policy._step(observations, lambda row: self._plans[row].action(self._policy.rows[row]._answer))
 
@@ -155,6 +155,7 @@ def _round(
     ended: dict[int, Trial] = {}
     steps = 0
     actions: list[Any] = [None] * len(seeds)
+    executed: list[Any] = [None] * len(seeds)
 
     def end(row: int, success: bool) -> None:
         recorded = policy.reset(row, "success" if success else "failure")[0]
@@ -167,7 +168,9 @@ def _round(
             end(row, True)
     while len(ended) < looked_at:
         seen = [
-            _observation(envs, adapter, row_of(observed, row)) if row < looked_at and row not in ended else None
+            _observation(envs, adapter, row_of(observed, row), executed[row])
+            if row < looked_at and row not in ended
+            else None
             for row in range(len(seeds))
         ]
         for row, observation in enumerate(seen):
@@ -178,6 +181,7 @@ def _round(
             # Environments that have ended repeat their last action, which is within their bounds.
             if actions[row] is None or seen[row] is not None:
                 actions[row] = adapter.action(envs, action)
+                executed[row] = adapter.executed(envs, action)
         observed, _, terminated, truncated, info = envs.step(np.stack(actions))
         steps += 1
         over = np.asarray(_cpu(terminated), bool) | np.asarray(_cpu(truncated), bool)
@@ -190,11 +194,12 @@ def _round(
     return [ended[row] for row in range(looked_at)]
 
 
-def _observation(envs: VectorEnv, adapter: Adapter, observed: Any) -> Observation:
+def _observation(envs: VectorEnv, adapter: Adapter, observed: Any, executed: Any) -> Observation:
     return Observation(
         images=adapter.cameras(envs, observed),
         depth=adapter.depth(envs, observed),
         proprioception=adapter.proprioception(envs, observed),
+        executed_action=executed,
     )
 
 

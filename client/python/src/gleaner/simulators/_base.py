@@ -102,6 +102,11 @@ class SimulatorAdapter(Adapter):
             raise invalid("action", f"{env.name} takes {len(env.low)} values, the task has {size(self.spec.action)}")
         return np.clip(action, env.low, env.high)
 
+    def executed(self, env: Simulator | SimulatorVector, action: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """The action within the simulator's bounds, where the policy's is outside of them."""
+        within = self.action(env, action)
+        return None if np.array_equal(within, action) else within
+
     def _camera(self, camera: CameraSpec) -> Camera:
         # The server crops and resizes pictures of the recorded size, as it does those of recordings.
         recorded = camera.recorded if camera.HasField("recorded") else camera
