@@ -148,7 +148,7 @@ def test_clients_of_other_protocols_execute_as_many_actions_of_a_chunk_as_they_l
     own.policy.seen.clear()
     client = triton.InferenceServerClient(other.address.rpartition("//")[2])
     for at, step in enumerate(seen[:3]):
-        arrays = {**step["images"], **{f"{name}_depth": depth for name, depth in step["depth"].items()}}
+        arrays = {**step["images"], **{f"{name}.depth": depth for name, depth in step["depth"].items()}}
         arrays["proprioception"] = step["proprioception"].astype(np.float32)
         answer = client.infer("chunks@test", tensors(arrays), sequence_id="robot", sequence_start=at == 0)
         assert (answer.as_numpy("action").shape, len(own.policy.seen)) == ((4, own.policy.width), at + 1)
