@@ -67,6 +67,14 @@ impl CheckpointInfo {
         G::read(&self.settings).map_err(|problem| LearnError::Checkpoint(format!("header: {problem}")))
     }
 
+    /// The seed of the run.
+    pub(crate) fn seed(&self) -> Result<u64, LearnError> {
+        let settings: serde_json::Result<Values> = serde_json::from_str(&self.spec);
+        let settings = settings.map_err(|problem| LearnError::Checkpoint(format!("header: {problem}")))?;
+        // Specifications without one are of its default.
+        Ok(settings.get("seed").and_then(serde_json::Value::as_u64).unwrap_or_default())
+    }
+
     /// Whether both are of runs with the same settings. An earlier version's text lacks settings, which
     /// are read with the values that it used; noise and dropout of proprioception were then drawn for each episode.
     pub(crate) fn is_of_the_run_of(&self, other: &Self) -> bool {

@@ -56,11 +56,8 @@ impl Network {
         network
     }
 
-    /// Replaces a share of each weight by one drawn from `seed`, of all but a ResNet.
+    /// Replaces a share of each weight by the one that a network of this seed begins with, of all but a ResNet.
     pub(crate) fn freshen(&self, share: f64, seed: u64) -> Result<(), LearnError> {
-        if share == 0.0 {
-            return Ok(());
-        }
         let parameters = self.parameters();
         let stored = parameters.iter().map(|(name, weights)| (name.clone(), weights.detach().copy())).collect();
         weights::draw(&parameters, self.spec.keypoint_gain, seed);

@@ -39,9 +39,9 @@ gleaner_core::settings! {
     /// Settings of a policy that begins with the weights of an encoder.
     #[derive(Copy)]
     pub(super) struct FreshSpec {
-        /// Share f of fresh random weights in those that a policy begins with from an encoder: w = (1 − f) w_pretrained +
-        /// f w_random (0: as they were pretrained; 1: none of them). A larger share forgets more of the pretraining; with a
-        /// smaller one a training stays closer to it.
+        /// Share f of fresh weights in those that a policy begins with from an encoder, the random ones that the encoder
+        /// itself began with: w = (1 − f) w_pretrained + f w_first (0: as they were pretrained; 1: none of them). A larger
+        /// share forgets more of the pretraining; with a smaller one a training stays closer to it.
         pub(super) fresh_share: f64 = 0.0, number_in(0.0, 1.0);
     }
 }
@@ -70,12 +70,11 @@ fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let (network, FreshSpec { fresh_share }) = (pretrained(from)?, from.chosen().read()?);
-    network.freshen(fresh_share, from.spec.run.seed)?;
-    Ok(Box::new(CausalTransformer { network, history: info.settings()? }))
+    Ok(Box::new(CausalTransformer { network: pretrained(from)?, history: info.settings()? }))
 }
 
-/// The encoder's network, which holds the actions that never change in the training's steps.
+/// The encoder's network, with a share f of the weights that it began with: w = (1 − f) w_pretrained + f w_first. It holds
+/// the actions that never change in the training's steps.
 pub(super) fn pretrained(from: &PolicyInit<'_>) -> Result<Network, LearnError> {
     let (stored, named) = checkpoint::read(encoder(from)?, CheckpointKind::Encoder)?;
     if stored.shape != *from.shape {
@@ -85,6 +84,10 @@ pub(super) fn pretrained(from: &PolicyInit<'_>) -> Result<Network, LearnError> {
         ));
     }
     let mut network = Network::from_named(from.shape, stored.model, &named, from.device)?;
+    let FreshSpec { fresh_share } = from.chosen().read()?;
+    if fresh_share > 0.0 {
+        network.freshen(fresh_share, stored.seed()?)?;
+    }
     network.statistics = network.statistics.holding(from.shape, from.sample)?;
     Ok(network)
 }

@@ -18,7 +18,7 @@ use super::hiding::HistorySpec;
 use super::kind::{PolicyInfo, PolicyInit, PolicyInput};
 use super::looking;
 use crate::batch::int;
-use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
+use crate::checkpoint::{self, CheckpointInfo};
 use crate::error::LearnError;
 use crate::model::{IMAGES, Modality, Network, Size, View, weights};
 use crate::normalize::Statistics;
@@ -158,17 +158,16 @@ impl Observer {
         if initial_weights == InitialWeights::Random {
             return from.give_image_weights(&info.model, &self.parameters());
         }
-        let FreshSpec { fresh_share } = from.chosen().read()?;
-        let (_, named) = checkpoint::read(finetune::encoder(from)?, CheckpointKind::Encoder)?;
+        let named = finetune::pretrained(from)?.named().into_iter().collect();
         match &self.backbone {
-            Backbone::Window(network) => weights::blend(&network.parameters(), &named, fresh_share),
+            Backbone::Window(network) => weights::load(&network.parameters(), &named),
             Backbone::Newest { .. } => {
                 // The same parameters, named after the part that they belong to.
                 let own = self.parameters().into_iter().filter_map(|(name, parameter)| {
                     let image = name.strip_prefix("policy.")?;
                     image.starts_with(IMAGES).then(|| (format!("model.{image}"), parameter))
                 });
-                weights::blend(&own.collect::<Vec<_>>(), &named, fresh_share)
+                weights::load(&own.collect::<Vec<_>>(), &named)
             }
         }
     }

@@ -126,18 +126,23 @@ fn a_policy_begins_with_the_encoder_s_weights_and_statistics() {
     }
 }
 
-/// w = (1 − f) w_pretrained + f w_random, of the policy's own draw.
+/// w = (1 − f) w_pretrained + f w_first, whatever the seed of the training.
 #[test]
 fn a_share_of_fresh_weights_is_mixed_into_those_of_the_encoder() {
     let begun = |base: &TrainSpec, share: f64| {
         let policy = base.policy.clone().with(Family::Policy, "fresh_share", share).unwrap();
         let mut spec = TrainSpec { policy, ..base.clone() };
+        assert_ne!(spec.run.seed, toy::pretrain_spec(1).run.seed);
         // A rate this low changes no weight that has digits like these.
         spec.optim.learning_rate = 1e-12;
         tensors(&train(&spec, None).0)
     };
     let near = |a: &Tensor, b: &Tensor| (a - b).abs().max().double_value(&[]) < 1e-5;
     let given = checkpoint::read(&encoder(2), CheckpointKind::Encoder).unwrap().1;
+    let mut unmoved = toy::pretrain_spec(1);
+    unmoved.optim.learning_rate = 1e-12;
+    let first = pretrain(&toy::shape(), &toy::experts(4, 12), &unmoved, None, None, &mut Silent).unwrap();
+    let first = checkpoint::read(&first, CheckpointKind::Encoder).unwrap().1;
     let cases = [
         (spec("finetune", 1), "model."),
         (switched("bc", ("encoder", 0), 1), "policy.image."),
@@ -147,7 +152,8 @@ fn a_share_of_fresh_weights_is_mixed_into_those_of_the_encoder() {
         let [plain, mixed, fresh] = [0.0, 0.25, 1.0].map(|share| begun(&base, share));
         let mut compared = 0;
         for (name, plain) in plain.iter().filter(|(name, plain)| name.starts_with(prefix) && plain.size().len() > 1) {
-            assert!(near(plain, &given[&name.replace("policy.image.", "model.image.")]), "{name}");
+            let of_encoder = name.replace("policy.image.", "model.image.");
+            assert!(near(plain, &given[&of_encoder]) && near(&fresh[name], &first[&of_encoder]), "{name}");
             assert!(near(&mixed[name], &(plain * 0.75 + &fresh[name] * 0.25)) && !near(plain, &fresh[name]), "{name}");
             compared += 1;
         }
